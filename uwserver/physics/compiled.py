@@ -1,0 +1,69 @@
+"""The one decorator that compiles a kernel, and where the compiled code is kept.
+
+numba's own cache does not notice when a function that a kernel calls changes in another module, so the cache folder carries a hash of all
+physics sources. In order of preference the folder lies in ``NUMBA_CACHE_DIR``, then in the user's cache folder; when neither can be
+written, kernels are compiled in memory at each start, and `cache_state` says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class CacheState(NamedTuple):
+    """Where compiled kernels are kept; `folder` is None when they are not, and `reason` says why."""
+
+    folder: Path | None
+    warm: bool
+    reason: str
+
+
+def _sources_hash() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _base() -> Path:
+    configured = os.environ.get("NUMBA_CACHE_DIR")
+    if configured:
+        return Path(configured)
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path("~/.cache").expanduser()) / "uwserver"
+
+
+def _find_cache() -> CacheState:
+    try:
+        folder = _base() / f"kernels-{_sources_hash()}"
+        # A read-only image holds a finished cache: reading it is enough.
+        warm = any(folder.glob("**/*.nbi")) if folder.is_dir() else False
+        if warm and not os.access(folder, os.W_OK):
+            return CacheState(folder, True, "read-only, complete")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
+        return CacheState(None, False, f"kernel cache not writable ({error}): compiling in memory at each start")
+    return CacheState(folder, warm, "")
+
+
+cache_state = _find_cache()
+if cache_state.folder is not None:
+    # Read by numba when a function is decorated.
+    numba.config.CACHE_DIR = str(cache_state.folder)
+
+
+def compiled(function: F) -> F:
+    """Compile to machine code: no GIL, IEEE division, no re-association (the same bits on every CPU)."""
+    kernel: F = numba.njit(cache=cache_state.folder is not None, nogil=True, error_model="numpy")(function)
+    return kernel
