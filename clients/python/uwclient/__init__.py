@@ -1,0 +1,33 @@
+"""Client of uwserver: sensors, actuators and services of a simulated underwater vehicle over one TCP connection."""
+
+from __future__ import annotations
+
+from uwclient.aio import AsyncClient
+from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout, UwError
+from uwclient.ports import Ack, Argument, Description, Event, Field, Port, Progress, Sample, Service, Subscription
+from uwclient.sync import Client
+
+__version__ = "0.1.0"
+
+connect = Client.connect
+
+__all__ = [
+    "Ack",
+    "Argument",
+    "AsyncClient",
+    "CallRefused",
+    "Client",
+    "ConnectionLost",
+    "Description",
+    "Event",
+    "Field",
+    "Port",
+    "Progress",
+    "ProtocolError",
+    "Sample",
+    "Service",
+    "Subscription",
+    "Timeout",
+    "UwError",
+    "connect",
+]

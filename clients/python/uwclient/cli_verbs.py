@@ -1,0 +1,144 @@
+"""What each verb of the command line does with a connected client; results go to standard output."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import itertools
+import json
+import sys
+import time
+from collections.abc import Iterator
+
+from uwclient.errors import Timeout, UwError
+from uwclient.figure import draw, require_matplotlib
+from uwclient.ports import Field, Port, Progress, Sample, Service
+from uwclient.rates import rate
+from uwclient.sync import Client
+
+
+def topics(client: Client, options: argparse.Namespace) -> None:
+    """List ports and services."""
+    if options.json:
+        description = client.describe()
+        ports = [dataclasses.asdict(port) for port in description.ports.values()]
+        services = [dataclasses.asdict(service) for service in description.services.values()]
+        whole = {"server": description.server, "world": description.world, "ports": ports, "services": services}
+        print(json.dumps(whole, indent=2))
+        return
+    for port in client.ports.values():
+        print(_port_line(port))
+    for service in client.services.values():
+        print(_service_line(service))
+
+
+def echo(client: Client, options: argparse.Namespace) -> None:
+    """Print samples; Ctrl-C is the normal end without -n."""
+    client.subscribe(options.pattern, rate_hz=options.rate, fields=options.fields)
+    with contextlib.suppress(KeyboardInterrupt):
+        for sample in itertools.islice(client, options.n):
+            print(_json_line(sample) if options.json else _sample_line(sample), flush=True)
+
+
+def hz(client: Client, options: argparse.Namespace) -> None:
+    """Print rate, jitter and drops of each port; Ctrl-C ends the measurement early."""
+    client.subscribe(options.pattern)
+    arrivals: dict[str, list[tuple[float, Sample]]] = {}
+    with contextlib.suppress(KeyboardInterrupt):
+        for sample in _collect(client, options.seconds):
+            arrivals.setdefault(sample.port, []).append((time.monotonic(), sample))
+    if not arrivals:
+        raise UwError(
+            f"no sample of {options.pattern} came within {options.seconds:g} s; is the world paused?",
+            code="no_samples",
+            where=options.pattern,
+        )
+    print(
+        f"{'port':32} {'samples':>8} {'sim Hz':>9} {'wall Hz':>9} {'sim jit ms':>11} {'wall jit ms':>11} {'drops':>6}"
+    )
+    for path in sorted(arrivals):
+        found = rate(path, arrivals[path])
+        print(
+            f"{path:32} {found.samples:8d} {_shown(found.sim_hz):>9} {_shown(found.wall_hz):>9} "
+            f"{_shown(found.sim_jitter_ms):>11} {_shown(found.wall_jitter_ms):>11} {found.drops:6d}"
+        )
+
+
+def call(client: Client, options: argparse.Namespace) -> None:
+    """Call a service and print its value as JSON; progress goes to standard error."""
+    value = client.call(options.service, dict(options.values), on_progress=_print_progress)
+    print(json.dumps(value, indent=2))
+
+
+def send(client: Client, options: argparse.Namespace) -> None:
+    """Command an actuator once, or at a rate."""
+    value = dict(options.values)
+    if options.rate is None and options.seconds is None:
+        ack = client.send(options.path, value)
+        conflict = "; another client commands it, too" if ack.conflict else ""
+        print(f"applied at tick {ack.tick}, {ack.time_s:.6f} s{conflict}")
+        return
+    period_s = 1.0 / (options.rate or 10.0)
+    start = time.monotonic()
+    sent = 0
+    while options.seconds is None or time.monotonic() - start < options.seconds:
+        client.send(options.path, value)
+        sent += 1
+        time.sleep(max(start + sent * period_s - time.monotonic(), 0.0))
+    print(f"{sent} commands applied")
+
+
+def plot(client: Client, options: argparse.Namespace) -> None:
+    """Collect samples and draw one field; Ctrl-C draws what has come."""
+    require_matplotlib()
+    client.subscribe(options.pattern)
+    samples: list[Sample] = []
+    with contextlib.suppress(KeyboardInterrupt):
+        samples.extend(_collect(client, options.seconds))
+    draw(samples, dict(client.ports), options.field, options.out)
+    if options.out is not None:
+        print(options.out)
+
+
+def _collect(client: Client, seconds: float) -> Iterator[Sample]:
+    """Yield samples for `seconds` of wall time."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            yield client.read(timeout=end - time.monotonic())
+        except Timeout:
+            return
+
+
+def _print_progress(progress: Progress) -> None:
+    print(f"{progress.fraction:6.1%}", file=sys.stderr, flush=True)
+
+
+def _port_line(port: Port) -> str:
+    rate_hz = f"{port.rate_hz:g} Hz" if port.rate_hz else "-"
+    fields = ", ".join(_field(field) for field in port.fields)
+    return f"{port.path:32} {port.direction:9} {rate_hz:8} {fields}"
+
+
+def _field(field: Field) -> str:
+    shape = "x".join("n" if size < 0 else str(size) for size in field.shape)
+    return field.name + (f"[{shape}]" if shape else "") + (f" {field.unit}" if field.unit not in ("", "1") else "")
+
+
+def _service_line(service: Service) -> str:
+    arguments = ", ".join(entry.name if entry.required else f"[{entry.name}]" for entry in service.arguments)
+    return f"{service.path:32} {'service':9} {'-':8} {arguments}".rstrip()
+
+
+def _json_line(sample: Sample) -> str:
+    return json.dumps(dataclasses.asdict(sample), separators=(",", ":"))
+
+
+def _sample_line(sample: Sample) -> str:
+    values = " ".join(f"{name}={json.dumps(value)}" for name, value in sample.value.items())
+    return f"{sample.port} seq={sample.seq} t={sample.time_s:.6f}{'' if sample.valid else ' INVALID'} {values}"
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

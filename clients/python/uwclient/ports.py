@@ -1,0 +1,320 @@
+"""What crosses the wire, as frozen types: descriptions, samples, events, acknowledgements.
+
+Units are SI, angles radians, quaternions (w, x, y, z), times integer nanoseconds of simulation time. The frame of each
+field is in its description (N = north-east-down world, B = forward-right-down body, S = sensor).
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, cast
+
+from uwclient import wire
+from uwclient.errors import UwError
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a port. `shape` is () for a scalar; a size of -1 is variable."""
+
+    name: str
+    type: str
+    shape: tuple[int, ...] = ()
+    unit: str = ""
+    frame: str = ""
+    doc: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @classmethod
+    def from_wire(cls, value: object) -> Field:
+        """Read one entry of a port's `fields`; raises ProtocolError."""
+        data = wire.as_map(value, "a field")
+        sizes = wire.as_list(data.get("shape", []), "a shape")
+        return cls(
+            name=wire.text(data, "name"),
+            type=wire.text(data, "type", "float"),
+            shape=tuple(size if isinstance(size, int) else -1 for size in sizes),
+            unit=wire.text(data, "unit", ""),
+            frame=wire.text(data, "frame", ""),
+            doc=wire.text(data, "doc", ""),
+            minimum=wire.number(data, "minimum"),
+            maximum=wire.number(data, "maximum"),
+        )
+
+
+@dataclass(frozen=True)
+class Port:
+    """One typed stream: a sensor (samples come out) or an actuator (commands go in)."""
+
+    path: str
+    direction: str
+    kind: str
+    fields: tuple[Field, ...]
+    rate_hz: float | None = None
+    timeout_s: float | None = None
+    doc: str = ""
+
+    @classmethod
+    def from_wire(cls, value: object) -> Port:
+        """Read one entry of `ports`; raises ProtocolError."""
+        data = wire.as_map(value, "a port")
+        return cls(
+            path=wire.text(data, "path"),
+            direction=wire.text(data, "direction"),
+            kind=wire.text(data, "kind", ""),
+            fields=tuple(Field.from_wire(entry) for entry in wire.as_list(data.get("fields", []), "fields")),
+            rate_hz=wire.number(data, "rate_hz"),
+            timeout_s=wire.number(data, "timeout_s"),
+            doc=wire.text(data, "doc", ""),
+        )
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of a service."""
+
+    name: str
+    type: str
+    unit: str = ""
+    doc: str = ""
+    required: bool = False
+    default: object = None
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @classmethod
+    def from_wire(cls, value: object) -> Argument:
+        """Read one entry of a service's `arguments`; raises ProtocolError."""
+        data = wire.as_map(value, "an argument")
+        return cls(
+            name=wire.text(data, "name"),
+            type=wire.text(data, "type", ""),
+            unit=wire.text(data, "unit", ""),
+            doc=wire.text(data, "doc", ""),
+            required=wire.flag(data, "required"),
+            default=data.get("default"),
+            minimum=wire.number(data, "minimum"),
+            maximum=wire.number(data, "maximum"),
+        )
+
+
+@dataclass(frozen=True)
+class Service:
+    """Something that can be called."""
+
+    path: str
+    arguments: tuple[Argument, ...] = ()
+    reads_only: bool = False
+    long_running: bool = False
+    doc: str = ""
+
+    @classmethod
+    def from_wire(cls, value: object) -> Service:
+        """Read one entry of `services`; raises ProtocolError."""
+        data = wire.as_map(value, "a service")
+        arguments = wire.as_list(data.get("arguments", []), "arguments")
+        return cls(
+            path=wire.text(data, "path"),
+            arguments=tuple(Argument.from_wire(entry) for entry in arguments),
+            reads_only=wire.flag(data, "reads_only"),
+            long_running=wire.flag(data, "long_running"),
+            doc=wire.text(data, "doc", ""),
+        )
+
+
+@dataclass(frozen=True)
+class Description:
+    """The answer to `describe`: `server` and `world` as sent, ports and services by path."""
+
+    server: Mapping[str, object] = field(default_factory=dict[str, object], hash=False)
+    world: Mapping[str, object] = field(default_factory=dict[str, object], hash=False)
+    ports: Mapping[str, Port] = field(default_factory=dict[str, Port], hash=False)
+    services: Mapping[str, Service] = field(default_factory=dict[str, Service], hash=False)
+
+    @classmethod
+    def from_wire(cls, value: object) -> Description:
+        """Read the result of `describe`; raises ProtocolError."""
+        data = wire.as_map(value, "a description")
+        ports = [Port.from_wire(entry) for entry in wire.as_list(data.get("ports", []), "ports")]
+        services = [Service.from_wire(entry) for entry in wire.as_list(data.get("services", []), "services")]
+        return cls(
+            server=wire.as_map(data.get("server", {}), "server"),
+            world=wire.as_map(data.get("world", {}), "world"),
+            ports={port.path: port for port in ports},
+            services={service.path: service for service in services},
+        )
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One measurement: true at `t_ns`, delivered by the device at `t_sent_ns` (simulation time, ns).
+
+    A sensor that could not measure sends `valid` False and None for the values it has not.
+    """
+
+    port: str
+    seq: int
+    t_ns: int
+    t_sent_ns: int
+    valid: bool
+    value: Mapping[str, object] = field(hash=False)
+
+    @classmethod
+    def from_wire(cls, value: object) -> Sample:
+        """Read the params of a `sample` notification; raises ProtocolError."""
+        data = wire.as_map(value, "a sample")
+        t_ns = wire.integer(data, "t_ns")
+        return cls(
+            port=wire.text(data, "port"),
+            seq=wire.integer(data, "seq"),
+            t_ns=t_ns,
+            t_sent_ns=wire.integer(data, "t_sent_ns") if "t_sent_ns" in data else t_ns,
+            valid=wire.flag(data, "valid", True),
+            value=wire.as_map(data.get("value"), "a value"),
+        )
+
+    @property
+    def time_s(self) -> float:
+        """Simulation time of the measurement, s."""
+        return self.t_ns / NANOSECONDS
+
+    def __getitem__(self, name: str) -> object:
+        """Return the field as sent: a number, a list, None; raises UwError for a name the sample has not."""
+        try:
+            return self.value[name]
+        except KeyError:
+            names = ", ".join(sorted(self.value)) or "none"
+            raise UwError(
+                f'a sample of {self.port} has no field "{name}"; it has: {names}', code="unknown_field", where=name
+            ) from None
+
+    def number(self, name: str) -> float:
+        """Return a scalar field as float, NaN for a value the sensor has not; raises UwError for a list."""
+        numbers = self.vector(name)
+        if len(numbers) != 1:
+            raise UwError(f'field "{name}" of {self.port} is no scalar; use vector() or array()', where=name)
+        return numbers[0]
+
+    def vector(self, name: str) -> tuple[float, ...]:
+        """Return a field as flat floats (row-major), one for a scalar, NaN for values the sensor has not."""
+        return tuple(_floats(self[name], self.port, name))
+
+    def array(self, name: str) -> NDArray[numpy.float64]:
+        """Return a field as numpy array of its shape, NaN for values the sensor has not.
+
+        Raises:
+            UwError: numpy is not installed, or the sample has no such field.
+        """
+        value = self[name]
+        try:
+            np = importlib.import_module("numpy")
+        except ImportError:
+            raise UwError(
+                "Sample.array needs numpy: pip install 'uwclient[numpy]' (or use Sample.vector)", code="missing_package"
+            ) from None
+        return cast("NDArray[numpy.float64]", np.asarray(value, dtype=np.float64))
+
+
+def _floats(value: object, port: str, name: str) -> Iterator[float]:
+    if value is None:
+        yield math.nan
+    elif isinstance(value, (int, float)):
+        yield float(value)
+    elif isinstance(value, (list, tuple)):
+        for entry in cast("list[object]", value):
+            yield from _floats(entry, port, name)
+    else:
+        raise UwError(f'field "{name}" of {port} holds {value!r}, which is no number', where=name)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened in the world or the server: `paused`, `reset`, `conflict`, `shutdown`, ..."""
+
+    event: str
+    tick: int | None
+    t_ns: int | None
+    text: str
+
+    @classmethod
+    def from_wire(cls, value: object) -> Event:
+        """Read the params of an `event` notification; raises ProtocolError."""
+        data = wire.as_map(value, "an event")
+        return cls(
+            event=wire.text(data, "event"),
+            tick=wire.integer(data, "tick") if data.get("tick") is not None else None,
+            t_ns=wire.integer(data, "t_ns") if data.get("t_ns") is not None else None,
+            text=wire.text(data, "text", ""),
+        )
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a long-running call is; `id` is what `cancel` takes, `fraction` runs from 0 to 1."""
+
+    id: int | str
+    fraction: float
+    t_ns: int | None
+
+    @classmethod
+    def from_wire(cls, value: object) -> Progress:
+        """Read the params of a `progress` notification; raises ProtocolError."""
+        data = wire.as_map(value, "progress")
+        identity = wire.request_id(data)
+        return cls(
+            id=identity if identity is not None else "",
+            fraction=wire.number(data, "fraction") or 0.0,
+            t_ns=wire.integer(data, "t_ns") if data.get("t_ns") is not None else None,
+        )
+
+
+@dataclass(frozen=True)
+class Ack:
+    """The tick at which something was applied; `conflict`: another client commanded the same port in that tick."""
+
+    tick: int
+    t_ns: int
+    conflict: bool = False
+
+    @classmethod
+    def from_wire(cls, value: object) -> Ack:
+        """Read the result of `command`, `step` or `call`; raises ProtocolError."""
+        data = wire.as_map(value, "an acknowledgement")
+        return cls(wire.integer(data, "tick"), wire.integer(data, "t_ns"), wire.flag(data, "conflict"))
+
+    @property
+    def time_s(self) -> float:
+        """Simulation time, s."""
+        return self.t_ns / NANOSECONDS
+
+
+@dataclass(frozen=True)
+class Subscription:
+    """What `subscribe` gave: the server's number for it and the ports it covers now."""
+
+    id: int
+    pattern: str
+    ports: tuple[str, ...]
+
+
+def matches(pattern: str, path: str) -> bool:
+    """Tell whether a pattern covers a path: `*` is one level, `**` any number of levels, also none."""
+    return _levels_match(pattern.split("/"), path.split("/"))
+
+
+def _levels_match(pattern: list[str], path: list[str]) -> bool:
+    if not pattern:
+        return not path
+    if pattern[0] == "**":
+        return any(_levels_match(pattern[1:], path[start:]) for start in range(len(path) + 1))
+    return bool(path) and pattern[0] in ("*", path[0]) and _levels_match(pattern[1:], path[1:])
