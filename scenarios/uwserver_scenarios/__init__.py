@@ -1,0 +1,1 @@
+"""Shipped scenarios, vehicles and devices, as TOML files beside this one."""

@@ -1,0 +1,60 @@
+"""What an actuator is: it turns a checked command into rows of the kernel's arrays, and knows its neutral."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.ports import Field
+from uwserver.table import NonNegative, Table
+
+Given = tuple[tuple[float, ...] | None, ...]
+"""A checked command: one tuple of floats per field of the port, None where the sender left the field out."""
+
+
+class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
+    """What the table of any actuator may hold.
+
+    Attributes:
+        timeout_s: without a command for this long (simulation time) the actuator goes to neutral and says so; 0 for never.
+        enabled: False takes the actuator out.
+    """
+
+    timeout_s: NonNegative = 1.0
+    enabled: bool = True
+
+
+class Body:
+    """The rows that an actuator of one vehicle may write.
+
+    Attributes:
+        hydro: arrays of the world.
+        row: the vehicle's body row.
+        thrusters: thruster rows by name.
+        wrench: the vehicle's wrench row.
+    """
+
+    def __init__(self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], wrench: int) -> None:
+        self.hydro = hydro
+        self.row = row
+        self.thrusters = thrusters
+        self.wrench = wrench
+
+
+class Actuator(Protocol):
+    """One actuator; runs on the simulation thread. All its state lies in the kernel's arrays."""
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """What a value tuple holds, in order."""
+
+    @property
+    def doc(self) -> str:
+        """One or two sentences for the port."""
+
+    def apply(self, value: Given) -> None:
+        """Carry out a command that fits the fields."""
+
+    def neutral(self) -> None:
+        """Go to the safe state."""

@@ -1,0 +1,84 @@
+"""Thrusters: one, or several as one vector. Table, lag, inflow and geometry run in the kernel; here commands become its rows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from uwserver.actuators.base import ActuatorTable, Body, Given
+from uwserver.ports import Field
+from uwserver.table import Name
+
+
+class ThrustersConfig(ActuatorTable, tag="thrusters", kw_only=True, frozen=True):
+    """Several thrusters of the vehicle file commanded as one vector.
+
+    Attributes:
+        members: names of thrusters, in the order of the vector; default: all, in the order of the file.
+        input: "u" (-1..1 of full command) or "force" (N, before the lag; held to what the supply allows).
+    """
+
+    members: Annotated[tuple[Name, ...], Meta(min_length=1)] | None = None
+    input: Literal["u", "force"] = "u"
+
+    def build(self, body: Body) -> Thrusters:
+        """The actuator.
+
+        Raises:
+            ValueError: a member that the vehicle has not, named with those it has.
+        """
+        members = tuple(body.thrusters) if self.members is None else self.members
+        return Thrusters(body, members, (len(members),), self.input)
+
+
+class ThrusterConfig(ActuatorTable, tag="thruster", kw_only=True, frozen=True):
+    """One thruster of the vehicle file.
+
+    Attributes:
+        member: its name.
+        input: as for `thrusters`.
+    """
+
+    member: Name
+    input: Literal["u", "force"] = "u"
+
+    def build(self, body: Body) -> Thrusters:
+        """The actuator; ValueError as for `thrusters`."""
+        return Thrusters(body, (self.member,), (), self.input)
+
+
+class Thrusters:
+    """Writes commands into thruster rows."""
+
+    def __init__(self, body: Body, members: tuple[str, ...], shape: tuple[int, ...], command: str) -> None:
+        for name in members:
+            if name not in body.thrusters:
+                raise ValueError(f'no thruster "{name}" here, there are: {", ".join(body.thrusters) or "none"}')
+        self._hydro = body.hydro
+        self._rows = [body.thrusters[name] for name in members]
+        self._by_force = int(command == "force")
+        order = ", ".join(members)
+        self.doc = f"Thrusters {order}." if shape else f"Thruster {order}."
+        if self._by_force:
+            self.fields = (Field("force_N", "N", f"thrust along each axis, order: {order}", "", shape),)
+        else:
+            self.fields = (
+                Field("u", "1", f"part of full command, order: {order}", "", shape, minimum=-1.0, maximum=1.0),
+            )
+
+    def apply(self, value: Given) -> None:
+        """Hold the command; the field is required, so it is given."""
+        (command,) = value
+        if command is not None:
+            rows = self._hydro.thrusters
+            rows["command"][self._rows] = command
+            rows["by_force"][self._rows] = self._by_force
+            rows["fresh"][self._rows] = 1
+
+    def neutral(self) -> None:
+        """No thrust asked for; the lag runs out."""
+        rows = self._hydro.thrusters
+        rows["command"][self._rows] = 0.0
+        rows["by_force"][self._rows] = self._by_force
+        rows["fresh"][self._rows] = 1

@@ -1,0 +1,184 @@
+"""The contract between the server and an adapter, and how adapters are found.
+
+An adapter turns ports into one protocol. It lives on the asyncio loop, never on the simulation thread, and sees the world only through its
+`AdapterContext`. A new adapter is one folder (or one distribution) with an entry point in the group ``uwserver.adapters``; nothing in uwserver
+is edited for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Protocol, runtime_checkable
+
+from uwserver.ports import Event, Json, OnReply, Port, Sample, Service
+from uwserver.table import Table
+
+ENTRY_POINT_GROUP = "uwserver.adapters"
+
+
+class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
+    """What the table of any adapter may hold.
+
+    Attributes:
+        truth: serve the ports under ``<vehicle>/truth/`` too.
+        required: a scenario whose adapter cannot start is not run (otherwise it is retried and reported).
+    """
+
+    truth: bool = False
+    required: bool = True
+
+
+@dataclass
+class AdapterStats:
+    """What an adapter reports of itself, in ``world/status`` and metrics. Counted by the adapter, on the loop.
+
+    Attributes:
+        state: one of starting, running, retrying, failed, stopped.
+        address: where a peer finds it, as the user would type it.
+        peers: connected now.
+        samples_sent, bytes_sent, commands, calls, errors, dropped: since the start; `dropped` counts samples lost to slow peers.
+        restarts: times that it was started again after a failure.
+        last_error: text of the last failure.
+    """
+
+    state: str = "starting"
+    address: str = ""
+    peers: int = 0
+    samples_sent: int = 0
+    bytes_sent: int = 0
+    commands: int = 0
+    calls: int = 0
+    errors: int = 0
+    dropped: int = 0
+    restarts: int = 0
+    last_error: str = ""
+    details: dict[str, Json] = field(default_factory=dict)
+
+
+class Subscriber(Protocol):
+    """Where an adapter takes in what the world says; called on the loop, once a tick; must not block."""
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """All samples delivered in one tick (truth only if the adapter may serve it)."""
+
+    def put_event(self, event: Event) -> None:
+        """Something every client should know."""
+
+
+class AdapterContext(Protocol):
+    """Everything an adapter may use of the server. All on the loop thread.
+
+    Attributes:
+        name: the adapter's table name in the scenario.
+        stats: counters that the adapter keeps.
+    """
+
+    name: str
+    stats: AdapterStats
+
+    @property
+    def ports(self) -> Mapping[str, Port]:
+        """Ports that this adapter may serve, by path."""
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """All services, by path."""
+
+    def describe(self, pattern: str = "**") -> dict[str, Json]:
+        """The `describe` result of docs/reference/protocol.md for ports and services that match."""
+
+    def hello(self) -> dict[str, Json]:
+        """Server name and version, scenario name: the common part of the answer to `hello`."""
+
+    def last(self, port: str) -> Sample | None:
+        """The newest delivered sample of a port."""
+
+    def attach(self, subscriber: Subscriber) -> Callable[[], None]:
+        """Begin to receive samples and events; the returned function ends it."""
+
+    def command(self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None) -> None:
+        """Check and post a command; it is applied at the start of the next tick.
+
+        Args:
+            port: path.
+            value: field name -> number or (nested) list.
+            source: who sent it, unique for a client.
+            on_reply: gets the one Reply on the loop; None where the protocol has no acknowledgement.
+
+        Raises:
+            Refused: unknown port or field, wrong shape, not finite, out of range; nothing was changed.
+        """
+
+    def call(self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply) -> Callable[[], bool]:
+        """Check and start a service call. Replies that only read come before this returns.
+
+        Returns:
+            A function that cancels it: True when it was still under way (its Reply then says `preempted`).
+
+        Raises:
+            Refused: unknown service or argument, wrong type, out of range, or busy.
+        """
+
+    def join(self, client: str) -> Callable[[], None]:
+        """A named client is there (it counts in a lockstep barrier); the returned function says that it left."""
+
+
+@runtime_checkable
+class Adapter(Protocol):
+    """One configured adapter. Constructed on the loop as ``Kind(config, context)``; class attribute `Config` is its AdapterTable."""
+
+    Config: type[Any]
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled.
+
+        Sets `ready` once peers can connect. Reconnects by itself where it is the client. Leaves no task, thread, socket or file behind when it
+        ends or is cancelled. May raise: the server reports it and starts it again with back-off.
+        """
+
+
+class AdapterNotFound(Exception):
+    """An entry point names an adapter that cannot be imported; the text says what to install."""
+
+
+def installed_adapters() -> dict[str, type[Any]]:
+    """Configuration type of each installed adapter, by kind.
+
+    Raises:
+        AdapterNotFound: see there.
+    """
+    return {kind: load_adapter(kind).Config for kind in adapter_entries()}
+
+
+def adapter_entries() -> dict[str, EntryPoint]:
+    """Entry points by kind, without importing them."""
+    entries: Iterable[EntryPoint] = entry_points(group=ENTRY_POINT_GROUP)
+    return {entry.name: entry for entry in sorted(entries, key=lambda entry: entry.name)}
+
+
+def load_adapter(kind: str) -> type[Any]:
+    """The adapter class of a kind.
+
+    Raises:
+        AdapterNotFound: no such entry point, its module fails to import, or it is no adapter; names the distribution.
+    """
+    entry = adapter_entries().get(kind)
+    if entry is None:
+        raise AdapterNotFound(f'no adapter "{kind}" is installed, there are: {", ".join(adapter_entries()) or "none"}')
+    owner = entry.dist.name if entry.dist else "unknown distribution"
+    try:
+        loaded = entry.load()
+    except Exception as error:
+        raise AdapterNotFound(f'adapter "{kind}" of {owner} cannot be imported: {error}') from error
+    if (
+        not isinstance(loaded, type)
+        or not hasattr(loaded, "run")
+        or not issubclass(getattr(loaded, "Config", int), AdapterTable)
+    ):
+        raise AdapterNotFound(
+            f'adapter "{kind}" of {owner} needs run() and a Config derived from uwserver.adapter.AdapterTable'
+        )
+    return loaded

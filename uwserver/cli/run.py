@@ -1,0 +1,130 @@
+"""`uwserver run`: a scenario as a server."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+if TYPE_CHECKING:
+    from uwserver.scenario.resolved import Resolved
+    from uwserver.server import Options
+
+DEFAULT_SCENARIO = "bluerov2_pool"
+
+
+@click.command("run")
+@click.argument("scenario", default=DEFAULT_SCENARIO)
+@click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
+@click.option("--bind", help="Address that the first sockets adapter listens on.")
+@click.option("--seed", type=click.IntRange(0), help="Instead of the scenario's.")
+@click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
+@click.option("--speed", type=click.FloatRange(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
+@click.option("--paused", is_flag=True, help="Start paused.")
+@click.option("--until", "until_s", type=click.FloatRange(0.0), metavar="SECONDS", help="End at this simulation time.")
+@click.option(
+    "--record", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP file (see `uwserver replay`)."
+)
+@click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
+@click.option("--log-json", is_flag=True, help="One JSON object a log line.")
+def run(
+    scenario: str,
+    port: int | None,
+    bind: str | None,
+    seed: int | None,
+    mode: str | None,
+    speed: float | None,
+    paused: bool,
+    until_s: float | None,
+    record: Path | None,
+    log_level: str,
+    log_json: bool,
+) -> None:
+    """Serve SCENARIO (a shipped name or a file; default bluerov2_pool) until SIGINT or SIGTERM."""
+    from uwserver.adapter import AdapterNotFound, installed_adapters
+    from uwserver.logs import set_up_logging
+    from uwserver.scenario.errors import ScenarioError
+    from uwserver.scenario.load import load
+    from uwserver.server import Options, StartFailed, timing_of
+
+    set_up_logging(log_level, log_json)
+    try:
+        resolved = load(scenario, adapters=installed_adapters())
+    except (ScenarioError, AdapterNotFound) as error:
+        click.echo(str(error), err=True)
+        sys.exit(1)
+    for warning in resolved.warnings:
+        logging.getLogger(__name__).warning("%s", warning)
+    resolved = _with_address(resolved, port, bind)
+    timing = timing_of(resolved)
+    timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
+    if timing.mode == "lockstep" and not timing.lockstep_clients:
+        raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
+    _announce_compilation()
+    options = Options(seed, timing, record, until_s, lambda addresses: _announce(resolved, addresses, log_json))
+    try:
+        status = asyncio.run(_serve(resolved, options))
+    except (StartFailed, OSError) as error:
+        click.echo(f"uwserver: {error}", err=True)
+        sys.exit(1)
+    sys.exit(status)
+
+
+async def _serve(resolved: Resolved, options: Options) -> int:
+    from uwserver.server import Server
+
+    return await Server(resolved, options).run()
+
+
+def _with_address(resolved: Resolved, port: int | None, bind: str | None) -> Resolved:
+    """The scenario with another address for its first sockets adapter."""
+    changes: dict[str, Any] = {k: v for k, v in (("port", port), ("bind", bind)) if v is not None}
+    if not changes:
+        return resolved
+    adapters = dict(resolved.scenario.adapters)
+    for name, config in adapters.items():
+        if str(config.__struct_config__.tag) == "sockets":
+            adapters[name] = msgspec.structs.replace(config, **changes)
+            return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters))
+    raise click.UsageError("--port and --bind need a sockets adapter in the scenario")
+
+
+def _announce_compilation() -> None:
+    from uwserver.physics.compiled import cache_state
+
+    if cache_state.reason and cache_state.folder is None:
+        click.echo(f"uwserver: {cache_state.reason}", err=True)
+    if not cache_state.warm:
+        click.echo("uwserver: compiling the hydrodynamics for this machine, once, about 20 s ...", err=True)
+
+
+def _announce(resolved: Resolved, addresses: dict[str, str], quiet: bool) -> None:
+    """Say where to connect and what to type next."""
+    if quiet:
+        return
+    vehicles = ", ".join(f"{v.name} ({v.vehicle.name})" for v in resolved.vehicles.values())
+    click.echo(f"uwserver runs {resolved.name}: {vehicles}")
+    for name, address in addresses.items():
+        click.echo(f"  {name}: {address}")
+    tcp = next((a for a in addresses.values() if a.startswith("tcp://")), None)
+    first = next(iter(resolved.vehicles), None)
+    if tcp and first:
+        host, _, port = tcp.removeprefix("tcp://").rpartition(":")
+        at = "" if port == "7600" and host == "127.0.0.1" else f" --host {host} --port {port}"
+        click.echo("In another terminal:")
+        click.echo(f"  uwclient{at} topics")
+        click.echo(f"  uwclient{at} echo '{first}/depth' -n 5")
+        if "thrusters" in resolved.vehicles[first].vehicle.actuators:
+            n = len(resolved.vehicles[first].vehicle.thrusters)
+            u = ",".join(["0"] * (n - 4) + ["0.3"] * 4)
+            click.echo(f"  uwclient{at} send {first}/thrusters u='[{u}]'")
+    click.echo("Ctrl-C ends it.")
+
+
+COMMANDS = (run,)

@@ -1,0 +1,75 @@
+"""`uwserver validate`: oracle files against the production integrator."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from uwserver.physics.oracle import OracleResult
+from uwserver.physics.oracle import validate as validate_oracle
+
+COLUMNS = ("position m", "attitude deg", "velocity m/s", "rate rad/s")
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@click.option(
+    "--rate-hz", default=240.0, show_default=True, type=click.FloatRange(min=0.0, min_open=True), help="Physics rate."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+def validate(files: tuple[Path, ...], rate_hz: float, as_json: bool) -> None:
+    """Run oracle files (format uwserver-oracle-1) through the integrator and print the largest errors.
+
+    Exits with 1 if a file cannot be read or is not of the format; the others are still run.
+    """
+    results: dict[str, OracleResult] = {}
+    faults: list[str] = []
+    for file in files:
+        try:
+            results[str(file)] = validate_oracle(file, rate_hz)
+        except OSError as error:
+            faults.append(f"{file}: {error.strerror or error}")
+        except ValueError as error:
+            faults.append(str(error))
+    click.echo(json.dumps(_as_json(results), indent=2) if as_json else _table(results), nl=bool(results) or as_json)
+    for fault in faults:
+        click.echo(f"uwserver validate: {fault}", err=True)
+    if faults:
+        raise SystemExit(1)
+
+
+def _as_json(results: dict[str, OracleResult]) -> list[dict[str, object]]:
+    return [
+        {
+            "file": file,
+            "rate_hz": result.rate_hz,
+            "samples": result.samples,
+            "steps": result.steps,
+            "position_m": result.position.error,
+            "position_at_s": result.position.t_s,
+            "attitude_deg": result.attitude.error,
+            "attitude_at_s": result.attitude.t_s,
+            "linear_velocity_mps": result.linear_velocity.error,
+            "linear_velocity_at_s": result.linear_velocity.t_s,
+            "angular_velocity_radps": result.angular_velocity.error,
+            "angular_velocity_at_s": result.angular_velocity.t_s,
+        }
+        for file, result in results.items()
+    ]
+
+
+def _table(results: dict[str, OracleResult]) -> str:
+    """One line a file: each largest error and the time where it occurs."""
+    if not results:
+        return ""
+    width = max(len("file"), *(len(Path(file).name) for file in results))
+    lines = [f"{'file':{width}}  {'rate Hz':>8}  " + "  ".join(f"{name:>20}" for name in COLUMNS)]
+    for file, result in results.items():
+        cells = [f"{worst.error:9.3g} at {worst.t_s:6g} s" for worst in result[:4]]
+        lines.append(f"{Path(file).name:{width}}  {result.rate_hz:8g}  " + "  ".join(f"{cell:>20}" for cell in cells))
+    return "\n".join(lines)
+
+
+COMMANDS = (validate,)

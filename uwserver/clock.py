@@ -1,0 +1,144 @@
+"""Wall time, and how simulation time follows it. The only module that knows what time it is."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from typing import Protocol
+
+from uwserver.units import NANOSECONDS
+
+OVERLOAD_NS = NANOSECONDS // 4
+"""Behind by more than this, the deadlines start anew from now: a stopped process does not catch up in a burst."""
+
+_WAKE_NS = NANOSECONDS // 20
+"""Longer waits can be cut short; shorter ones use the sharper sleep."""
+
+
+class Time(Protocol):
+    """Wall time; a test replaces it by `uwserver.testing.MockTime`."""
+
+    def now_ns(self) -> int:
+        """Monotonic time, ns."""
+
+    def wait(self, seconds: float, wake: threading.Event) -> None:
+        """Return after the time, or soon after `wake` is set when the wait is long."""
+
+
+class SystemTime:
+    """The machine's monotonic clock."""
+
+    def now_ns(self) -> int:
+        """Monotonic time, ns."""
+        return time.monotonic_ns()
+
+    def wait(self, seconds: float, wake: threading.Event) -> None:
+        """Sleep; a wait of more than 50 ms ends early when `wake` is set."""
+        if seconds * NANOSECONDS > _WAKE_NS:
+            wake.wait(seconds)
+        elif seconds > 0.0:
+            time.sleep(seconds)
+
+
+def utc_text() -> str:
+    """Wall-clock UTC as ``20260131T235959Z``, for names of files."""
+    return time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+
+
+def unix_ns() -> int:
+    """Wall-clock nanoseconds since 1970, for logs."""
+    return time.time_ns()
+
+
+class Pace:
+    """Real time at a speed, by absolute deadlines: the n-th tick is due at anchor + t_n / speed, so lateness never adds up.
+
+    Attributes:
+        speed: simulated seconds per second.
+        overruns: how often the deadlines had to start anew.
+    """
+
+    def __init__(self, time: Time, speed: float = 1.0) -> None:
+        self._time = time
+        self.speed = speed
+        self.overruns = 0
+        self._anchor_wall: int | None = None
+        self._anchor_sim = 0
+
+    def anchor(self, t_ns: int) -> None:
+        """Simulation time t_ns is due now."""
+        self._anchor_wall, self._anchor_sim = self._time.now_ns(), t_ns
+
+    def release(self) -> None:
+        """Forget the anchor: the next wait makes a new one (after a pause, a reset or a change of mode)."""
+        self._anchor_wall = None
+
+    def wait(self, t_ns: int, wake: threading.Event) -> int:
+        """Wait until simulation time t_ns is due; returns how late it is then, ns (>= 0)."""
+        if self._anchor_wall is None:
+            self.anchor(t_ns)
+        assert self._anchor_wall is not None
+        deadline = self._anchor_wall + round((t_ns - self._anchor_sim) / self.speed)
+        left = deadline - self._time.now_ns()
+        while left > 0 and not wake.is_set():
+            self._time.wait(left / NANOSECONDS, wake)
+            left = deadline - self._time.now_ns()
+        late = max(0, -left)
+        if late > OVERLOAD_NS:
+            self.overruns += 1
+            self.anchor(t_ns)
+        return late
+
+
+class Barrier:
+    """Lockstep: time may go as far as every named client has granted. Thread-safe.
+
+    Attributes:
+        clients: the names that must grant.
+    """
+
+    def __init__(self, clients: Iterable[str]) -> None:
+        self.clients = frozenset(clients)
+        self._granted = dict.fromkeys(self.clients, 0)
+        self._present: dict[str, int] = {}
+        self._excused: set[str] = set()
+        self._lock = threading.Lock()
+
+    def join(self, client: str) -> None:
+        """A client of this name is connected."""
+        with self._lock:
+            self._present[client] = self._present.get(client, 0) + 1
+            self._excused.discard(client)
+
+    def leave(self, client: str) -> None:
+        """One connection of this name is gone."""
+        with self._lock:
+            self._present[client] = max(0, self._present.get(client, 0) - 1)
+
+    def grant(self, client: str, ticks: int, now: int) -> int:
+        """Let time go `ticks` on from what the client granted before (or from tick `now`); returns the tick it now allows."""
+        with self._lock:
+            self._granted[client] = max(self._granted.get(client, 0), now) + ticks
+            self._excused.discard(client)
+            return self._granted[client]
+
+    def restart(self, tick: int) -> None:
+        """The world went back to a tick: nothing beyond it is granted."""
+        with self._lock:
+            self._granted = dict.fromkeys(self.clients, tick)
+
+    def excuse(self, clients: Iterable[str]) -> None:
+        """Go on without these until they grant or join again."""
+        with self._lock:
+            self._excused |= set(clients)
+
+    def missing(self, tick: int) -> list[str]:
+        """Clients that do not yet let tick `tick` begin, in order of their names."""
+        with self._lock:
+            return sorted(c for c in self.clients - self._excused if self._granted[c] <= tick)
+
+    def absent(self) -> list[str]:
+        """Named clients that are not connected."""
+        with self._lock:
+            return sorted(c for c in self.clients if not self._present.get(c))

@@ -1,0 +1,1 @@
+"""Sea water, currents and gravity: functions of (position, time)."""

@@ -1,0 +1,241 @@
+"""What crosses every wall: ports and the values that travel through them. Imports nothing of ours.
+
+All types are immutable. Values are SI, angles radians, times integer nanoseconds of simulation time since the start of the scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+from msgspec import Struct
+
+Scalar = float | int | bool | str | None
+"""One component of a field."""
+Value = Scalar | tuple[Scalar, ...]
+"""One field: a scalar, or the row-major components of an array; None where a sensor has no value."""
+Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+"""Anything a service takes or gives."""
+
+
+class Field(Struct, frozen=True):
+    """One named value of a port.
+
+    Attributes:
+        name: name on every wire.
+        unit: SI unit, "1" where there is none.
+        doc: one sentence.
+        frame: frame of a vector's components (N, B, S, or "NB" of a rotation); "" where none applies.
+        shape: () for a scalar, (3,) for a vector.
+        type: type of each component.
+        minimum, maximum: limits of each component; a command outside is refused.
+    """
+
+    name: str
+    unit: str
+    doc: str
+    frame: str = ""
+    shape: tuple[int, ...] = ()
+    type: Literal["float", "int", "bool", "str"] = "float"
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        size = 1
+        for extent in self.shape:
+            size *= extent
+        return size
+
+
+class Port(Struct, frozen=True):
+    """A typed place where samples come out or commands go in.
+
+    Attributes:
+        path: ``<vehicle>/<component>``.
+        direction: sensor (samples out) or actuator (commands in).
+        kind: the component's kind in the scenario file.
+        fields: in the order of every value tuple.
+        doc: one or two sentences.
+        rate_hz: sample rate; None for actuators.
+        timeout_s: an actuator goes to neutral after this long without a command; None for never.
+    """
+
+    path: str
+    direction: Literal["sensor", "actuator"]
+    kind: str
+    fields: tuple[Field, ...]
+    doc: str
+    rate_hz: float | None = None
+    timeout_s: float | None = None
+
+    @property
+    def is_truth(self) -> bool:
+        """Whether the port tells what no instrument could know."""
+        return "/truth/" in self.path
+
+
+class Argument(Struct, frozen=True):
+    """One argument of a service; `type` "json" takes anything."""
+
+    name: str
+    type: Literal["float", "int", "bool", "str", "json"]
+    doc: str
+    unit: str = "1"
+    required: bool = True
+    default: Json = None
+    shape: tuple[int, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+
+
+class Service(Struct, frozen=True):
+    """A request with a reply.
+
+    Attributes:
+        path: ``world/<name>`` or ``<vehicle>/<component>/<name>``.
+        doc: one or two sentences.
+        arguments: what it takes.
+        reads_only: answered at once from the last published state; the others run at the start of the next tick.
+        long_running: may reply many ticks later, with progress, and can be cancelled.
+    """
+
+    path: str
+    doc: str
+    arguments: tuple[Argument, ...] = ()
+    reads_only: bool = False
+    long_running: bool = False
+
+
+class Sample(Struct, frozen=True, gc=False):
+    """What a sensor said.
+
+    Attributes:
+        port: path of the port.
+        seq: counts what this sensor produced, from 0.
+        t_ns: simulation time at which it was true.
+        t_sent_ns: simulation time at which the device delivers it.
+        valid: False when the sensor could not measure.
+        value: one entry per field of the port, in its order.
+    """
+
+    port: str
+    seq: int
+    t_ns: int
+    t_sent_ns: int
+    valid: bool
+    value: tuple[Value, ...]
+
+
+class Command(Struct, frozen=True):
+    """A value for an actuator; `value` holds one float tuple per field of the port (None: field not given), checked against the port.
+
+    `source` names who sent it (adapter and client), so that two commanders of one actuator are seen.
+    """
+
+    port: str
+    value: tuple[tuple[float, ...] | None, ...]
+    source: str = ""
+
+
+class Call(Struct, frozen=True):
+    """A service request with checked arguments."""
+
+    service: str
+    args: Mapping[str, Json]
+    source: str = ""
+
+
+ErrorCode = Literal[
+    "parse_error",
+    "invalid_request",
+    "unknown_method",
+    "unknown_port",
+    "unknown_service",
+    "bad_argument",
+    "bad_shape",
+    "not_finite",
+    "out_of_range",
+    "busy",
+    "preempted",
+    "timeout",
+    "denied",
+    "too_large",
+    "overload",
+    "version",
+    "internal",
+    "shutdown",
+]
+
+
+class Fault(Struct, frozen=True):
+    """Why a request was refused: a code, a text that says what to do, and the argument, field, port or service at fault."""
+
+    code: ErrorCode
+    text: str
+    where: str = ""
+
+
+class Refused(Exception):
+    """Raised where a request is refused; carries the fault that the sender is told."""
+
+    def __init__(self, code: ErrorCode, text: str, where: str = "") -> None:
+        super().__init__(text)
+        self.fault = Fault(code, text, where)
+
+
+class Reply(Struct, frozen=True):
+    """The one answer to a command or call: the tick at whose start it was carried out, and its result or its fault."""
+
+    tick: int
+    t_ns: int
+    result: Json = None
+    fault: Fault | None = None
+    conflict: bool = False
+
+
+class Progress(Struct, frozen=True):
+    """How far a long-running call has come, 0 to 1."""
+
+    fraction: float
+    t_ns: int
+
+
+class Event(Struct, frozen=True):
+    """Something that every client should know."""
+
+    event: Literal[
+        "paused",
+        "resumed",
+        "reset",
+        "ports_changed",
+        "conflict",
+        "watchdog",
+        "diverged",
+        "shutdown",
+        "adapter_failed",
+    ]
+    tick: int
+    t_ns: int
+    text: str
+
+
+OnReply = Callable[[Reply | Progress], None]
+"""Receives any number of Progress, then exactly one Reply."""
+
+
+def matches(pattern: str, path: str) -> bool:
+    """Whether a path fits a pattern: ``*`` stands for one level, ``**`` for any number of levels, also none."""
+    return _matches(pattern.split("/"), path.split("/"))
+
+
+def _matches(pattern: list[str], path: list[str]) -> bool:
+    if not pattern:
+        return not path
+    if pattern[0] == "**":
+        if pattern[1:2] == ["**"]:  # one says as much as many, and many would take exponential time
+            return _matches(pattern[1:], path)
+        return any(_matches(pattern[1:], path[i:]) for i in range(len(path) + 1))
+    return bool(path) and pattern[0] in ("*", path[0]) and _matches(pattern[1:], path[1:])

@@ -1,0 +1,113 @@
+"""The scenario file: one typed, frozen `Scenario`. Numbers as in the file: SI, but degrees where a key says `deg`.
+
+Names of vehicles, sensors, actuators, modifiers and adapters are table names chosen by the user; they are the path on every wire. What a
+component's table may hold is declared beside the component itself (`uwserver.sensors`, `uwserver.actuators`, `uwserver.modifiers`).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from msgspec import UNSET, Meta, UnsetType, field
+
+from uwserver.sensors import SensorConfig
+from uwserver.table import Name, NonNegative, Positive, Table, Vector3
+from uwserver.units import STANDARD_ATMOSPHERE_PA
+
+
+class Clock(Table, kw_only=True, frozen=True):
+    """How simulation time passes.
+
+    Attributes:
+        mode: realtime (paced by the wall clock), freerun (as fast as possible) or lockstep (as far as the named clients allow).
+        speed: simulated seconds per second in realtime.
+        paused: start paused.
+        lockstep_clients: names that must all grant a tick.
+        lockstep_timeout_s: wall time that the barrier waits for the slowest client; 0 waits for ever.
+        on_loss: what happens when a client times out or leaves: wait for it, go on without it, or pause.
+    """
+
+    mode: Literal["realtime", "freerun", "lockstep"] = "realtime"
+    speed: Positive = 1.0
+    paused: bool = False
+    lockstep_clients: tuple[Name, ...] = ()
+    lockstep_timeout_s: NonNegative = 10.0
+    on_loss: Literal["wait", "continue", "pause"] = "wait"
+
+
+class WorldTable(Table, kw_only=True, frozen=True):
+    """Attributes:
+    rate_hz: physics ticks a second; every sensor rate divides it.
+    epoch_utc: RFC 3339 instant of t = 0.
+    """
+
+    rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 240.0
+    epoch_utc: str = "2026-01-01T00:00:00Z"
+    clock: Clock = Clock()
+
+
+class Current(Table, kw_only=True, frozen=True):
+    """Uniform, steady current; `velocity_ned_mps` is the water's velocity in N."""
+
+    velocity_ned_mps: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Environment(Table, kw_only=True, frozen=True):
+    """Water and gravity. The sea surface is the plane z = 0 of N."""
+
+    density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] = 1025.0
+    gravity_mps2: Annotated[float, Meta(ge=0, le=30)] = 9.81
+    temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
+    atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
+    current: Current = Current()
+
+
+class Truth(Table, kw_only=True, frozen=True):
+    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench. Adapters serve it only if they are told to."""
+
+    rate_hz: Positive = 20.0
+
+
+class VehicleEntry(Table, kw_only=True, frozen=True):
+    """One vehicle of the scenario.
+
+    Attributes:
+        model: name of a shipped vehicle file, or the path of one relative to the scenario file.
+        override: tables of the vehicle file, key by key replaced for this vehicle.
+        sensors: added to those of the vehicle file (same name: replaces it; ``enabled = false`` removes it).
+    """
+
+    model: Name
+    position_ned_m: Vector3 = (0.0, 0.0, 0.0)
+    attitude_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    velocity_frd_mps: Vector3 = (0.0, 0.0, 0.0)
+    angular_velocity_frd_degps: Vector3 = (0.0, 0.0, 0.0)
+    truth: Truth | UnsetType = UNSET
+    override: dict[str, Any] = field(default_factory=dict)
+    sensors: dict[str, SensorConfig] = field(default_factory=dict)
+
+
+class Server(Table, kw_only=True, frozen=True):
+    """Attributes:
+    name: how the server calls itself.
+    metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
+    metrics: serve them.
+    """
+
+    name: Name = "uwserver"
+    metrics: bool = True
+    metrics_bind: str = "127.0.0.1"
+    metrics_port: Annotated[int, Meta(ge=0, le=65535)] = 9600
+
+
+class Scenario(Table, kw_only=True, frozen=True):
+    """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`."""
+
+    schema: Literal[1]
+    title: str = ""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    world: WorldTable = WorldTable()
+    environment: Environment = Environment()
+    vehicles: dict[str, VehicleEntry] = field(default_factory=dict)
+    adapters: dict[str, Any] = field(default_factory=dict)
+    server: Server = Server()

@@ -1,0 +1,189 @@
+"""Checks of one vehicle across its tables: rigid body and hydrodynamics, propulsion, sensors and names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+from msgspec import UNSET, Struct
+
+from uwserver.actuators import ThrusterConfig, ThrustersConfig
+from uwserver.modifiers import ModifierConfig, Stream
+from uwserver.scenario.assembly import Draft, named
+from uwserver.scenario.body import buoyancy_and_weight, matrices
+from uwserver.scenario.checks import check_rate
+from uwserver.scenario.convert import Report
+from uwserver.scenario.errors import KeyPath, suggestion
+from uwserver.scenario.schema import Environment, WorldTable
+from uwserver.scenario.vehicle_schema import Damping, Vehicle
+from uwserver.sensors import Pose, SensorConfig
+
+_ROUNDING = 1e-9
+_TRIM = 0.05
+"""Buoyancy this far from the weight (relative) is worth a word."""
+
+Matrix = npt.NDArray[np.float64]
+
+
+def check_vehicle(
+    draft: Draft, world: WorldTable | None, environment: Environment | None, report: Report, warn: Report
+) -> None:
+    """All checks of what could be read.
+
+    Args:
+        draft: the merged vehicle.
+        world, environment: of the scenario; None where they have faults.
+        report, warn: take in faults and warnings.
+    """
+    if _check_forms(draft, report):
+        _check_matrices(draft, environment, report, warn)
+    for name, thruster in draft.thrusters.items():
+        if not any(thruster.axis_frd):
+            report(("thrusters", name, "axis_frd"), "the axis has no direction: give the direction of the force at a positive command")
+    _check_members(draft, report)
+    _check_names(draft, report)
+    for name, sensor in draft.sensors.items():
+        if sensor.enabled:
+            _check_sensor(draft, name, sensor, world, report)
+
+
+def one_of(table: Struct, names: tuple[str, ...], path: KeyPath, report: Report) -> bool:
+    """Whether exactly one of the keys is given; reports it otherwise."""
+    given = [name for name in names if getattr(table, name) is not UNSET]
+    if len(given) != 1:
+        found = "both are given" if given else "none is given"
+        report(path, f"give exactly one of {' and '.join(names)}: {found}")
+    return len(given) == 1
+
+
+def _check_forms(draft: Draft, report: Report) -> bool:
+    """Whether each matrix is given in exactly one form."""
+    fine = []
+    if draft.rigid_body is not None:
+        fine.append(one_of(draft.rigid_body, ("inertia_kgm2", "inertia_matrix_kgm2"), ("rigid_body",), report))
+    if draft.added_mass is not None:
+        fine.append(one_of(draft.added_mass, ("diagonal", "matrix"), ("added_mass",), report))
+    for name in ("linear", "at_rest", "quadratic", "speed"):
+        table = getattr(draft.damping, name, UNSET)
+        if table is not UNSET:
+            fine.append(one_of(table, ("diagonal", "matrix"), ("damping", name), report))
+    return all(fine)
+
+
+def _check_matrices(draft: Draft, environment: Environment | None, report: Report, warn: Report) -> None:
+    if draft.rigid_body is None or draft.buoyancy is None or draft.added_mass is None:
+        return
+    body = Vehicle(
+        schema=1, name="", description="", rigid_body=draft.rigid_body, buoyancy=draft.buoyancy, added_mass=draft.added_mass,
+        damping=Damping(),
+    )  # fmt: skip
+    M_RB, M_A = matrices(body)[:2]
+    worst = _asymmetry(M_RB)
+    if worst is not None:
+        report(("rigid_body", "inertia_matrix_kgm2"), f"the inertia is not symmetric: {worst}")
+    elif (least := _least_eigenvalue(M_RB)) <= 0.0:
+        text = f"M_RB is not positive definite (smallest eigenvalue {least:.3g}): check mass, inertia and inertia_about"
+        report(("rigid_body",), text)
+    worst = _asymmetry(M_A)
+    if worst is not None and draft.added_mass.symmetrise:
+        warn(("added_mass",), f"M_A is not symmetric, its symmetric part is used: {worst}")
+    elif worst is not None:
+        report(("added_mass",), f"M_A is not symmetric: {worst}; correct it, or take its symmetric part by symmetrise = true")
+    least = _least_eigenvalue(M_A)
+    if least < -_ROUNDING * float(np.abs(M_A).max()):
+        report(("added_mass",), f"M_A is not positive semi-definite (smallest eigenvalue {least:.3g}): check its signs and couplings")
+    if environment is not None:
+        _check_trim(body, environment, warn)
+
+
+def _check_trim(body: Vehicle, environment: Environment, warn: Report) -> None:
+    buoyancy, weight = buoyancy_and_weight(body, environment)
+    excess = buoyancy - weight
+    if abs(excess) > _TRIM * weight:
+        what = "floats up" if excess > 0.0 else "sinks"
+        warn(("buoyancy",), f"the vehicle {what} with {abs(excess):.4g} N (buoyancy {buoyancy:.4g} N, weight {weight:.4g} N)")
+
+
+def _asymmetry(M: Matrix) -> str | None:
+    """The largest asymmetry in words; None within rounding. Rows and columns count from 1."""
+    difference = np.abs(M - M.T)
+    i, j = np.unravel_index(int(difference.argmax()), M.shape)
+    if difference[i, j] <= _ROUNDING * np.abs(M).max():
+        return None
+    return f"({i + 1},{j + 1}) is {M[i, j]:g} but ({j + 1},{i + 1}) is {M[j, i]:g}"
+
+
+def _least_eigenvalue(M: Matrix) -> float:
+    return float(np.linalg.eigvalsh(0.5 * (M + M.T))[0])
+
+
+def _check_members(draft: Draft, report: Report) -> None:
+    present = draft.names("thrusters")
+    for name, actuator in draft.actuators.items():
+        path: KeyPath = ("actuators", name)
+        if not actuator.enabled:
+            continue
+        if isinstance(actuator, ThrusterConfig):
+            _check_member(actuator.member, present, (*path, "member"), report)
+        if not isinstance(actuator, ThrustersConfig):
+            continue
+        if actuator.members is None and not present:
+            report(path, "the vehicle has no thrusters to command")
+        members = actuator.members or ()
+        for k, member in enumerate(members):
+            _check_member(member, present, (*path, "members", k), report)
+            if member in members[:k]:
+                report((*path, "members", k), f'"{member}" is named twice')
+
+
+def _check_member(member: str, present: tuple[str, ...], path: KeyPath, report: Report) -> None:
+    if member not in present:
+        report(path, f'no thruster "{member}"{suggestion(member, present, "; there are: ")}')
+
+
+def _check_names(draft: Draft, report: Report) -> None:
+    sensors, actuators = list(_enabled(draft, "sensors")), list(_enabled(draft, "actuators"))
+    for name in actuators:
+        if name in sensors:
+            report(("actuators", name), f'a sensor has the name "{name}" too: both would have one path; rename one')
+    for table, names in (("sensors", sensors), ("actuators", actuators)):
+        for name in {"truth", "world"}.intersection(names):
+            report((table, name), f'"{name}" is taken by the server\'s own paths: choose another name')
+
+
+def _enabled(draft: Draft, table: str) -> Iterator[str]:
+    for name, component in named(draft.raw, table).items():
+        if not isinstance(component, dict) or component.get("enabled") is not False:
+            yield name
+
+
+def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTable | None, report: Report) -> None:
+    path: KeyPath = ("sensors", name)
+    if world is not None:
+        check_rate(sensor.rate_hz, world.rate_hz, (*path, "rate_hz"), report)
+    if isinstance(sensor.mount, str):
+        mounts = draft.names("mounts")
+        if sensor.mount not in mounts:
+            text = f'no mount "{sensor.mount}"{suggestion(sensor.mount, mounts, "; there are: ")}'
+            report((*path, "mount"), text)
+        for key in ("position_frd_m", "rpy_deg"):
+            if key in draft.raw["sensors"][name]:
+                report((*path, key), f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two')
+    for modifier_name, modifier in sensor.modifiers.items():
+        _check_modifier(sensor, modifier, (*path, "modifiers", modifier_name), report)
+
+
+def _check_modifier(sensor: SensorConfig, modifier: ModifierConfig, path: KeyPath, report: Report) -> None:
+    stream = Stream(sensor.build(Pose()).fields, 1.0 / sensor.rate_hz, np.random.default_rng(0))
+    target = getattr(modifier, "field", None)
+    try:
+        if target is not None:
+            stream.index(target)
+    except ValueError as error:
+        report((*path, "field"), str(error))
+        return
+    try:
+        modifier.build(stream)
+    except ValueError as error:
+        report(path, str(error))

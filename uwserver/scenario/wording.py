@@ -1,0 +1,66 @@
+"""Types and values in the words of a TOML file, for error texts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec.inspect as mi
+
+
+def expected(type_: Any) -> str:
+    """What a value of this type looks like in the file, limits included."""
+    return _expected(mi.type_info(type_))
+
+
+def found(raw: object) -> str:
+    """What stands in the file instead."""
+    if isinstance(raw, bool):
+        return f"the boolean {str(raw).lower()}"
+    if isinstance(raw, str):
+        return f'the string "{raw if len(raw) <= 40 else raw[:37] + "..."}"'
+    if isinstance(raw, (list, tuple)):
+        return f"an array of {len(raw)}"
+    if isinstance(raw, dict):
+        return "a table"
+    if isinstance(raw, (int, float)):
+        return number(raw)
+    return f"a {type(raw).__name__}"
+
+
+def number(raw: float) -> str:
+    """A number; very long integers are cut."""
+    if isinstance(raw, int):
+        return str(raw) if abs(raw) < 10**20 else f"an integer of {raw.bit_length()} bits"
+    return repr(raw)
+
+
+def _expected(node: mi.Type) -> str:
+    if isinstance(node, mi.Metadata):
+        return _expected(node.type)
+    if isinstance(node, mi.FloatType):
+        return "a number" + _limits(node)
+    if isinstance(node, mi.IntType):
+        return "a whole number" + _limits(node)
+    if isinstance(node, mi.BoolType):
+        return "true or false"
+    if isinstance(node, mi.StrType):
+        return "a string that is not empty" if node.min_length else "a string"
+    if isinstance(node, mi.LiteralType):
+        values = [f'"{value}"' if isinstance(value, str) else str(value) for value in node.values]
+        return values[0] if len(values) == 1 else "one of " + ", ".join(values)
+    if isinstance(node, mi.TupleType):
+        return f"an array of {len(node.item_types)} ({_expected(node.item_types[0])} each)"
+    if isinstance(node, (mi.VarTupleType, mi.ListType)):
+        least = f" of at least {node.min_length}" if node.min_length else ""
+        return f"an array{least} ({_expected(node.item_type)} each)"
+    if isinstance(node, mi.UnionType):
+        return " or ".join(_expected(member) for member in node.types if not isinstance(member, mi.NoneType))
+    return "a table"
+
+
+def _limits(node: mi.FloatType | mi.IntType) -> str:
+    if node.ge is not None and node.le is not None:
+        return f" from {node.ge:g} to {node.le:g}"
+    words = {"gt": "greater than", "ge": "of at least", "lt": "less than", "le": "of at most"}
+    limits = [f"{text} {limit:g}" for key, text in words.items() if (limit := getattr(node, key)) is not None]
+    return " " + " and ".join(limits) if limits else ""

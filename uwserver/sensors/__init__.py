@@ -1,0 +1,14 @@
+"""Sensors a vehicle can carry: one file a kind, one line in the union."""
+
+from __future__ import annotations
+
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.imu import ImuConfig
+from uwserver.sensors.motion_capture import MotionCaptureConfig
+from uwserver.sensors.pressure import PressureConfig
+
+SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig
+
+__all__ = [
+    "ImuConfig", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig", "SensorTable",
+]  # fmt: skip

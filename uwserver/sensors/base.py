@@ -1,0 +1,112 @@
+"""What a sensor is: a pure function of the world at one instant; errors come from modifiers, timing from the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import msgspec
+
+from uwserver.environment.water import Water
+from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
+from uwserver.modifiers import ModifierConfig
+from uwserver.ports import Field, Value
+from uwserver.table import Name, NonNegative, Positive, Table
+
+
+class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
+    """What the table of any sensor may hold.
+
+    Attributes:
+        rate_hz: samples a second; divides the physics rate.
+        mount: a mount of the vehicle file; or `position_frd_m` and `rpy_deg` of the sensor on the vehicle.
+        latency_s: from the measurement to its delivery.
+        enabled: False takes the sensor out.
+        modifiers: errors, applied in the order of the file; each name is part of its random stream.
+    """
+
+    rate_hz: Positive
+    mount: Name | msgspec.UnsetType = msgspec.UNSET
+    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    latency_s: NonNegative = 0.0
+    enabled: bool = True
+    modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """X_BS: where a sensor sits on its vehicle, p_BS (m, B) and q_BS."""
+
+    p: Vec3 = (0.0, 0.0, 0.0)
+    q: Quat = IDENTITY
+
+
+@dataclass(slots=True)
+class Scope:
+    """Read-only view of one body at the instant of a tick. SI; frames N and B as named.
+
+    Attributes:
+        t_ns: simulation time.
+        p_NB, q_NB: pose.
+        v_NB_B, w_NB_B: velocity.
+        nu_dot: derivative of (v, w) in B; zeros unless a due sensor `needs_rates`.
+        tau: applied force and moment about the origin in B; likewise.
+        water: the environment.
+    """
+
+    t_ns: int
+    p_NB: Vec3
+    q_NB: Quat
+    v_NB_B: Vec3
+    w_NB_B: Vec3
+    water: Water
+    nu_dot: tuple[float, ...] = field(default=(0.0,) * 6)
+    tau: tuple[float, ...] = field(default=(0.0,) * 6)
+
+    def position(self, p_BS: Vec3) -> Vec3:
+        """p_NS (m) of a point fixed to the body at p_BS."""
+        dx, dy, dz = rotate(self.q_NB, p_BS)
+        x, y, z = self.p_NB
+        return (x + dx, y + dy, z + dz)
+
+    def attitude(self, q_BS: Quat) -> Quat:
+        """q_NS of a frame fixed to the body."""
+        return multiply(self.q_NB, q_BS)
+
+    def specific_force(self, mount: Pose) -> Vec3:
+        """What an ideal accelerometer at the mount feels, f_S (m/s2): acceleration of the mount minus gravity, in S.
+
+        a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity).
+        """
+        wx, wy, wz = self.w_NB_B
+        vx, vy, vz = self.v_NB_B
+        ax, ay, az, bx, by, bz = self.nu_dot
+        rx, ry, rz = mount.p
+        ux, uy, uz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx  # velocity of the mount
+        a_B = (
+            ax + by * rz - bz * ry + wy * uz - wz * uy,
+            ay + bz * rx - bx * rz + wz * ux - wx * uz,
+            az + bx * ry - by * rx + wx * uy - wy * ux,
+        )
+        g = rotate(conjugate(self.q_NB), (0.0, 0.0, self.water.gravity))
+        return rotate(conjugate(mount.q), (a_B[0] - g[0], a_B[1] - g[1], a_B[2] - g[2]))
+
+
+class Sensor(Protocol):
+    """An ideal sensor; stateless."""
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """What a value tuple holds, in order."""
+
+    @property
+    def doc(self) -> str:
+        """One or two sentences for the port."""
+
+    @property
+    def needs_rates(self) -> bool:
+        """Whether `Scope.nu_dot` and `Scope.tau` must be filled in."""
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Whether it could measure, and one value per field."""

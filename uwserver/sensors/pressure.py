@@ -1,0 +1,68 @@
+"""Pressure sensor: absolute pressure, or the depth that an instrument computes from it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from uwserver.ports import Field, Value
+from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.table import NonNegative, Positive
+
+_TEMPERATURE = Field("temperature", "degC", "temperature of the surrounding water")
+
+
+class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
+    """Attributes:
+    output: "pressure" (Pa, absolute) or "depth" (m, positive down), as p = p_atm + rho g h inverted with the instrument's own settings.
+    assumed_density_kgpm3, assumed_atmosphere_pa: what the instrument believes; default: the truth of the scenario.
+    """
+
+    output: Literal["pressure", "depth"] = "pressure"
+    assumed_density_kgpm3: Positive | msgspec.UnsetType = msgspec.UNSET
+    assumed_atmosphere_pa: NonNegative | msgspec.UnsetType = msgspec.UNSET
+
+    def build(self, mount: Pose) -> Pressure | Depth:
+        """The ideal sensor."""
+        return Pressure(mount) if self.output == "pressure" else Depth(mount, self)
+
+
+class Pressure:
+    """Absolute pressure at the mount."""
+
+    doc = "Absolute pressure at the mount."
+    needs_rates = False
+    fields = (Field("pressure", "Pa", "absolute pressure"), _TEMPERATURE)
+
+    def __init__(self, mount: Pose) -> None:
+        self._mount = mount
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid; atmospheric pressure above the surface."""
+        return True, [scope.water.pressure(scope.position(self._mount.p)[2]), scope.water.temperature]
+
+
+class Depth:
+    """Depth as the instrument computes it from the pressure at its mount."""
+
+    doc = (
+        "Depth of the mount below the surface, computed from the pressure with the instrument's density and atmosphere."
+    )
+    needs_rates = False
+    fields = (Field("depth", "m", "depth below the surface, positive down"), _TEMPERATURE)
+
+    def __init__(self, mount: Pose, config: PressureConfig) -> None:
+        self._mount = mount
+        self._config = config
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid; zero above the surface."""
+        water, c = scope.water, self._config
+        density = water.density if c.assumed_density_kgpm3 is msgspec.UNSET else c.assumed_density_kgpm3
+        atmosphere = water.atmospheric_pressure if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa
+        gauge = water.pressure(scope.position(self._mount.p)[2]) - atmosphere
+        weight = density * water.gravity
+        if weight == 0.0:
+            return False, [None, water.temperature]
+        return True, [gauge / weight, water.temperature]

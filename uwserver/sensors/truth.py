@@ -1,0 +1,76 @@
+"""Ground truth of a vehicle, under ``<vehicle>/truth/``; an adapter serves it only when it is told to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from uwserver.ports import Field, Value
+from uwserver.sensors.base import Scope, Sensor
+
+
+class TruthPose:
+    """Exact pose."""
+
+    doc = "Exact pose of the body origin."
+    needs_rates = False
+    fields = (
+        Field("p_NB", "m", "position of the body origin", "N", (3,)),
+        Field("q_NB", "1", "attitude, w x y z", "NB", (4,)),
+    )
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid."""
+        return True, [scope.p_NB, scope.q_NB]
+
+
+class TruthVelocity:
+    """Exact velocity nu."""
+
+    doc = "Exact velocity of the body origin relative to N."
+    needs_rates = False
+    fields = (
+        Field("v_NB_B", "m/s", "surge, sway, heave velocity", "B", (3,)),
+        Field("w_NB_B", "rad/s", "roll, pitch, yaw rate", "B", (3,)),
+    )
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid."""
+        return True, [scope.v_NB_B, scope.w_NB_B]
+
+
+class TruthAcceleration:
+    """Exact derivative of nu."""
+
+    doc = "Exact time derivative of the body-fixed velocity components."
+    needs_rates = True
+    fields = (
+        Field("v_dot_B", "m/s^2", "derivative of surge, sway, heave velocity", "B", (3,)),
+        Field("w_dot_B", "rad/s^2", "derivative of roll, pitch, yaw rate", "B", (3,)),
+    )
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid."""
+        return True, [scope.nu_dot[:3], scope.nu_dot[3:]]
+
+
+class TruthWrench:
+    """Force and moment of all actuators."""
+
+    doc = "Force and moment of all actuators about the body origin (thrust with lag, inflow and immersion; applied wrenches)."
+    needs_rates = True
+    fields = (
+        Field("force_B", "N", "force", "B", (3,)),
+        Field("torque_B", "N m", "moment about the body origin", "B", (3,)),
+    )
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid."""
+        return True, [scope.tau[:3], scope.tau[3:]]
+
+
+TRUTH: dict[str, Callable[[], Sensor]] = {
+    "pose": TruthPose,
+    "velocity": TruthVelocity,
+    "acceleration": TruthAcceleration,
+    "wrench": TruthWrench,
+}

@@ -1,0 +1,142 @@
+"""Services that the world itself answers; those of the clock belong to the simulation (`uwserver.simulation`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+
+import msgspec
+
+from uwserver import snapshot
+from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.snapshot import Snapshot
+from uwserver.world import ActuatorSlot, SensorSlot, World
+
+MAX_SNAPSHOTS = 32
+
+
+def offer_world_services(world: World) -> None:
+    """Add reset, snapshot, restore, state_hash and set_current, and the services of each component, to a finished world."""
+    start = snapshot.take(world)
+    saved: dict[str, Snapshot] = {}
+
+    def reset(_: Mapping[str, Json]) -> Json:
+        snapshot.restore(world, start)
+        world.say("reset", "the world is back at its start")
+        return None
+
+    def take(args: Mapping[str, Json]) -> Json:
+        name = str(args["name"])
+        if name not in saved and len(saved) >= MAX_SNAPSHOTS:
+            raise Refused("busy", f"there are {MAX_SNAPSHOTS} snapshots already: take one under a used name", "name")
+        saved[name] = snapshot.take(world)
+        return {"name": name, "hash": saved[name].hash()}
+
+    def restore(args: Mapping[str, Json]) -> Json:
+        name = str(args["name"])
+        if name not in saved:
+            raise Refused("bad_argument", f'no snapshot "{name}", there are: {", ".join(saved) or "none"}', "name")
+        snapshot.restore(world, saved[name])
+        return {"tick": world.tick, "t_ns": world.t_ns}
+
+    def state_hash(_: Mapping[str, Json]) -> Json:
+        return {"tick": world.tick, "hash": snapshot.take(world).hash()}
+
+    def set_current(args: Mapping[str, Json]) -> Json:
+        world.set_current(tuple(args["velocity_N"]))  # type: ignore[arg-type]  # three floats, checked against the argument
+        return None
+
+    name = Argument("name", "str", "name of the snapshot", required=False, default="default")
+    velocity = Argument("velocity_N", "float", "water velocity in N", "m/s", shape=(3,), minimum=-20.0, maximum=20.0)
+    world.offer(
+        Service(
+            "world/reset", "Put everything back to the start of the scenario: time, state, random streams, counters."
+        ),
+        reset,
+    )
+    world.offer(Service("world/snapshot", "Keep the whole state under a name, in memory.", (name,)), take)
+    world.offer(Service("world/restore", "Go back to a snapshot, bit for bit.", (name,)), restore)
+    world.offer(Service("world/state_hash", "SHA-256 of the whole state; equal for equal runs."), state_hash)
+    world.offer(Service("world/set_current", "Set the uniform current.", (velocity,)), set_current)
+    for path, sensor in world.sensors.items():
+        _offer_sensor(world, path, sensor)
+    for path, actuator in world.actuators.items():
+        _offer_actuator(world, path, actuator)
+
+
+def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
+    rate = Argument("rate_hz", "float", "samples a second; divides the physics rate", "Hz", minimum=1e-3)
+
+    def activate(active: bool) -> Json:
+        slot.active = active
+        world.schedule()
+        return None
+
+    def get(_: Mapping[str, Json]) -> Json:
+        return {
+            "rate_hz": float(world.rate_hz / slot.divisor),
+            "active": slot.active,
+            "latency_s": slot.latency_ns / 1e9,
+        }
+
+    def set_rate(args: Mapping[str, Json]) -> Json:
+        wanted = Fraction(str(args["rate_hz"]))
+        divisor = round(world.rate_hz / wanted) if wanted <= world.rate_hz else 0
+        if divisor == 0 or abs(world.rate_hz / wanted - divisor) > Fraction(1, 10**9):
+            legal = sorted({float(world.rate_hz / k) for k in (max(1, divisor - 1), max(1, divisor), divisor + 1)})
+            text = f"{float(wanted):g} Hz does not divide the physics rate; near it are {', '.join(f'{r:g}' for r in legal)} Hz"
+            raise Refused("bad_argument", text, "rate_hz")
+        slot.divisor = divisor
+        for modifier in slot.modifiers:
+            modifier.stream.dt = float(divisor / world.rate_hz)
+        world.schedule()
+        world.replace_port(msgspec.structs.replace(slot.port, rate_hz=float(world.rate_hz / divisor)))
+        return None
+
+    world.offer(Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True))
+    world.offer(Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False))
+    world.offer(Service(f"{path}/get", "Properties of the sensor."), get)
+    world.offer(Service(f"{path}/set", "Change properties of the sensor.", (rate,)), set_rate)
+
+
+def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
+    timeout = Argument(
+        "timeout_s", "float", "watchdog: neutral after this long without a command; 0 for never", "s", minimum=0.0
+    )
+
+    def activate(_: Mapping[str, Json]) -> Json:
+        slot.active = True
+        return None
+
+    def deactivate(_: Mapping[str, Json]) -> Json:
+        slot.active = False
+        slot.actuator.neutral()
+        slot.last_value = ()
+        return None
+
+    def get(_: Mapping[str, Json]) -> Json:
+        value: dict[str, Json] = {
+            field.name: None if part is None else list(part)
+            for field, part in zip(slot.port.fields, slot.last_value, strict=False)
+        }
+        return {
+            "active": slot.active,
+            "timeout_s": float(slot.timeout_ticks / world.rate_hz),
+            "value": value,
+            "source": slot.source,
+            "conflicts": slot.conflicts,
+            "timeouts": slot.timeouts,
+        }
+
+    def set_timeout(args: Mapping[str, Json]) -> Json:
+        slot.timeout_ticks = round(Fraction(str(args["timeout_s"])) * world.rate_hz)
+        world.watch = world.tick
+        world.replace_port(
+            msgspec.structs.replace(slot.port, timeout_s=float(slot.timeout_ticks / world.rate_hz) or None)
+        )
+        return None
+
+    world.offer(Service(f"{path}/activate", "Accept commands."), activate)
+    world.offer(Service(f"{path}/deactivate", "Go to neutral and refuse commands."), deactivate)
+    world.offer(Service(f"{path}/get", "Properties of the actuator and its last command."), get)
+    world.offer(Service(f"{path}/set", "Change properties of the actuator.", (timeout,)), set_timeout)

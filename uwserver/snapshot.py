@@ -1,0 +1,124 @@
+"""The whole changeable state of a world as one immutable value: for reset, restore, and the hash that proves two runs equal."""
+
+from __future__ import annotations
+
+import hashlib
+import heapq
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+
+from uwserver.ports import Refused, Sample
+from uwserver.world import World
+
+
+class SensorState(Struct, frozen=True):
+    """What one sensor remembers: counters, and the random stream and memory of each modifier."""
+
+    seq: int
+    active: bool
+    divisor: int
+    modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
+
+
+class ActuatorState(Struct, frozen=True):
+    """What one actuator slot remembers; the physical state is in the arrays."""
+
+    active: bool
+    timeout_ticks: int
+    last_tick: int
+    last_value: tuple[tuple[float, ...] | None, ...]
+    source: str
+    other_tick: int
+    conflicts: int
+    timeouts: int
+
+
+class Snapshot(Struct, frozen=True):
+    """A world between two ticks. Commands and calls that are posted but not carried out are not part of it."""
+
+    tick: int
+    arrays: tuple[bytes, ...]
+    current: tuple[float, float, float]
+    sensors: dict[str, SensorState]
+    actuators: dict[str, ActuatorState]
+    pending: tuple[tuple[int, int, Sample], ...]
+    pending_order: int
+    watch: int | None
+
+    def hash(self) -> str:
+        """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process."""
+        digest = hashlib.sha256()
+        for array in self.arrays:
+            digest.update(array)
+        rest = (self.tick, self.current, self.sensors, self.actuators, self.pending, self.pending_order, self.watch)
+        digest.update(repr(rest).encode())
+        return digest.hexdigest()
+
+
+_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "currents")
+
+
+def take(world: World) -> Snapshot:
+    """The state of a world now."""
+    return Snapshot(
+        tick=world.tick,
+        arrays=tuple(getattr(world.hydro, name).tobytes() for name in _ARRAYS),
+        current=world.water.current,
+        sensors={
+            path: SensorState(
+                slot.seq,
+                slot.active,
+                slot.divisor,
+                tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
+            )
+            for path, slot in world.sensors.items()
+        },
+        actuators={
+            path: ActuatorState(
+                slot.active,
+                slot.timeout_ticks,
+                slot.last_tick,
+                slot.last_value,
+                slot.source,
+                slot.other_tick,
+                slot.conflicts,
+                slot.timeouts,
+            )  # fmt: skip
+            for path, slot in world.actuators.items()
+        },
+        pending=tuple(sorted(world.pending)),
+        pending_order=world.pending_order,
+        watch=world.watch,
+    )
+
+
+def restore(world: World, snapshot: Snapshot) -> None:
+    """Put a world back, bit for bit.
+
+    Raises:
+        Refused: the snapshot is of a world with other components.
+    """
+    if snapshot.sensors.keys() != world.sensors.keys() or snapshot.actuators.keys() != world.actuators.keys():
+        raise Refused("bad_argument", "the snapshot is of a world with other vehicles or components", "name")
+    world.tick = snapshot.tick
+    for name, saved in zip(_ARRAYS, snapshot.arrays, strict=True):
+        array = getattr(world.hydro, name)
+        array[...] = np.frombuffer(saved, array.dtype).reshape(array.shape)
+    world.water.current = snapshot.current
+    for path, sensor in snapshot.sensors.items():
+        slot = world.sensors[path]
+        slot.seq, slot.active, slot.divisor = sensor.seq, sensor.active, sensor.divisor
+        for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
+            modifier.stream.rng.bit_generator.state = stream
+            modifier.memory = list(memory)
+    for path, saved_slot in snapshot.actuators.items():
+        actuator = world.actuators[path]
+        for name in ActuatorState.__struct_fields__:
+            setattr(actuator, name, getattr(saved_slot, name))
+    world.pending = list(snapshot.pending)
+    heapq.heapify(world.pending)
+    world.pending_order = snapshot.pending_order
+    world.watch = snapshot.watch
+    world.schedule()

@@ -1,0 +1,107 @@
+"""Measures that a body moves as physics demands: conservation, the energy criterion of stability, time series; for tests and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from uwserver.physics.bodies import BodyParams, FloatArray
+from uwserver.physics.energy import kinetic_energy, rotations
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.layout import NU, P, STATE_SIZE
+
+DEEP = 500.0
+"""Depth (m) from which no run of these measures reaches the surface."""
+
+
+def momentum(hydro: Hydrodynamics) -> FloatArray:
+    """(n, 6) momentum of bodies and water in still water, and angular momentum about the origin of N; both in N."""
+    M = hydro.bodies["M_RB"] + hydro.bodies["M_A"]
+    p = np.einsum("nij,nj->ni", M, hydro.state[:, NU : NU + 6])
+    R = rotations(hydro.state)
+    linear = np.einsum("nij,nj->ni", R, p[:, :3])
+    angular = np.einsum("nij,nj->ni", R, p[:, 3:]) + np.cross(hydro.state[:, P : P + 3], linear)
+    return np.concatenate([linear, angular], axis=1)
+
+
+def potential_energy(hydro: Hydrodynamics, states: FloatArray) -> FloatArray:
+    """(steps, n) energy of weight and buoyancy, J, of states (steps, n, 13), fully submerged."""
+    steps, n, _ = states.shape
+    down = rotations(states.reshape(-1, STATE_SIZE))[:, 2].reshape(steps, n, 3)
+    W, B = hydro.bodies["weight"], hydro.bodies["buoyancy"]
+    lever = W[:, None] * hydro.bodies["r_g"] - B[:, None] * hydro.bodies["r_b"]
+    energy: FloatArray = -(W - B) * states[:, :, 2] - np.einsum("tni,ni->tn", down, lever)
+    return energy
+
+
+def random_wrenches(bodies: list[BodyParams], steps: int, dt: float, seed: int = 1) -> Callable[[int], FloatArray | None]:
+    """A wrench (n, 6) drawn anew each half second, up to half the weight and the moment that would turn the body at 1 rad/s2; None between."""
+    rng = np.random.default_rng(seed)
+    limits = np.array([[0.5 * body.weight] * 3 + [body.M_RB[i, i] + body.M_A[i, i] for i in (3, 4, 5)] for body in bodies])
+    hold = max(1, round(0.5 / dt))
+    draws = rng.uniform(-1.0, 1.0, (steps // hold + 1, len(bodies), 6)) * limits
+    return lambda k: draws[k // hold] if k % hold == 0 else None
+
+
+def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int = 1) -> FloatArray:
+    """(n) the largest rise of kinetic energy in one step beyond the work done in it, over the kinetic energy of the step.
+
+    Bodies deep in still water, from rest, under `random_wrenches`, each held over whole steps. A stable integrator stays below 1e-6. Work of
+    the wrench: integral of nu over the step by Hermite's rule, h/2 (nu0 + nu1) + h^2/12 (nu_dot0 - nu_dot1); work of weight and buoyancy:
+    difference of the potential energy. Damping only takes energy, so it is left out.
+
+    Raises:
+        FloatingPointError: a state diverged.
+    """
+    steps = round(seconds / dt)
+    hydro = Hydrodynamics(bodies, dt)
+    hydro.state[:, 2] = DEEP
+    wrench = random_wrenches(bodies, steps, dt, seed)
+    states = np.empty((steps + 1, len(bodies), STATE_SIZE))
+    tau = np.empty((steps, len(bodies), 6))
+    nu_dot = np.empty((2, steps, len(bodies), 6))
+    states[0] = hydro.state
+    for k in range(steps):
+        drawn = wrench(k)
+        if drawn is not None or k == 0:
+            hydro.wrenches["bias"] = drawn
+            nu_dot[0, k], tau[k] = hydro.rates_of_change(k * dt)
+        else:
+            nu_dot[0, k], tau[k] = nu_dot[1, k - 1], tau[k - 1]
+        if hydro.advance(k * dt) >= 0:
+            raise FloatingPointError(f"diverged in step {k} of {dt} s")
+        nu_dot[1, k] = hydro.rates_of_change((k + 1) * dt)[0]
+        states[k + 1] = hydro.state
+    nu = states[:, :, NU : NU + 6]
+    path = 0.5 * dt * (nu[:-1] + nu[1:]) + dt * dt / 12.0 * (nu_dot[0] - nu_dot[1])
+    work = np.einsum("tni,tni->tn", tau, path) - np.diff(potential_energy(hydro, states), axis=0)
+    kinetic = np.array([kinetic_energy(hydro.bodies, row, hydro.currents) for row in states])
+    excess = np.diff(kinetic, axis=0) - work
+    largest: FloatArray = np.max(excess / np.maximum(kinetic[:-1], kinetic[1:]), axis=0)
+    return largest
+
+
+def record(hydro: Hydrodynamics, seconds: float) -> tuple[FloatArray, FloatArray]:
+    """Times (steps + 1) and states (steps + 1, n, 13) of a run from now on.
+
+    Raises:
+        FloatingPointError: a state diverged.
+    """
+    steps = round(seconds / hydro.dt)
+    states = np.empty((steps + 1, len(hydro), STATE_SIZE))
+    states[0] = hydro.state
+    for k in range(steps):
+        if hydro.advance(k * hydro.dt) >= 0:
+            raise FloatingPointError(f"diverged in step {k} of {hydro.dt} s")
+        states[k + 1] = hydro.state
+    return np.arange(steps + 1) * hydro.dt, states
+
+
+def angular_frequency(times: FloatArray, signal: FloatArray) -> float:
+    """2 pi over the mean period of an oscillation about zero, rad/s, from its upward crossings."""
+    k = np.flatnonzero((signal[:-1] < 0.0) & (signal[1:] >= 0.0))
+    if len(k) < 2:
+        raise ValueError("two upward crossings of zero are needed")
+    crossings = times[k] - signal[k] * (times[k + 1] - times[k]) / (signal[k + 1] - signal[k])
+    return float(2.0 * np.pi * (len(k) - 1) / (crossings[-1] - crossings[0]))

@@ -1,0 +1,70 @@
+"""One vehicle's state as a reader sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from uwserver.frames import Quat, Vec3, rpy_from_quat
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.layout import NU, P, Q
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """p_NB (m) and q_NB (w x y z)."""
+
+    p_NB: Vec3
+    q_NB: Quat
+
+    @property
+    def rpy(self) -> Vec3:
+        """Roll, pitch, yaw, rad."""
+        return rpy_from_quat(self.q_NB)
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Live view of one body; every property is read from the world's arrays at the time of asking.
+
+    Attributes:
+        name: in the scenario.
+        model: the vehicle file's own name.
+        row: in the arrays.
+        hydro: the arrays.
+    """
+
+    name: str
+    model: str
+    row: int
+    hydro: Hydrodynamics
+
+    @property
+    def pose(self) -> Pose:
+        """p_NB (m), q_NB."""
+        return Pose(self.p_NB, self.q_NB)
+
+    @property
+    def p_NB(self) -> Vec3:
+        """Position of the body origin in N, m."""
+        x, y, z = self.hydro.state[self.row, P : P + 3].tolist()
+        return (x, y, z)
+
+    @property
+    def q_NB(self) -> Quat:
+        """Attitude, w x y z."""
+        w, x, y, z = self.hydro.state[self.row, Q : Q + 4].tolist()
+        return (w, x, y, z)
+
+    @property
+    def nu(self) -> tuple[float, ...]:
+        """v_NB_B (m/s) and w_NB_B (rad/s), six components in B."""
+        return tuple(self.hydro.state[self.row, NU : NU + 6].tolist())
+
+    @property
+    def wrench(self) -> tuple[float, ...]:
+        """Force (N) and moment (N m) of all actuators about the body origin in B, from the present lag states.
+
+        Prescribed wrenches that vary with time are taken at t = 0 of their sine; a commanded one is exact.
+        """
+        _, tau = self.hydro.rates_of_change(0.0)
+        return tuple(tau[self.row].tolist())

@@ -1,0 +1,388 @@
+"""The world: bodies, components and the tick. Single-threaded, no input or output, no wall time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import msgspec
+
+from uwserver.actuators import Actuator
+from uwserver.environment.water import Water
+from uwserver.frames import Vec3
+from uwserver.modifiers import Measurement, Modifier
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
+from uwserver.requests import checked_args, checked_command, find
+from uwserver.sensors import Scope, Sensor
+from uwserver.units import NANOSECONDS
+from uwserver.vehicle import Vehicle
+
+CONFLICT_WINDOW_S = 1.0
+"""Two sources that command one actuator within this simulation time are in conflict."""
+
+Carry = Callable[[Mapping[str, Json]], Json]
+"""What a service does; runs at the start of a tick."""
+
+
+@dataclass(slots=True)
+class SensorSlot:
+    """A sensor in the world: when it is due, what it counted, and its errors."""
+
+    port: Port
+    row: int
+    sensor: Sensor
+    modifiers: tuple[Modifier, ...]
+    divisor: int
+    latency_ns: int
+    seq: int = 0
+    active: bool = True
+
+
+@dataclass(slots=True)
+class ActuatorSlot:
+    """An actuator in the world: who commanded it last, and when it goes to neutral."""
+
+    port: Port
+    actuator: Actuator
+    timeout_ticks: int
+    active: bool = True
+    last_tick: int = -1
+    last_value: tuple[tuple[float, ...] | None, ...] = ()
+    source: str = ""
+    other_tick: int = -(10**18)
+    conflicts: int = 0
+    timeouts: int = 0
+
+
+class Posted(msgspec.Struct):
+    """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer."""
+
+    item: Command | Call
+    on_reply: OnReply | None
+
+
+@dataclass(slots=True)
+class TickOutput:
+    """What one tick gives to the outside."""
+
+    tick: int
+    t_ns: int
+    samples: list[Sample]
+    replies: list[tuple[OnReply, Reply]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+
+class Diverged(Exception):
+    """A body's state is not finite, or absurdly fast. The text names body, tick and the last commands."""
+
+
+class World:
+    """All vehicles and their components, stepped tick by tick.
+
+    Build one with `uwserver.load`. Not thread-safe: in a server only the simulation thread touches it.
+
+    Attributes:
+        t_ns: simulation time, ns, computed from `tick`.
+        ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
+        vehicles: by name.
+        water: the environment.
+    """
+
+    def __init__(
+        self, name: str, rate_hz: Fraction, seed: int, epoch_utc: str, hydro: Hydrodynamics, water: Water
+    ) -> None:
+        self.name = name
+        self.rate_hz = rate_hz
+        self.seed = seed
+        self.epoch_utc = epoch_utc
+        self.hydro = hydro
+        self.water = water
+        self._rate = (rate_hz.numerator, rate_hz.denominator)
+        self.tick = 0
+        self.vehicles: dict[str, Vehicle] = {}
+        self.ports: Mapping[str, Port] = {}
+        self.services: Mapping[str, Service] = {}
+        self.sensors: dict[str, SensorSlot] = {}
+        self.actuators: dict[str, ActuatorSlot] = {}
+        self._carry: dict[str, Carry] = {}
+        self._due: list[tuple[int, list[SensorSlot]]] = []
+        self.pending: list[tuple[int, int, Sample]] = []
+        self.pending_order = 0
+        self._posted: list[Posted] = []
+        self._events: list[Event] = []
+        self._last: dict[str, Sample] = {}
+        self._conflict_ticks = round(CONFLICT_WINDOW_S * rate_hz)
+        self.watch: int | None = None
+
+    # -- set-up ---------------------------------------------------------------------------------------------------------------------
+
+    def install(
+        self, vehicles: Iterable[Vehicle], sensors: Iterable[SensorSlot], actuators: Iterable[ActuatorSlot]
+    ) -> None:
+        """Put vehicles and their components into the world."""
+        self.vehicles |= {vehicle.name: vehicle for vehicle in vehicles}
+        self.sensors |= {slot.port.path: slot for slot in sensors}
+        self.actuators |= {slot.port.path: slot for slot in actuators}
+        self.ports = {path: slot.port for path, slot in self.sensors.items()} | {
+            path: slot.port for path, slot in self.actuators.items()
+        }
+        self.schedule()
+
+    def replace_port(self, port: Port) -> None:
+        """Describe a component anew, and say so."""
+        if port.direction == "sensor":
+            self.sensors[port.path].port = port
+        else:
+            self.actuators[port.path].port = port
+        self.ports = {**self.ports, port.path: port}
+        self.say("ports_changed", f'"{port.path}" was changed')
+
+    def offer(self, service: Service, carry: Carry) -> None:
+        """Add a service that runs at the start of a tick."""
+        self.services = {**self.services, service.path: service}
+        self._carry[service.path] = carry
+
+    def schedule(self) -> None:
+        """Sort the active sensors by how often they are due."""
+        groups: dict[int, list[SensorSlot]] = {}
+        for slot in self.sensors.values():
+            if slot.active:
+                groups.setdefault(slot.divisor, []).append(slot)
+        self._due = sorted(groups.items())
+
+    def set_current(self, velocity: Vec3) -> None:
+        """Set the uniform current, m/s in N, from the next tick on."""
+        self.water.current = velocity
+        self.hydro.currents[:] = velocity
+
+    # -- time -----------------------------------------------------------------------------------------------------------------------
+
+    def time_of(self, tick: int) -> int:
+        """Simulation time of a tick, ns: computed from its number, never accumulated."""
+        # In whole numbers (half up), as Fraction arithmetic would cost as much as a sensor.
+        num, den = self._rate
+        return (2 * tick * NANOSECONDS * den + num) // (2 * num)
+
+    @property
+    def tick(self) -> int:
+        """Ticks done."""
+        return self._tick
+
+    @tick.setter
+    def tick(self, tick: int) -> None:
+        self._tick, self.t_ns = tick, self.time_of(tick)
+
+    def _seconds(self) -> float:
+        num, den = self._rate
+        return self._tick * den / num
+
+    # -- requests -------------------------------------------------------------------------------------------------------------------
+
+    def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
+        """Post a checked command or call for the start of the next tick."""
+        self._posted.append(Posted(item, on_reply))
+
+    def command(self, port: str, **value: object) -> None:
+        """Check and post a command: ``world.command("rov/thrusters", u=[...])``. It acts from the next `step` on.
+
+        Raises:
+            Refused: unknown port or field, wrong shape, not finite, out of range.
+        """
+        find("port", port, self.ports)
+        self.submit(Command(port, checked_command(self.ports[port], value), "in-process"))
+
+    def call(self, service: str, **args: object) -> Json:
+        """Carry out a service at once, between two ticks, and return its result.
+
+        Raises:
+            Refused: unknown service or argument, wrong type, out of range, or refused by the service.
+        """
+        find("service", service, self.services)
+        return self._carry[service](checked_args(self.services[service], args))
+
+    # -- the tick -------------------------------------------------------------------------------------------------------------------
+
+    def step(self, n: int = 1) -> list[Sample]:
+        """Run n ticks; returns the samples delivered in them.
+
+        Raises:
+            Diverged: a body's state is not finite; the world must not be stepped on.
+        """
+        samples: list[Sample] = []
+        for _ in range(n):
+            output = self.advance()
+            samples += output.samples
+            for on_reply, reply in output.replies:
+                on_reply(reply)
+        return samples
+
+    def read(self, port: str) -> Sample | None:
+        """The newest delivered sample of a sensor; None before the first.
+
+        Raises:
+            Refused: no such port.
+        """
+        find("port", port, self.ports)
+        return self._last.get(port)
+
+    def advance(self) -> TickOutput:
+        """One tick. The order is part of the contract:
+
+        1. what was posted, so that a command acts in the tick that its reply names;
+        2. watchdogs, after the commands that may feed them;
+        3. actuators and bodies together in the kernel, from t to t + dt;
+        4. sensors that are due at t + dt, with their errors, from the new state;
+        5. delivery of every sample whose time has come, oldest first.
+        """
+        output = TickOutput(self.tick, self.t_ns, [])
+        if self._posted:
+            self._carry_out(output)
+        if self.watch is not None and self.tick >= self.watch:
+            self._watchdogs()
+        diverged = self.hydro.advance(self._seconds())
+        self.tick += 1
+        if diverged >= 0:
+            raise Diverged(self._report(diverged))
+        for divisor, slots in self._due:
+            if self.tick % divisor == 0:
+                self._measure(slots, output.samples)
+        if self.pending:
+            self._deliver(output.samples)
+        for sample in output.samples:
+            self._last[sample.port] = sample
+        if self._events:
+            output.events, self._events = self._events, []
+        output.tick, output.t_ns = self.tick, self.t_ns
+        return output
+
+    def flush(self) -> TickOutput:
+        """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
+        output = TickOutput(self.tick, self.t_ns, [])
+        self._carry_out(output)
+        output.events, self._events = self._events, []
+        output.tick, output.t_ns = self.tick, self.t_ns
+        return output
+
+    def say(self, event: str, text: str) -> None:
+        """Queue an event for all clients."""
+        self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
+
+    def _carry_out(self, output: TickOutput) -> None:
+        posted, self._posted = self._posted, []
+        newest: dict[str, Command] = {}
+        for entry in posted:
+            if isinstance(entry.item, Command):
+                reply = self._accept(entry.item, newest)
+            else:
+                # A call may depend on the commands before it.
+                self._apply(newest)
+                reply = self._run(entry.item)
+            if entry.on_reply is not None:
+                output.replies.append((entry.on_reply, reply))
+        self._apply(newest)
+
+    def _run(self, call: Call) -> Reply:
+        tick, t_ns = self.tick, self.t_ns
+        try:
+            return Reply(tick, t_ns, self._carry[call.service](call.args))
+        except Refused as refused:
+            return Reply(tick, t_ns, fault=refused.fault)
+
+    def _accept(self, command: Command, newest: dict[str, Command]) -> Reply:
+        slot = self.actuators.get(command.port)
+        if slot is None:
+            return Reply(
+                self.tick, self.t_ns, fault=Refused("unknown_port", f'"{command.port}" is gone', command.port).fault
+            )
+        if not slot.active:
+            text = f'"{command.port}" is deactivated: call {command.port}/activate first'
+            return Reply(self.tick, self.t_ns, fault=Refused("denied", text, command.port).fault)
+        conflict = False
+        if slot.source and slot.source != command.source:
+            conflict = self.tick - slot.last_tick <= self._conflict_ticks
+            if conflict and self.tick - slot.other_tick > self._conflict_ticks:
+                self.say(
+                    "conflict",
+                    f'"{command.port}" is commanded by {slot.source} and {command.source}: the last command wins',
+                )
+            if conflict:
+                slot.conflicts += 1
+                slot.other_tick = self.tick
+        slot.source, slot.last_tick = command.source, self.tick
+        newest[command.port] = command  # of several in one tick only the last can act
+        return Reply(self.tick, self.t_ns, conflict=conflict)
+
+    def _apply(self, newest: dict[str, Command]) -> None:
+        for port, command in newest.items():
+            slot = self.actuators[port]
+            slot.actuator.apply(command.value)
+            slot.last_value = command.value
+            if slot.timeout_ticks:
+                expires = self.tick + slot.timeout_ticks
+                self.watch = expires if self.watch is None else min(self.watch, expires)
+        newest.clear()
+
+    def _watchdogs(self) -> None:
+        following: int | None = None
+        for slot in self.actuators.values():
+            if not slot.timeout_ticks or not slot.last_value:
+                continue
+            expires = slot.last_tick + slot.timeout_ticks
+            if expires <= self.tick:
+                slot.actuator.neutral()
+                slot.last_value = ()
+                slot.timeouts += 1
+                self.say(
+                    "watchdog", f'no command for "{slot.port.path}" in {slot.port.timeout_s:g} s: it went to neutral'
+                )
+            else:
+                following = expires if following is None else min(following, expires)
+        self.watch = following
+
+    def _measure(self, slots: Sequence[SensorSlot], samples: list[Sample]) -> None:
+        scopes: dict[int, Scope] = {}
+        t_ns = self.t_ns
+        rates = self.hydro.rates_of_change(self._seconds()) if any(slot.sensor.needs_rates for slot in slots) else None
+        for slot in slots:
+            scope = scopes.get(slot.row)
+            if scope is None:
+                x = self.hydro.state[slot.row].tolist()
+                scope = scopes[slot.row] = Scope(
+                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water
+                )
+                if rates is not None:
+                    scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
+            valid, values = slot.sensor.measure(scope)
+            reading = Measurement(values, valid, slot.latency_ns)
+            for modifier in slot.modifiers:
+                modifier.apply(reading)
+            seq, slot.seq = slot.seq, slot.seq + 1
+            if reading.dropped:
+                continue
+            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, reading.valid, tuple(reading.values))
+            if reading.delay_ns == 0:
+                samples.append(sample)
+            else:
+                self.pending_order += 1
+                heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
+
+    def _deliver(self, samples: list[Sample]) -> None:
+        t_ns = self.t_ns
+        while self.pending and self.pending[0][0] <= t_ns:
+            samples.append(heapq.heappop(self.pending)[2])
+
+    def _report(self, row: int) -> str:
+        vehicle = next(v for v in self.vehicles.values() if v.row == row)
+        lines = [
+            f'body "{vehicle.name}" diverged in tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s): '
+            f"p_NB = {vehicle.p_NB}, nu = {vehicle.nu}"
+        ]
+        for slot in self.actuators.values():
+            if slot.port.path.startswith(f"{vehicle.name}/") and slot.last_tick >= 0:
+                lines.append(
+                    f"last command to {slot.port.path} in tick {slot.last_tick} by {slot.source}: {slot.last_value}"
+                )
+        return "\n".join(lines)
