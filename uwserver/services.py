@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from fractions import Fraction
 
-import msgspec
-
 from uwserver import snapshot
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.snapshot import Snapshot
@@ -86,11 +84,7 @@ def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
             legal = sorted({float(world.rate_hz / k) for k in (max(1, divisor - 1), max(1, divisor), divisor + 1)})
             text = f"{float(wanted):g} Hz does not divide the physics rate; near it are {', '.join(f'{r:g}' for r in legal)} Hz"
             raise Refused("bad_argument", text, "rate_hz")
-        slot.divisor = divisor
-        for modifier in slot.modifiers:
-            modifier.stream.dt = float(divisor / world.rate_hz)
-        world.schedule()
-        world.replace_port(msgspec.structs.replace(slot.port, rate_hz=float(world.rate_hz / divisor)))
+        world.set_divisor(slot, divisor)
         return None
 
     world.offer(Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True))
@@ -129,11 +123,7 @@ def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
         }
 
     def set_timeout(args: Mapping[str, Json]) -> Json:
-        slot.timeout_ticks = round(Fraction(str(args["timeout_s"])) * world.rate_hz)
-        world.watch = world.tick
-        world.replace_port(
-            msgspec.structs.replace(slot.port, timeout_s=float(slot.timeout_ticks / world.rate_hz) or None)
-        )
+        world.set_timeout(slot, round(Fraction(str(args["timeout_s"])) * world.rate_hz))
         return None
 
     world.offer(Service(f"{path}/activate", "Accept commands."), activate)

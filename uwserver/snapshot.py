@@ -109,12 +109,14 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.water.current = snapshot.current
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
-        slot.seq, slot.active, slot.divisor = sensor.seq, sensor.active, sensor.divisor
+        slot.seq, slot.active = sensor.seq, sensor.active
+        world.set_divisor(slot, sensor.divisor)
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream
             modifier.memory = list(memory)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
+        world.set_timeout(actuator, saved_slot.timeout_ticks)
         for name in ActuatorState.__struct_fields__:
             setattr(actuator, name, getattr(saved_slot, name))
     world.pending = list(snapshot.pending)

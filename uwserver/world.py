@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-import msgspec
+from msgspec import Struct, structs
 
 from uwserver.actuators import Actuator
 from uwserver.environment.water import Water
@@ -57,7 +57,7 @@ class ActuatorSlot:
     timeouts: int = 0
 
 
-class Posted(msgspec.Struct):
+class Posted(Struct):
     """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer."""
 
     item: Command | Call
@@ -131,14 +131,28 @@ class World:
         }
         self.schedule()
 
-    def replace_port(self, port: Port) -> None:
-        """Describe a component anew, and say so."""
-        if port.direction == "sensor":
-            self.sensors[port.path].port = port
-        else:
-            self.actuators[port.path].port = port
+    def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
+        """Let a sensor measure every `divisor` ticks, from now on."""
+        if slot.divisor == divisor:
+            return
+        slot.divisor = divisor
+        for modifier in slot.modifiers:
+            modifier.stream.dt = float(divisor / self.rate_hz)
+        slot.port = self._replaced(structs.replace(slot.port, rate_hz=float(self.rate_hz / divisor)))
+        self.schedule()
+
+    def set_timeout(self, slot: ActuatorSlot, ticks: int) -> None:
+        """Set an actuator's watchdog; 0 ticks for none."""
+        if slot.timeout_ticks == ticks:
+            return
+        slot.timeout_ticks = ticks
+        slot.port = self._replaced(structs.replace(slot.port, timeout_s=float(ticks / self.rate_hz) or None))
+        self.watch = self.tick
+
+    def _replaced(self, port: Port) -> Port:
         self.ports = {**self.ports, port.path: port}
         self.say("ports_changed", f'"{port.path}" was changed')
+        return port
 
     def offer(self, service: Service, carry: Carry) -> None:
         """Add a service that runs at the start of a tick."""

@@ -1,0 +1,124 @@
+"""Absolute deadlines, overload and the lockstep barrier, on mocked time."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from uwserver.clock import OVERLOAD_NS, Barrier, Pace, SystemTime
+from uwserver.testing.mock_time import MockTime
+from uwserver.units import NANOSECONDS
+
+TICK = NANOSECONDS // 250
+
+
+def run(pace: Pace, ticks: int, start: int = 0) -> list[int]:
+    never = threading.Event()
+    return [pace.wait(k * TICK, never) for k in range(start, start + ticks)]
+
+
+def test_deadlines_do_not_drift_when_each_tick_costs_time():
+    time = MockTime()
+    pace = Pace(time)
+    never = threading.Event()
+    for k in range(10_000):
+        assert pace.wait(k * TICK, never) == 0
+        time.pass_time(0.003)
+    assert time.now_ns() == pytest.approx(9999 * TICK + 3e6, abs=10)
+
+
+def test_lateness_is_what_is_missing_and_later_ticks_catch_up():
+    time = MockTime()
+    pace = Pace(time)
+    run(pace, 1)
+    time.pass_time(0.010)
+    assert run(pace, 1, 1) == [6_000_000]
+    assert run(pace, 1, 2) == [2_000_000]
+    assert run(pace, 1, 3) == [0]
+    assert pace.overruns == 0
+
+
+def test_a_stopped_process_does_not_catch_up_in_a_burst():
+    time = MockTime()
+    pace = Pace(time)
+    run(pace, 1)
+    time.pass_time(5.0)
+    late = run(pace, 1, 1)[0]
+    assert late > OVERLOAD_NS
+    assert pace.overruns == 1
+    before = time.now_ns()
+    run(pace, 250, 2)
+    assert time.now_ns() - before == pytest.approx(NANOSECONDS, rel=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 20.0])
+def test_speed_scales_wall_time(speed: float):
+    time = MockTime()
+    run(Pace(time, speed), 1001)
+    assert time.now_ns() == pytest.approx(1000 * TICK / speed, rel=1e-6)
+
+
+def test_release_starts_anew_from_now():
+    time = MockTime()
+    pace = Pace(time)
+    run(pace, 10)
+    time.pass_time(60.0)
+    pace.release()
+    assert run(pace, 1, 10) == [0]
+    assert pace.overruns == 0
+
+
+def test_a_stop_ends_a_long_wait_at_once():
+    stop = threading.Event()
+    stop.set()
+    time = MockTime()
+    pace = Pace(time, speed=0.001)
+    pace.anchor(0)
+    pace.wait(NANOSECONDS, stop)
+    assert time.waits == []
+
+
+def test_system_time_wakes_early_from_a_long_wait():
+    wake = threading.Event()
+    threading.Timer(0.05, wake.set).start()
+    time = SystemTime()
+    start = time.now_ns()
+    time.wait(30.0, wake)
+    assert time.now_ns() - start < 20 * NANOSECONDS
+
+
+def test_barrier_opens_only_when_every_client_granted():
+    barrier = Barrier(["a", "b"])
+    assert barrier.missing(0) == ["a", "b"]
+    assert barrier.grant("a", 2, 0) == 2
+    assert barrier.missing(0) == ["b"]
+    barrier.grant("b", 1, 0)
+    assert barrier.missing(0) == []
+    assert barrier.missing(1) == ["b"]
+
+
+def test_grants_add_up_but_not_into_the_past():
+    barrier = Barrier(["a"])
+    barrier.grant("a", 2, 0)
+    assert barrier.grant("a", 3, 0) == 5
+    assert barrier.grant("a", 1, 100) == 101
+
+
+def test_excused_clients_return_with_a_grant_or_a_join():
+    barrier = Barrier(["a", "b"])
+    barrier.grant("a", 10, 0)
+    barrier.excuse(["b"])
+    assert barrier.missing(0) == []
+    barrier.join("b")
+    assert barrier.missing(0) == ["b"]
+    assert barrier.absent() == ["a"]
+    barrier.leave("b")
+    assert barrier.absent() == ["a", "b"]
+
+
+def test_restart_takes_grants_back():
+    barrier = Barrier(["a"])
+    barrier.grant("a", 1000, 0)
+    barrier.restart(5)
+    assert barrier.missing(5) == ["a"]

@@ -1,0 +1,282 @@
+"""The simulation thread: modes, steering, goals, lockstep, faults. Real threads, but bounded and without timing asserts."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uwserver import snapshot
+from uwserver.bus import Bus, Mailbox
+from uwserver.clock import SystemTime
+from uwserver.ports import Call, Command, Event, Progress, Reply
+from uwserver.scenario.build import build
+from uwserver.simulation import Simulation, Timing
+
+PATIENCE_S = 30.0
+FREE = Timing(mode="freerun")
+
+
+class Rig:
+    """A running simulation, and a loop of its own that dispatches the bus."""
+
+    def __init__(self, resolved, timing: Timing) -> None:
+        self._work: queue.Queue[Callable[[], None] | None] = queue.Queue()
+        self.samples: list = []
+        self.events: queue.Queue[Event] = queue.Queue()
+        self.bus = Bus(self._work.put)
+        self.bus.attach(self)
+        self.mailbox = Mailbox()
+        self.simulation = Simulation(build(resolved), timing, SystemTime(), self.bus, self.mailbox)
+        self._loop = threading.Thread(target=self._dispatch)
+        self._thread = threading.Thread(target=self.simulation.run)
+
+    @property
+    def world(self):
+        return self.simulation.world
+
+    def put_samples(self, samples) -> None:
+        self.samples += samples
+
+    def put_event(self, event: Event) -> None:
+        self.events.put(event)
+
+    def _dispatch(self) -> None:
+        while (work := self._work.get()) is not None:
+            work()
+
+    def start(self) -> None:
+        self._loop.start()
+        self._thread.start()
+
+    def end(self) -> None:
+        self.simulation.stop()
+        self._thread.join(PATIENCE_S)
+        self._work.put(None)
+        self._loop.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+
+    def begin(self, service: str, source: str = "tcp:1:me", **args):
+        """Start a service of the clock: (queue of answers, cancel function)."""
+        answers: queue.Queue[Reply | Progress] = queue.Queue()
+        return answers, self.simulation.call(service, args, source, answers.put)
+
+    def call(self, service: str, **args) -> Reply:
+        return self.final(self.begin(service, **args)[0])
+
+    def post(self, item) -> Reply:
+        answers: queue.Queue[Reply | Progress] = queue.Queue()
+        self.mailbox.post(item, answers.put)
+        return self.final(answers)
+
+    @staticmethod
+    def final(answers: queue.Queue[Reply | Progress]) -> Reply:
+        while True:
+            answer = answers.get(timeout=PATIENCE_S)
+            if isinstance(answer, Reply):
+                return answer
+
+    def event(self, name: str) -> Event:
+        while True:
+            event = self.events.get(timeout=PATIENCE_S)
+            if event.event == name:
+                return event
+
+
+@contextlib.contextmanager
+def running(resolved, timing: Timing = FREE) -> Iterator[Rig]:
+    rig = Rig(resolved, timing)
+    rig.start()
+    try:
+        yield rig
+    finally:
+        rig.end()
+
+
+def test_step_runs_exactly_n_ticks_and_pauses(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        assert rig.call("world/step", n=7).tick == 7
+        assert rig.call("world/step", n=1).tick == 8
+        assert rig.world.tick == 8
+        assert rig.simulation.paused
+
+
+def test_a_paused_world_answers_commands_and_calls_at_once(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        assert rig.post(Command("rov/thrusters", ((0.5,) * 8,), "me")).tick == 0
+        assert rig.post(Call("world/state_hash", {})).result["tick"] == 0
+        rig.call("world/step", n=24)
+        assert rig.world.vehicles["rov"].nu[2] > 0.0
+
+
+def test_step_is_refused_while_the_world_runs_by_itself(resolved):
+    with running(resolved) as rig:
+        reply = rig.call("world/step", n=1)
+        assert reply.fault.code == "busy"
+        assert "world/pause" in reply.fault.text
+
+
+def test_pause_resume(resolved):
+    with running(resolved) as rig:
+        rig.call("world/pause")
+        tick = rig.world.tick
+        assert rig.post(Call("world/state_hash", {})).tick == tick
+        rig.event("paused")
+        rig.call("world/resume")
+        rig.event("resumed")
+        assert rig.call("world/run_until", t_s=rig.world.t_ns * 1e-9 + 1.0).tick > tick
+
+
+def test_run_until_reaches_the_tick_at_or_after_t_and_pauses_a_paused_world(resolved):
+    with running(resolved, Timing(mode="freerun", paused=True)) as rig:
+        assert rig.call("world/run_until", t_s=0.5).tick == 120
+        assert rig.call("world/run_until", t_s=0.5001).tick == 121
+        assert rig.simulation.paused
+        reply = rig.call("world/run_until", t_s=0.1)
+        assert reply.fault.code == "out_of_range"
+
+
+def test_a_long_run_tells_progress_and_can_be_cancelled(resolved):
+    with running(resolved, Timing(speed=1.0, paused=True)) as rig:
+        answers, cancel = rig.begin("world/run_until", t_s=3600.0)
+        progress = answers.get(timeout=PATIENCE_S)
+        assert isinstance(progress, Progress)
+        assert 0.0 <= progress.fraction < 1.0
+        assert cancel()
+        reply = rig.final(answers)
+        assert reply.fault.code == "preempted"
+        assert not cancel()
+        assert rig.call("world/step", n=1).fault is None
+
+
+def test_pausing_preempts_a_run(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        answers, _ = rig.begin("world/run_until", t_s=3600.0)
+        answers.get(timeout=PATIENCE_S)
+        rig.call("world/pause")
+        assert rig.final(answers).fault.code == "preempted"
+
+
+def test_set_speed_is_for_realtime(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        assert rig.call("world/set_speed", speed=5.0).fault is None
+        assert rig.simulation.pace.speed == 5.0
+    with running(resolved) as rig:
+        assert rig.call("world/set_speed", speed=5.0).fault.code == "denied"
+
+
+def test_lockstep_goes_as_far_as_all_named_clients_let_it(resolved):
+    timing = Timing(mode="lockstep", lockstep_clients=("a", "b"), lockstep_timeout_s=0.0)
+    with running(resolved, timing) as rig:
+        a, _ = rig.begin("world/step", source="tcp:1:a", n=5)
+        b, _ = rig.begin("world/step", source="tcp:2:b", n=3)
+        assert rig.final(b).tick == 3
+        b, _ = rig.begin("world/step", source="tcp:2:b", n=2)
+        assert rig.final(a).tick == 5
+        assert rig.final(b).tick == 5
+        assert rig.world.tick == 5
+        stranger = rig.final(rig.begin("world/step", source="tcp:3:c", n=1)[0])
+        assert stranger.fault.code == "denied"
+
+
+@pytest.mark.parametrize(("policy", "event"), [("wait", "paused"), ("pause", "paused"), ("continue", "resumed")])
+def test_lockstep_states_what_it_does_without_a_client(resolved, policy, event):
+    timing = Timing(mode="lockstep", lockstep_clients=("a", "b"), lockstep_timeout_s=0.05, on_loss=policy)
+    with running(resolved, timing) as rig:
+        a, _ = rig.begin("world/step", source="tcp:1:a", n=2)
+        told = rig.event(event)
+        assert "b" in told.text
+        if policy == "continue":
+            assert rig.final(a).tick == 2
+        elif policy == "wait":
+            rig.begin("world/step", source="tcp:2:b", n=2)
+            assert rig.final(a).tick == 2
+        else:
+            assert rig.simulation.paused
+
+
+def test_a_diverged_world_stops_is_told_and_runs_again_after_a_reset(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        answers, _ = rig.begin("world/run_until", t_s=3600.0)
+        answers.get(timeout=PATIENCE_S)
+        rig.simulation.steer(lambda: rig.world.hydro.state.__setitem__((0, 7), np.nan))
+        assert '"rov" diverged' in rig.event("diverged").text
+        assert rig.final(answers).fault is not None
+        assert rig.call("world/resume").fault.code == "denied"
+        assert rig.call("world/step", n=1).fault.code == "denied"
+        assert rig.post(Call("world/reset", {})).fault is None
+        assert rig.call("world/step", n=3).tick == 3
+        assert rig.simulation.failure == ""
+
+
+def test_every_mode_gives_the_same_bits(resolved):
+    """Commands at fixed ticks: free-run by steps, real time at speed 50, lock-step, in process."""
+
+    def script(rig: Rig, advance: Callable[[int], Reply]) -> str:
+        for k in range(4):
+            assert rig.post(Command("rov/thrusters", ((0.2 * k,) * 8,), "me")).tick == 60 * k
+            advance(60)
+        return rig.post(Call("world/state_hash", {})).result["hash"]
+
+    hashes = []
+    with running(resolved, Timing(paused=True)) as rig:
+        hashes.append(script(rig, lambda n: rig.call("world/step", n=n)))
+    with running(resolved, Timing(speed=50.0, paused=True)) as rig:
+        until = (rig.call("world/run_until", t_s=0.25 * k) for k in range(1, 5))
+        hashes.append(script(rig, lambda n: next(until)))
+    lockstep = Timing(mode="lockstep", lockstep_clients=("me",), lockstep_timeout_s=0.0)
+    with running(resolved, lockstep) as rig:
+        hashes.append(script(rig, lambda n: rig.call("world/step", n=n)))
+    world = build(resolved)
+    for k in range(4):
+        world.submit(Command("rov/thrusters", ((0.2 * k,) * 8,), "me"))
+        world.step(60)
+    hashes.append(snapshot.take(world).hash())
+    assert len(set(hashes)) == 1
+
+
+def test_the_observer_sees_requests_with_their_tick_and_every_tick(resolved):
+    class Notes:
+        def __init__(self) -> None:
+            self.requests: list = []
+            self.ticks: list[int] = []
+
+        def requested(self, item, tick: int) -> None:
+            self.requests.append((tick, type(item).__name__))
+
+        def ticked(self, world) -> None:
+            self.ticks.append(world.tick)
+
+    notes = Notes()
+    rig = Rig(resolved, Timing(paused=True))
+    rig.simulation.observe(notes)
+    rig.start()
+    rig.call("world/step", n=3)
+    rig.post(Command("rov/thrusters", ((0.1,) * 8,), "me"))
+    rig.call("world/step", n=2)
+    rig.end()
+    assert notes.ticks == [1, 2, 3, 4, 5]
+    assert notes.requests == [(3, "Command")]
+
+
+def test_ending_answers_what_is_under_way(resolved):
+    rig = Rig(resolved, Timing(paused=True))
+    rig.start()
+    answers, _ = rig.begin("world/run_until", t_s=3600.0)
+    answers.get(timeout=PATIENCE_S)
+    rig.end()
+    assert rig.final(answers).fault.code == "shutdown"
+
+
+def test_a_slow_loop_loses_nothing_in_freerun(resolved):
+    with running(resolved, replace(FREE, paused=True)) as rig:
+        rig.call("world/run_until", t_s=20.0)
+    seqs = [s.seq for s in rig.samples if s.port == "rov/imu"]
+    assert seqs == list(range(len(seqs)))
+    assert len(seqs) == 20 * 120
+    assert rig.bus.dropped == 0
