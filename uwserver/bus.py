@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from uwserver.ports import Call, Command, Event, OnReply, Progress, Refused, Reply, Sample
-from uwserver.world import Posted, TickOutput
+from uwserver.slots import Posted, TickOutput
 
 log = logging.getLogger(__name__)
 
@@ -147,7 +147,7 @@ class Bus:
         for sink in tuple(self._sinks):
             try:
                 deliver(sink)
-            except Exception:  # noqa: BLE001  # one sink's fault must not reach the others
+            except Exception:  # one sink's fault must not reach the others
                 log.exception("a sink failed; it misses this tick")
 
 
@@ -155,5 +155,5 @@ def answer(on_reply: OnReply, reply: Reply | Progress) -> None:
     """Call back; a fault of the receiver is logged and stays with it."""
     try:
         on_reply(reply)
-    except Exception:  # noqa: BLE001  # the asker's fault must not reach the others
+    except Exception:  # the asker's fault must not reach the others
         log.exception("the receiver of a reply failed")

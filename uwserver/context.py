@@ -16,7 +16,7 @@ from uwserver.simulation import Simulation
 
 PROTOCOL_VERSION = 1
 
-_LOOP_SERVICES = (
+LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
     Service("world/shutdown", "End the server in order, recording intact."),
@@ -49,7 +49,7 @@ class Hub:
     @property
     def services(self) -> dict[str, Service]:
         """All services."""
-        own = {service.path: service for service in _LOOP_SERVICES}
+        own = {service.path: service for service in LOOP_SERVICES}
         return own | self.simulation.services() | dict(self.simulation.world.services)
 
 

@@ -7,8 +7,9 @@ from fractions import Fraction
 
 from uwserver import snapshot
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.snapshot import Snapshot
-from uwserver.world import ActuatorSlot, SensorSlot, World
+from uwserver.world import World
 
 MAX_SNAPSHOTS = 32
 

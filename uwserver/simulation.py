@@ -17,8 +17,9 @@ from uwserver.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.clock import Barrier, Pace, Time
 from uwserver.lateness import Lateness
 from uwserver.ports import Argument, Call, Command, Event, Json, OnReply, Progress, Refused, Reply, Service
+from uwserver.slots import TickOutput
 from uwserver.units import NANOSECONDS
-from uwserver.world import Diverged, TickOutput, World
+from uwserver.world import Diverged, World
 
 log = logging.getLogger(__name__)
 
@@ -108,7 +109,7 @@ class Simulation:
 
     def services(self) -> dict[str, Service]:
         """The services of the clock, by path."""
-        return {service.path: service for service in _SERVICES}
+        return {service.path: service for service in CLOCK_SERVICES}
 
     def call(self, service: str, args: Mapping[str, Json], source: str, on_reply: OnReply) -> Callable[[], bool]:
         """Start a service of the clock with checked arguments. Returns its cancel function."""
@@ -142,9 +143,11 @@ class Simulation:
     def _turn(self) -> None:
         while self._steering:
             self._steering.popleft()()
-        if self.failure or (self.paused and not self._goals):
-            self._idle()
-        elif self.timing.mode == "lockstep" and not self._granted():
+        if (
+            self.failure
+            or (self.paused and not self._goals)
+            or (self.timing.mode == "lockstep" and not self._granted())
+        ):
             self._idle()
         else:
             self._wait_for_deadline()
@@ -181,10 +184,9 @@ class Simulation:
         for posted in self.mailbox.take():
             if self._observer is not None:
                 self._observer.requested(posted.item, self.world.tick)
-            before = self.world.tick
             self.world.submit(posted.item, posted.on_reply)
             if isinstance(posted.item, Call) and posted.item.service in ("world/reset", "world/restore"):
-                self.steer(lambda: self._went_back(before))
+                self.steer(self._went_back)
 
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
@@ -196,13 +198,13 @@ class Simulation:
         if not self._steering and not self._stop.is_set():
             self.mailbox.wake.wait(_IDLE_S)
 
-    def _went_back(self, before: int) -> None:
+    def _went_back(self) -> None:
         """Time was set by a reset or restore: deadlines and grants start anew, goals of the old time are gone."""
         self.pace.release()
         self.barrier.restart(self.world.tick)
         if self.failure:
             self.failure = ""
-            log.info("the world runs again after tick %d", before)
+            log.info("the world can run again, from tick %d", self.world.tick)
         for goal in self._goals[:]:
             self._finish(goal, Refused("preempted", "the world was reset or restored"))
 
@@ -344,7 +346,7 @@ class Simulation:
         self.bus.say(Event(event, self.world.tick, self.world.t_ns, text))
 
 
-_SERVICES = (
+CLOCK_SERVICES = (
     Service("world/pause", "Stop time. Calls are still answered."),
     Service("world/resume", "Let time go on."),
     Service(

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from fractions import Fraction
 
-from msgspec import Struct, structs
+from msgspec import structs
 
-from uwserver.actuators import Actuator
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
-from uwserver.modifiers import Measurement, Modifier
+from uwserver.modifiers import Measurement
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
-from uwserver.sensors import Scope, Sensor
+from uwserver.sensors import Scope
+from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
 
@@ -25,54 +24,6 @@ CONFLICT_WINDOW_S = 1.0
 
 Carry = Callable[[Mapping[str, Json]], Json]
 """What a service does; runs at the start of a tick."""
-
-
-@dataclass(slots=True)
-class SensorSlot:
-    """A sensor in the world: when it is due, what it counted, and its errors."""
-
-    port: Port
-    row: int
-    sensor: Sensor
-    modifiers: tuple[Modifier, ...]
-    divisor: int
-    latency_ns: int
-    seq: int = 0
-    active: bool = True
-
-
-@dataclass(slots=True)
-class ActuatorSlot:
-    """An actuator in the world: who commanded it last, and when it goes to neutral."""
-
-    port: Port
-    actuator: Actuator
-    timeout_ticks: int
-    active: bool = True
-    last_tick: int = -1
-    last_value: tuple[tuple[float, ...] | None, ...] = ()
-    source: str = ""
-    other_tick: int = -(10**18)
-    conflicts: int = 0
-    timeouts: int = 0
-
-
-class Posted(Struct):
-    """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer."""
-
-    item: Command | Call
-    on_reply: OnReply | None
-
-
-@dataclass(slots=True)
-class TickOutput:
-    """What one tick gives to the outside."""
-
-    tick: int
-    t_ns: int
-    samples: list[Sample]
-    replies: list[tuple[OnReply, Reply]] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
 
 
 class Diverged(Exception):
@@ -390,10 +341,8 @@ class World:
 
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
-        lines = [
-            f'body "{vehicle.name}" diverged in tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s): '
-            f"p_NB = {vehicle.p_NB}, nu = {vehicle.nu}"
-        ]
+        where = f"tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s)"
+        lines = [f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}']
         for slot in self.actuators.values():
             if slot.port.path.startswith(f"{vehicle.name}/") and slot.last_tick >= 0:
                 lines.append(

@@ -106,15 +106,21 @@ def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
     return norm(body.D_L), np.array([2.0 * column(body.D_Q, j) for j in range(6)]), 2.0 * norm(body.D_S)
 
 
+def _form(M: FloatArray) -> int:
+    """0 for a zero matrix, 1 for a diagonal one, 2 for any other."""
+    if not M.any():
+        return 0
+    return 2 if (M - np.diag(np.diag(M))).any() else 1
+
+
 def body_row(body: BodyParams) -> Records:
     """The BODY row (1) of a body, without its ranges."""
     row = np.zeros(1, BODY)
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "r_g", "r_b"):
         row[name] = getattr(body, name)
     row["M_inv"] = np.linalg.inv(body.M_RB + body.M_A)
-    off_diagonal = body.D_Q - np.diag(np.diag(body.D_Q))
-    row["has_D_Q"] = 2 if off_diagonal.any() else int(bool(body.D_Q.any()))
-    row["has_D_S"] = int(bool(body.D_S.any()))
+    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
+        row[f"form_{name}"] = _form(getattr(body, name))
     row["rate_L"], row["rate_Q"], row["rate_S"] = damping_rates(body)
     reach = [
         float(np.linalg.norm(shape.center)) + (shape.half[0] if shape.kind == 1 else float(np.linalg.norm(shape.half)))

@@ -12,15 +12,17 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
+
+from uwserver.physics.finished_cache import FinishedCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 class CacheState(NamedTuple):
-    """Where compiled kernels are kept; `folder` is None when they are not, and `reason` says why."""
+    """Where compiled kernels are kept; `folder` is None when they are not. `reason` says why, or why the folder is only read."""
 
     folder: Path | None
     warm: bool
@@ -65,5 +67,8 @@ if cache_state.folder is not None:
 
 def compiled(function: F) -> F:
     """Compile to machine code: no GIL, IEEE division, no re-association (the same bits on every CPU)."""
-    kernel: F = numba.njit(cache=cache_state.folder is not None, nogil=True, error_model="numpy")(function)
-    return kernel
+    finished = bool(cache_state.folder and cache_state.reason)
+    kernel = numba.njit(cache=bool(cache_state.folder) and not finished, nogil=True, error_model="numpy")(function)
+    if finished:
+        kernel._cache = FinishedCache(function)  # noqa: SLF001  # what njit(cache=True) does, with numba's own class
+    return cast("F", kernel)

@@ -19,10 +19,14 @@ from uwserver.physics.thrust import add_thrust
 Array = Any  # numpy array inside compiled code
 
 
+# Rows of the (9, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
+NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, SCRATCH = range(8)
+SCRATCH_ROWS = 9
+
+
 @compiled
-def rotation(x: Array, R: Array) -> None:
-    """R_NB (3, 3) of the quaternion in a state row; exact for any norm, so that a Runge-Kutta stage needs no normalisation."""
-    w, a, b, c = x[3], x[4], x[5], x[6]
+def rotation(w: float, a: float, b: float, c: float, R: Array) -> None:
+    """R_NB (3, 3) of a quaternion; exact for any norm, so that a Runge-Kutta stage needs no normalisation."""
     s = 2.0 / (w * w + a * a + b * b + c * c)
     R[0, 0] = 1.0 - s * (b * b + c * c)
     R[0, 1] = s * (a * b - w * c)
@@ -36,155 +40,149 @@ def rotation(x: Array, R: Array) -> None:
 
 
 @compiled
-def _multiply_add(M: Array, v: Array, scale: float, out: Array) -> None:
-    """out (6) += scale M (6, 6) v (6)."""
-    v0, v1, v2, v3, v4, v5 = v[0], v[1], v[2], v[3], v[4], v[5]
-    for i in range(6):
-        out[i] += scale * (M[i, 0] * v0 + M[i, 1] * v1 + M[i, 2] * v2 + M[i, 3] * v3 + M[i, 4] * v4 + M[i, 5] * v5)
-
-
-@compiled
-def _subtract_coriolis(p: Array, v: Array, tau: Array) -> None:
-    """tau (6) -= C(v) v for momentum p (6) and velocity v (6)."""
-    tau[0] -= v[4] * p[2] - v[5] * p[1]
-    tau[1] -= v[5] * p[0] - v[3] * p[2]
-    tau[2] -= v[3] * p[1] - v[4] * p[0]
-    tau[3] -= v[1] * p[2] - v[2] * p[1] + v[4] * p[5] - v[5] * p[4]
-    tau[4] -= v[2] * p[0] - v[0] * p[2] + v[5] * p[3] - v[3] * p[5]
-    tau[5] -= v[0] * p[1] - v[1] * p[0] + v[3] * p[4] - v[4] * p[3]
-
-
-@compiled
-def _subtract_damping(body: Any, nu_r: Array, fraction: float, tau: Array, magnified: Array) -> None:
-    """tau (6) -= fraction (D_L nu_r + D_Q |nu_r| nu_r + |u_r| D_S nu_r)."""
-    _multiply_add(body.D_L, nu_r, -fraction, tau)
-    if body.has_D_Q == 1:
+def _multiply_add(M: Array, form: int, work: Array, source: int, scale: float, target: int) -> None:
+    """work[target] += scale M (6, 6) work[source]; `form` of M: 0 zero, 1 diagonal, 2 full."""
+    if form == 1:
         for i in range(6):
-            tau[i] -= fraction * body.D_Q[i, i] * abs(nu_r[i]) * nu_r[i]
-    elif body.has_D_Q == 2:
+            work[target, i] += scale * (M[i, i] * work[source, i])
+    elif form == 2:
+        v0, v1, v2 = work[source, 0], work[source, 1], work[source, 2]
+        v3, v4, v5 = work[source, 3], work[source, 4], work[source, 5]
         for i in range(6):
-            magnified[i] = abs(nu_r[i]) * nu_r[i]
-        _multiply_add(body.D_Q, magnified, -fraction, tau)
-    if body.has_D_S != 0:
-        _multiply_add(body.D_S, nu_r, -fraction * abs(nu_r[0]), tau)
+            row = M[i, 0] * v0 + M[i, 1] * v1 + M[i, 2] * v2 + M[i, 3] * v3 + M[i, 4] * v4 + M[i, 5] * v5
+            work[target, i] += scale * row
 
 
 @compiled
-def _add_restoring(body: Any, R: Array, buoyancy: float, center: Array, tau: Array) -> None:
-    """tau (6) += weight at r_g and `buoyancy` (N) at `center` (3, B); both along the third row of R, which is z_N in B."""
+def _subtract_coriolis(work: Array, velocity: int) -> None:
+    """work[TAU] -= C(v) v for the momentum in work[MOMENTUM] and the velocity in a row."""
+    p0, p1, p2 = work[MOMENTUM, 0], work[MOMENTUM, 1], work[MOMENTUM, 2]
+    p3, p4, p5 = work[MOMENTUM, 3], work[MOMENTUM, 4], work[MOMENTUM, 5]
+    v0, v1, v2 = work[velocity, 0], work[velocity, 1], work[velocity, 2]
+    v3, v4, v5 = work[velocity, 3], work[velocity, 4], work[velocity, 5]
+    work[TAU, 0] -= v4 * p2 - v5 * p1
+    work[TAU, 1] -= v5 * p0 - v3 * p2
+    work[TAU, 2] -= v3 * p1 - v4 * p0
+    work[TAU, 3] -= v1 * p2 - v2 * p1 + v4 * p5 - v5 * p4
+    work[TAU, 4] -= v2 * p0 - v0 * p2 + v5 * p3 - v3 * p5
+    work[TAU, 5] -= v0 * p1 - v1 * p0 + v3 * p4 - v4 * p3
+
+
+@compiled
+def _subtract_damping(body: Any, fraction: float, work: Array) -> None:
+    """work[TAU] -= fraction (D_L nu_r + D_Q |nu_r| nu_r + |u_r| D_S nu_r)."""
+    _multiply_add(body.D_L, body.form_D_L, work, NU_R, -fraction, TAU)
+    if body.form_D_Q != 0:
+        for i in range(6):
+            work[EXTRA, i] = abs(work[NU_R, i]) * work[NU_R, i]
+        _multiply_add(body.D_Q, body.form_D_Q, work, EXTRA, -fraction, TAU)
+    if body.form_D_S != 0:
+        _multiply_add(body.D_S, body.form_D_S, work, NU_R, -fraction * abs(work[NU_R, 0]), TAU)
+
+
+@compiled
+def _add_restoring(body: Any, R: Array, buoyancy: float, work: Array) -> None:
+    """work[TAU] += weight at r_g and `buoyancy` (N) at work[CENTER] (B, m); both along the third row of R, which is z_N in B."""
     zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
-    W, B, g = body.weight, buoyancy, body.r_g
-    tau[0] += (W - B) * zx
-    tau[1] += (W - B) * zy
-    tau[2] += (W - B) * zz
-    lx, ly, lz = W * g[0] - B * center[0], W * g[1] - B * center[1], W * g[2] - B * center[2]
-    tau[3] += ly * zz - lz * zy
-    tau[4] += lz * zx - lx * zz
-    tau[5] += lx * zy - ly * zx
+    W, B = body.weight, buoyancy
+    work[TAU, 0] += (W - B) * zx
+    work[TAU, 1] += (W - B) * zy
+    work[TAU, 2] += (W - B) * zz
+    lx = W * body.r_g[0] - B * work[CENTER, 0]
+    ly = W * body.r_g[1] - B * work[CENTER, 1]
+    lz = W * body.r_g[2] - B * work[CENTER, 2]
+    work[TAU, 3] += ly * zz - lz * zy
+    work[TAU, 4] += lz * zx - lx * zz
+    work[TAU, 5] += lx * zy - ly * zx
 
 
 @compiled
-def _add_prescribed(row: Any, t: float, R: Array, tau: Array) -> None:
-    """tau (6) += bias + amplitude sin(omega t + phase) of one WRENCH row, at stage time t (s)."""
-    w0, w1, w2 = row.bias[0], row.bias[1], row.bias[2]
-    w3, w4, w5 = row.bias[3], row.bias[4], row.bias[5]
+def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
+    """work[TAU] += bias + amplitude sin(omega t + phase) of one WRENCH row, at stage time t (s)."""
+    for i in range(6):
+        work[EXTRA, i] = row.bias[i]
     if row.harmonic != 0:
-        a, o, p = row.amplitude, row.omega, row.phase
-        w0 += a[0] * math.sin(o[0] * t + p[0])
-        w1 += a[1] * math.sin(o[1] * t + p[1])
-        w2 += a[2] * math.sin(o[2] * t + p[2])
-        w3 += a[3] * math.sin(o[3] * t + p[3])
-        w4 += a[4] * math.sin(o[4] * t + p[4])
-        w5 += a[5] * math.sin(o[5] * t + p[5])
+        for i in range(6):
+            work[EXTRA, i] += row.amplitude[i] * math.sin(row.omega[i] * t + row.phase[i])
     if row.frame == 0:
-        tau[0] += w0
-        tau[1] += w1
-        tau[2] += w2
-        tau[3] += w3
-        tau[4] += w4
-        tau[5] += w5
+        for i in range(6):
+            work[TAU, i] += work[EXTRA, i]
     else:
         for i in range(3):
-            tau[i] += R[0, i] * w0 + R[1, i] * w1 + R[2, i] * w2
-            tau[3 + i] += R[0, i] * w3 + R[1, i] * w4 + R[2, i] * w5
+            work[TAU, i] += R[0, i] * work[EXTRA, 0] + R[1, i] * work[EXTRA, 1] + R[2, i] * work[EXTRA, 2]
+            work[TAU, 3 + i] += R[0, i] * work[EXTRA, 3] + R[1, i] * work[EXTRA, 4] + R[2, i] * work[EXTRA, 5]
 
 
 @compiled
 def derivative(
-    body: Any,
-    x: Array,
-    t: float,
-    current: Array,
-    shapes: Array,
-    thrusters: Array,
-    forces: Array,
-    wrenches: Array,
-    M_inv: Array,
-    held: float,
-    work: Array,
-    R: Array,
-    dx: Array,
-    external: Array,
-) -> None:
-    """State derivative of one body at one instant.
+    body: Any, s: Array, source: int, target: int, t: float, current: Array, shapes: Array, thrusters: Array, forces: Array, stage: int,
+    wrenches: Array, M_inv: Array, held: float, work: Array, R: Array,
+) -> None:  # fmt: skip
+    """State derivative of one body at one instant: s[target] from the state in s[source].
 
     Args:
         body: BODY record.
-        x: (13) state row, p_NB q_NB nu.
+        s: (k, 13) rows of states p_NB q_NB nu, and of their derivatives.
         t: time of the instant, s.
         current: (3) water velocity in N, m/s.
         shapes, thrusters, wrenches: all SHAPE, THRUSTER and WRENCH rows of the world.
-        forces: lagged thrust of each of the body's thrusters at t, N.
+        forces: row `stage` holds the lagged thrust of each of the body's thrusters at t, N.
         M_inv: (6, 6) inverse of M_RB + held M_A.
         held: submerged fraction that scales M_A, held within a step.
-        work: (6, 6) scratch.
+        work: (9, 6) scratch; afterwards row NU_R holds nu_r, and row EXTERNAL thrust plus prescribed wrench in B about the origin.
         R: (3, 3) out, R_NB.
-        dx: (13) out.
-        external: (6) out, thrust plus prescribed wrench in B about the origin.
     """
-    rotation(x, R)
-    nu, nu_r, p, tau, extra = x[7:13], work[0], work[1], work[2], work[3]
+    rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
     cx = R[0, 0] * current[0] + R[1, 0] * current[1] + R[2, 0] * current[2]
     cy = R[0, 1] * current[0] + R[1, 1] * current[1] + R[2, 1] * current[2]
     cz = R[0, 2] * current[0] + R[1, 2] * current[1] + R[2, 2] * current[2]
     for i in range(6):
-        nu_r[i] = nu[i]
-        tau[i] = p[i] = 0.0
-    nu_r[0] -= cx
-    nu_r[1] -= cy
-    nu_r[2] -= cz
+        work[NU, i] = work[NU_R, i] = s[source, 7 + i]
+        work[TAU, i] = work[MOMENTUM, i] = 0.0
+    work[NU_R, 0] -= cx
+    work[NU_R, 1] -= cy
+    work[NU_R, 2] -= cz
 
-    center = extra[0:3]
-    fraction = immersion(body, shapes, x[2], R, center, work[4:6, 0:3])
-    near_surface = body.shape_count > 0 and x[2] < body.radius
-    for k in range(body.thruster_count):
-        add_thrust(thrusters[body.thruster_first + k], forces[k], nu_r, x[2], R, near_surface, tau)
-    for k in range(body.wrench_first, body.wrench_first + body.wrench_count):
-        _add_prescribed(wrenches[k], t, R, tau)
-    for i in range(6):
-        external[i] = tau[i]
-    _add_restoring(body, R, fraction * body.buoyancy, center, tau)
-
-    _multiply_add(body.M_RB, nu, 1.0, p)
-    _subtract_coriolis(p, nu, tau)
-    for i in range(6):
-        p[i] = 0.0
-    _multiply_add(body.M_A, nu_r, held, p)
-    _subtract_coriolis(p, nu_r, tau)
-    _subtract_damping(body, nu_r, fraction, tau, extra)
-    # + M_A nu_c_dot with nu_c_dot = [-w x nu_c; 0]
-    extra[0] = nu[5] * cy - nu[4] * cz
-    extra[1] = nu[3] * cz - nu[5] * cx
-    extra[2] = nu[4] * cx - nu[3] * cy
-    extra[3] = extra[4] = extra[5] = 0.0
-    _multiply_add(body.M_A, extra, held, tau)
-
+    p_z = s[source, 2]
+    near_surface = body.shape_count > 0 and p_z < body.radius
+    fraction = 1.0
     for i in range(3):
-        dx[i] = R[i, 0] * nu[0] + R[i, 1] * nu[1] + R[i, 2] * nu[2]
-        dx[7 + i] = dx[10 + i] = 0.0
-    w, a, b, c = 0.5 * x[3], 0.5 * x[4], 0.5 * x[5], 0.5 * x[6]
-    dx[3] = -a * nu[3] - b * nu[4] - c * nu[5]
-    dx[4] = w * nu[3] + b * nu[5] - c * nu[4]
-    dx[5] = w * nu[4] - a * nu[5] + c * nu[3]
-    dx[6] = w * nu[5] + a * nu[4] - b * nu[3]
-    _multiply_add(M_inv, tau, 1.0, dx[7:13])
+        work[CENTER, i] = body.r_b[i]
+    if near_surface:
+        fraction = immersion(body, shapes, p_z, R, work[CENTER], work[SCRATCH : SCRATCH + 2, 0:3])
+    for k in range(body.thruster_count):
+        add_thrust(thrusters[body.thruster_first + k], forces[stage, k], work, NU_R, p_z, R, near_surface, TAU)
+    for k in range(body.wrench_first, body.wrench_first + body.wrench_count):
+        _add_prescribed(wrenches[k], t, R, work)
+    for i in range(6):
+        work[EXTERNAL, i] = work[TAU, i]
+    _add_restoring(body, R, fraction * body.buoyancy, work)
+
+    _multiply_add(body.M_RB, body.form_M_RB, work, NU, 1.0, MOMENTUM)
+    _subtract_coriolis(work, NU)
+    for i in range(6):
+        work[MOMENTUM, i] = 0.0
+    _multiply_add(body.M_A, body.form_M_A, work, NU_R, held, MOMENTUM)
+    _subtract_coriolis(work, NU_R)
+    _subtract_damping(body, fraction, work)
+    nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
+    if cx != 0.0 or cy != 0.0 or cz != 0.0:
+        # + M_A nu_c_dot with nu_c_dot = [-w x nu_c; 0]
+        work[EXTRA, 0] = nu5 * cy - nu4 * cz
+        work[EXTRA, 1] = nu3 * cz - nu5 * cx
+        work[EXTRA, 2] = nu4 * cx - nu3 * cy
+        work[EXTRA, 3] = work[EXTRA, 4] = work[EXTRA, 5] = 0.0
+        _multiply_add(body.M_A, body.form_M_A, work, EXTRA, held, TAU)
+
+    for i in range(6):
+        work[EXTRA, i] = 0.0
+    _multiply_add(M_inv, max(body.form_M_RB, body.form_M_A), work, TAU, 1.0, EXTRA)
+    for i in range(3):
+        s[target, i] = R[i, 0] * work[NU, 0] + R[i, 1] * work[NU, 1] + R[i, 2] * work[NU, 2]
+        s[target, 7 + i] = work[EXTRA, i]
+        s[target, 10 + i] = work[EXTRA, 3 + i]
+    w, a, b, c = 0.5 * s[source, 3], 0.5 * s[source, 4], 0.5 * s[source, 5], 0.5 * s[source, 6]
+    s[target, 3] = -a * nu3 - b * nu4 - c * nu5
+    s[target, 4] = w * nu3 + b * nu5 - c * nu4
+    s[target, 5] = w * nu4 - a * nu5 + c * nu3
+    s[target, 6] = w * nu5 + a * nu4 - b * nu3

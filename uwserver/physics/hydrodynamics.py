@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
+from types import ModuleType
 
 import numpy as np
 
@@ -21,6 +23,14 @@ from uwserver.physics.bodies import (
     wrench_rows,
 )
 from uwserver.physics.lag import Lag
+
+
+@cache
+def _kernel() -> ModuleType:
+    """The compiled functions, loaded at the first step: they cost half a second, and `import uwserver` must stay quick."""
+    from uwserver.physics import integrator
+
+    return integrator
 
 
 class Hydrodynamics:
@@ -76,11 +86,8 @@ class Hydrodynamics:
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        # Imported here: the kernel costs half a second to load, and `import uwserver` must stay quick.
-        from uwserver.physics.integrator import advance
-
         return int(
-            advance(
+            _kernel().advance(
                 self.bodies, self.state, self.currents, self.shapes, self.thrusters, self.tables, self.lags,
                 self.wrenches, t, self.dt,
             )
@@ -88,10 +95,8 @@ class Hydrodynamics:
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B and the applied wrench (n, 6) of thrusters and prescribed rows about the origin in B, at the present state."""
-        from uwserver.physics.integrator import rates_of_change
-
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        rates_of_change(
+        _kernel().rates_of_change(
             self.bodies, self.state, self.currents, self.shapes, self.thrusters, self.lags, self.wrenches, t, nu_dot, tau
         )  # fmt: skip
         return nu_dot, tau

@@ -1,7 +1,7 @@
 """One tick for all bodies of a world in one compiled call: RK4 with sub-steps, and a linearly implicit fallback for stiff bodies.
 
 RK4 is stable while rate * dt < 2.78; sub-steps keep rate * dt / n below 1.5, where `rate` bounds the fastest damping rate at the present
-velocity (`bodies.damping_rates`). A body that would need more than 16 sub-steps is stepped by the Rosenbrock-Euler rule instead, with the
+velocity and at the one that the present acceleration leads to (`bodies.damping_rates`). A body that would need more than 16 sub-steps is stepped by the Rosenbrock-Euler rule instead, with the
 damping's Jacobian: first order, and stable at any step.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.compiled import compiled
-from uwserver.physics.fossen import derivative, rotation
+from uwserver.physics.fossen import EXTERNAL, NU_R, SCRATCH_ROWS, derivative, rotation
 from uwserver.physics.immersion import immersion
 from uwserver.physics.layout import STATE_SIZE
 from uwserver.physics.thrust import advance_lag, lagged, set_demand
@@ -25,74 +25,95 @@ STABLE = 1.5
 DIVERGED_SPEED = 1e6  # m/s or rad/s: long before numbers overflow
 
 
+# Rows of the (6, 13) scratch array of a step: four stage derivatives, a stage state, the state itself.
+K1, K2, K3, K4, STAGE, STATE = range(6)
+
+
 @compiled
-def _damping_rate(body: Any, x: Array, current: Array) -> float:
-    """Upper bound of the fastest damping rate, 1/s, at a state."""
+def _damping_rate(body: Any, s: Array, current: Array, dt: float) -> float:
+    """Upper bound of the fastest damping rate, 1/s, in a tick that starts at s[STATE] with the derivative s[K1].
+
+    Quadratic damping has no rate at rest: a light body under a sudden force needs the speed that it will have.
+    """
     speed = math.sqrt(current[0] ** 2 + current[1] ** 2 + current[2] ** 2)
     rate = float(body.rate_L)
-    for j in range(3):
-        rate += body.rate_Q[j] * (abs(x[7 + j]) + speed)
-        rate += body.rate_Q[3 + j] * abs(x[10 + j])
-    return float(rate + body.rate_S * (abs(x[7]) + speed))
+    for j in range(6):
+        nu = s[STATE, 7 + j]
+        reached = max(abs(nu), abs(nu + dt * s[K1, 7 + j]))
+        if j < 3:
+            reached += speed
+        rate += body.rate_Q[j] * reached
+        if j == 0:
+            rate += body.rate_S * reached
+    return rate
 
 
 @compiled
-def _hold_inertia(body: Any, shapes: Array, x: Array, R: Array, scratch: Array, M_inv: Array) -> float:
-    """Submerged fraction at the start of a step, and the inverse inertia that goes with it."""
+def _hold_inertia(body: Any, shapes: Array, x: Array, dt: float, R: Array, scratch: Array, M_inv: Array) -> float:
+    """Submerged fraction that holds in a step, and the inverse inertia that goes with it.
+
+    The fraction is that of half a step on: with the one at its start a bobbing body, always late, would gain energy.
+    """
     fraction = 1.0
-    if body.shape_count > 0 and x[2] < body.radius:
-        rotation(x, R)
-        fraction = immersion(body, shapes, x[2], R, scratch[2], scratch)
+    if body.shape_count > 0 and x[2] - dt * (abs(x[7]) + abs(x[8]) + abs(x[9])) < body.radius:
+        rotation(x[3], x[4], x[5], x[6], R)
+        z = x[2] + 0.5 * dt * (R[2, 0] * x[7] + R[2, 1] * x[8] + R[2, 2] * x[9])
+        fraction = immersion(body, shapes, z, R, scratch[2], scratch)
     if fraction == 1.0:
-        M_inv[:, :] = body.M_inv
+        for i in range(6):
+            for j in range(6):
+                M_inv[i, j] = body.M_inv[i, j]
     else:
         M_inv[:, :] = np.linalg.inv(body.M_RB + fraction * body.M_A)
     return fraction
 
 
 @compiled
-def _normalise(x: Array) -> None:
-    n = math.sqrt(x[3] ** 2 + x[4] ** 2 + x[5] ** 2 + x[6] ** 2)
-    for i in range(3, 7):
-        x[i] /= n
-
-
-@compiled
 def _rk4(
-    body: Any, x: Array, t: float, h: float, level: int, current: Array, shapes: Array, thrusters: Array, lags: Array, wrenches: Array,
-    M_inv: Array, held: float, forces: Array, s: Array, R: Array, work: Array, external: Array,
+    body: Any, s: Array, t: float, h: float, level: int, begun: bool, current: Array, shapes: Array, thrusters: Array, lags: Array,
+    wrenches: Array, M_inv: Array, held: float, forces: Array, R: Array, work: Array,
 ) -> None:  # fmt: skip
-    """One classical Runge-Kutta step of length h, in place. `s` (6, 13) and `work` (6, 6) are scratch.
+    """One classical Runge-Kutta step of length h of s[STATE], in place; `begun`: forces[0] and s[K1] are there already.
 
     The lag of the thrusters does not depend on the body, so its exact values at the three stage times are inserted.
     """
-    y = s[4]
     first, count = body.thruster_first, body.thruster_count
     for k in range(count):
         thruster = thrusters[first + k]
         lag = lags[thruster.lag]
-        forces[0, k] = lagged(thruster, lag)
+        if not begun:
+            forces[0, k] = lagged(thruster, lag)
         forces[1, k] = advance_lag(thruster, lag, level)
         forces[2, k] = advance_lag(thruster, lag, level)
-    derivative(body, x, t, current, shapes, thrusters, forces[0], wrenches, M_inv, held, work, R, s[0], external)
+    if not begun:
+        derivative(body, s, STATE, K1, t, current, shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
+    half = t + 0.5 * h
     for i in range(STATE_SIZE):
-        y[i] = x[i] + 0.5 * h * s[0, i]
-    derivative(body, y, t + 0.5 * h, current, shapes, thrusters, forces[1], wrenches, M_inv, held, work, R, s[1], external)
+        s[STAGE, i] = s[STATE, i] + 0.5 * h * s[K1, i]
+    derivative(body, s, STAGE, K2, half, current, shapes, thrusters, forces, 1, wrenches, M_inv, held, work, R)
     for i in range(STATE_SIZE):
-        y[i] = x[i] + 0.5 * h * s[1, i]
-    derivative(body, y, t + 0.5 * h, current, shapes, thrusters, forces[1], wrenches, M_inv, held, work, R, s[2], external)
+        s[STAGE, i] = s[STATE, i] + 0.5 * h * s[K2, i]
+    derivative(body, s, STAGE, K3, half, current, shapes, thrusters, forces, 1, wrenches, M_inv, held, work, R)
     for i in range(STATE_SIZE):
-        y[i] = x[i] + h * s[2, i]
-    derivative(body, y, t + h, current, shapes, thrusters, forces[2], wrenches, M_inv, held, work, R, s[3], external)
+        s[STAGE, i] = s[STATE, i] + h * s[K3, i]
+    derivative(body, s, STAGE, K4, t + h, current, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
     for i in range(STATE_SIZE):
-        x[i] += h / 6.0 * (s[0, i] + 2.0 * (s[1, i] + s[2, i]) + s[3, i])
-    _normalise(x)
+        s[STATE, i] += h / 6.0 * (s[K1, i] + 2.0 * (s[K2, i] + s[K3, i]) + s[K4, i])
+    _normalise(s)
+
+
+@compiled
+def _normalise(s: Array) -> None:
+    """Unit length for the quaternion of s[STATE]."""
+    n = math.sqrt(s[STATE, 3] ** 2 + s[STATE, 4] ** 2 + s[STATE, 5] ** 2 + s[STATE, 6] ** 2)
+    for i in range(3, 7):
+        s[STATE, i] /= n
 
 
 @compiled
 def _implicit(
-    body: Any, x: Array, t: float, h: float, current: Array, shapes: Array, thrusters: Array, lags: Array, wrenches: Array,
-    M_inv: Array, held: float, forces: Array, s: Array, R: Array, work: Array, external: Array,
+    body: Any, s: Array, t: float, h: float, current: Array, shapes: Array, thrusters: Array, lags: Array, wrenches: Array,
+    M_inv: Array, held: float, forces: Array, R: Array, work: Array,
 ) -> None:  # fmt: skip
     """Rosenbrock-Euler: (M + h dD/dnu) delta_nu = h M nu_dot, then the pose by the new velocity."""
     first, count = body.thruster_first, body.thruster_count
@@ -100,26 +121,27 @@ def _implicit(
         thruster = thrusters[first + k]
         advance_lag(thruster, lags[thruster.lag], 0)
         forces[2, k] = advance_lag(thruster, lags[thruster.lag], 0)
-    derivative(body, x, t + 0.5 * h, current, shapes, thrusters, forces[2], wrenches, M_inv, held, work, R, s[0], external)
-    nu_r = work[0]
+    derivative(body, s, STATE, K1, t + 0.5 * h, current, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
+    speed = abs(work[NU_R, 0])
     A = body.M_RB + held * body.M_A
-    tau = A @ s[0, 7:13]
+    tau = A @ s[K1, 7:13]
     for i in range(6):
         for j in range(6):
-            slope = body.D_L[i, j] + 2.0 * body.D_Q[i, j] * abs(nu_r[j]) + body.D_S[i, j] * abs(nu_r[0])
+            slope = body.D_L[i, j] + 2.0 * body.D_Q[i, j] * abs(work[NU_R, j]) + body.D_S[i, j] * speed
             A[i, j] += h * held * slope
+    # d(|u| D u)/du = 2 D |u|; the other derivatives by u are left out, they could make A singular.
+    A[0, 0] += h * held * body.D_S[0, 0] * speed
     delta = np.linalg.solve(A, tau)
-    y = s[4]
     for i in range(STATE_SIZE):
-        y[i] = x[i]
+        s[STAGE, i] = s[STATE, i]
     for i in range(6):
-        y[7 + i] = x[7 + i] + h * delta[i]
-    derivative(body, y, t + h, current, shapes, thrusters, forces[2], wrenches, M_inv, held, work, R, s[1], external)
+        s[STAGE, 7 + i] += h * delta[i]
+    derivative(body, s, STAGE, K2, t + h, current, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
     for i in range(7):
-        x[i] += h * s[1, i]
+        s[STATE, i] += h * s[K2, i]
     for i in range(7, STATE_SIZE):
-        x[i] = y[i]
-    _normalise(x)
+        s[STATE, i] = s[STAGE, i]
+    _normalise(s)
 
 
 @compiled
@@ -139,31 +161,38 @@ def advance(
     Returns:
         -1, or the row of the first body whose state is not finite or absurdly fast.
     """
-    n_forces = max(1, thrusters.shape[0])
-    s, work, R, forces = np.empty((6, STATE_SIZE)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, n_forces))
-    M_inv, external, scratch = np.empty((6, 6)), np.empty(6), np.empty((3, 3))
+    s, forces = np.zeros((6, STATE_SIZE)), np.empty((3, max(1, thrusters.shape[0])))
+    work, R = np.zeros((SCRATCH_ROWS, 6)), np.empty((3, 3))
+    M_inv, scratch = np.empty((6, 6)), np.empty((3, 3))
     for k in range(thrusters.shape[0]):
         set_demand(thrusters[k], tables)
     for n in range(bodies.shape[0]):
-        body, x, current = bodies[n], state[n], currents[n]
-        held = _hold_inertia(body, shapes, x, R, scratch, M_inv)
-        need = _damping_rate(body, x, current) * dt / STABLE
+        body, current = bodies[n], currents[n]
+        for i in range(STATE_SIZE):
+            s[STATE, i] = state[n, i]
+        held = _hold_inertia(body, shapes, state[n], dt, R, scratch, M_inv)
+        for k in range(body.thruster_count):
+            thruster = thrusters[body.thruster_first + k]
+            forces[0, k] = lagged(thruster, lags[thruster.lag])
+        derivative(body, s, STATE, K1, t, current, shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
+        need = _damping_rate(body, s, current, dt) * dt / STABLE
         level, steps = 0, 1
         while steps < need and level < MAX_LEVEL:
             level += 1
             steps *= 2
         if need > steps:
-            _implicit(body, x, t, dt, current, shapes, thrusters, lags, wrenches, M_inv, held, forces, s, R, work, external)
+            _implicit(body, s, t, dt, current, shapes, thrusters, lags, wrenches, M_inv, held, forces, R, work)
         else:
             h = dt / steps
             for k in range(steps):
                 _rk4(
-                    body, x, t + k * h, h, level, current, shapes, thrusters, lags, wrenches, M_inv, held, forces, s, R, work,
-                    external,
+                    body, s, t + k * h, h, level, k == 0, current, shapes, thrusters, lags, wrenches, M_inv, held, forces, R, work
                 )  # fmt: skip
         for i in range(STATE_SIZE):
+            x = s[STATE, i]
+            state[n, i] = x
             # also false for NaN
-            if not abs(x[i]) < 1e12 or (i >= 7 and not abs(x[i]) < DIVERGED_SPEED):
+            if not abs(x) < 1e12 or (i >= 7 and not abs(x) < DIVERGED_SPEED):
                 return n
     return -1
 
@@ -180,17 +209,18 @@ def rates_of_change(
         tau: (n, 6) out, thrust plus prescribed wrench about the origin in B, N and N m.
         others: as for `advance`.
     """
-    n_forces = max(1, thrusters.shape[0])
-    dx, work, R, forces = np.empty(STATE_SIZE), np.empty((6, 6)), np.empty((3, 3)), np.empty(n_forces)
+    s, forces = np.zeros((6, STATE_SIZE)), np.empty((1, max(1, thrusters.shape[0])))
+    work, R = np.zeros((SCRATCH_ROWS, 6)), np.empty((3, 3))
     M_inv, scratch = np.empty((6, 6)), np.empty((3, 3))
     for n in range(bodies.shape[0]):
         body = bodies[n]
-        held = _hold_inertia(body, shapes, state[n], R, scratch, M_inv)
+        for i in range(STATE_SIZE):
+            s[STATE, i] = state[n, i]
+        held = _hold_inertia(body, shapes, state[n], 0.0, R, scratch, M_inv)
         for k in range(body.thruster_count):
             thruster = thrusters[body.thruster_first + k]
-            forces[k] = lagged(thruster, lags[thruster.lag])
-        derivative(
-            body, state[n], t, currents[n], shapes, thrusters, forces, wrenches, M_inv, held, work, R, dx, tau[n]
-        )  # fmt: skip
+            forces[0, k] = lagged(thruster, lags[thruster.lag])
+        derivative(body, s, STATE, K1, t, currents[n], shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
         for i in range(6):
-            nu_dot[n, i] = dx[7 + i]
+            nu_dot[n, i] = s[K1, 7 + i]
+            tau[n, i] = work[EXTERNAL, i]

@@ -29,8 +29,12 @@ BODY = np.dtype(
         ("D_L", "f8", (6, 6)),
         ("D_Q", "f8", (6, 6)),
         ("D_S", "f8", (6, 6)),
-        ("has_D_Q", "i8"),  # 0 none, 1 diagonal, 2 full
-        ("has_D_S", "i8"),
+        # Form of each matrix: 0 zero, 1 diagonal, 2 full. Most vehicles are diagonal, which saves most of the multiplications.
+        ("form_M_RB", "i8"),
+        ("form_M_A", "i8"),
+        ("form_D_L", "i8"),
+        ("form_D_Q", "i8"),
+        ("form_D_S", "i8"),
         ("weight", "f8"),  # N
         ("buoyancy", "f8"),  # N, fully submerged
         ("r_g", "f8", (3,)),

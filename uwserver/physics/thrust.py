@@ -81,19 +81,22 @@ def lagged(thruster: Any, lag: Any) -> float:
 
 
 @compiled
-def add_thrust(thruster: Any, force: float, nu_r: Array, p_z: float, R: Array, near_surface: bool, tau: Array) -> None:
-    """Add one thruster's wrench (6, about the body origin in B) to `tau`.
+def add_thrust(
+    thruster: Any, force: float, work: Array, nu_r: int, p_z: float, R: Array, near_surface: bool, tau: int
+) -> None:
+    """Add one thruster's wrench (6, about the body origin in B) to row `tau` of `work`, whose row `nu_r` is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
     mount through the water along the axis. Thrust scales with the submerged part of the disc.
     """
     if thruster.inflow != 0.0 and force != 0.0:
-        v = thruster.per_velocity
-        va = v[0] * nu_r[0] + v[1] * nu_r[1] + v[2] * nu_r[2] + v[3] * nu_r[3] + v[4] * nu_r[4] + v[5] * nu_r[5]
+        va = 0.0
+        for i in range(6):
+            va += thruster.per_velocity[i] * work[nu_r, i]
         force -= thruster.inflow * math.sqrt(abs(force)) * va
     if near_surface:
         r = thruster.r
         depth = p_z + R[2, 0] * r[0] + R[2, 1] * r[1] + R[2, 2] * r[2]
         force *= disc_fraction(depth, thruster.disc_radius)
     for i in range(6):
-        tau[i] += force * thruster.per_force[i]
+        work[tau, i] += force * thruster.per_force[i]

@@ -22,9 +22,10 @@ from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.services import offer_world_services
+from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.units import NANOSECONDS, rad
 from uwserver.vehicle import Vehicle
-from uwserver.world import ActuatorSlot, SensorSlot, World
+from uwserver.world import World
 
 
 def physics_rate(rate_hz: float) -> Fraction:

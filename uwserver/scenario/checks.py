@@ -34,7 +34,9 @@ def check_scenario(
             if truth is not None:
                 check_rate(truth.rate_hz, world.rate_hz, ("vehicles", name, "truth", "rate_hz"), report)
     if "world" in named(raw, "vehicles"):
-        report(("vehicles", "world"), '"world" cannot name a vehicle: the paths of the world\'s own services begin with it')
+        report(
+            ("vehicles", "world"), '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
+        )
     if scenario is not None:
         _check_ports(scenario, warn)
 
@@ -57,16 +59,20 @@ def check_rate(rate_hz: float, physics_hz: float, path: KeyPath, report: Report)
 
 def _check_time(world: WorldTable, report: Report) -> None:
     path: KeyPath = ("world", "epoch_utc")
-    if not _RFC_3339.fullmatch(world.epoch_utc):
+    match = _RFC_3339.fullmatch(world.epoch_utc)
+    if match is None:
         report(path, f'"{world.epoch_utc}" is no instant: write it as "2026-01-01T00:00:00Z"')
     else:
-        try:
-            datetime.fromisoformat(world.epoch_utc[:19].replace("t", "T"))
+        zone = match[2].upper().replace("Z", "+00:00")
+        try:  # without the fraction, of which Python 3.10 takes only some lengths
+            datetime.fromisoformat(world.epoch_utc[:19].upper() + zone)
         except ValueError as error:
             report(path, f'"{world.epoch_utc}" is no instant: {error}')
     clock = world.clock
     if clock.mode == "lockstep" and not clock.lockstep_clients:
-        report(("world", "clock"), 'mode "lockstep" needs lockstep_clients, the names of the clients that grant each tick')
+        report(
+            ("world", "clock"), 'mode "lockstep" needs lockstep_clients, the names of the clients that grant each tick'
+        )
     if len(set(clock.lockstep_clients)) < len(clock.lockstep_clients):
         report(("world", "clock", "lockstep_clients"), "a client is named twice")
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Protocol, Union, get_args, get_origin
 
 import msgspec
 from msgspec.structs import FieldInfo
 
-from uwserver.scenario.errors import KeyPath, suggestion
+from uwserver.scenario.errors import KeyPath, closest, did_you_mean, suggestion
 from uwserver.scenario.wording import expected, found
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
@@ -61,12 +61,16 @@ def convert_kind(raw: object, kinds: Mapping[str, Any], path: KeyPath, report: R
     if not isinstance(raw, dict):
         return report(path, f"expected a table, found {found(raw)}")
     if "kind" not in raw:
-        return report(path, f'missing key "kind"; allowed: {", ".join(kinds) or "none"}')
+        known = {info.encode_name for struct in kinds.values() for info in fields(struct)}
+        meant = next((key for key in raw if key not in known and closest(key, ["kind"])), None)
+        if meant is None:
+            return report(path, f'missing key "kind"; allowed: {", ".join(kinds) or "none"}')
+        return report(path, f'unknown key "{meant}" (did you mean "kind"?)', (*path, meant))
     kind = raw["kind"]
     if not isinstance(kind, str):
         return report((*path, "kind"), f"expected a string, found {found(kind)}; allowed: {', '.join(kinds)}")
     if kind not in kinds:
-        hint = suggestion(kind, list(kinds), "")
+        hint = did_you_mean(kind, list(kinds))
         return report((*path, "kind"), f'unknown kind "{kind}"{hint}; allowed: {", ".join(kinds) or "none"}')
     return convert_struct(raw, kinds[kind], path, report, tag="kind")
 
@@ -77,19 +81,20 @@ def convert_struct(raw: object, struct: Any, path: KeyPath, report: Report, tag:
         return report(path, f"expected a table, found {found(raw)}")
     infos = fields(struct)
     known = [info.encode_name for info in infos] + ([tag] if tag else [])
-    faulty = False
-    for key in raw:
-        if key not in known:
-            report(path, f'unknown key "{key}"{suggestion(key, known)}', (*path, key))
-            faulty = True
+    unknown = [key for key in raw if key not in known]
+    for key in unknown:
+        report(path, f'unknown key "{key}"{suggestion(key, known)}', (*path, key))
+    faulty = bool(unknown)
+    meant = {closest(key, known) for key in unknown}  # a misspelt key is one fault, not also a missing one
     values: dict[str, Any] = {}
     for info in infos:
         if info.encode_name in raw:
             values[info.name] = convert(raw[info.encode_name], info.type, (*path, info.encode_name), report)
             faulty |= values[info.name] is None
         elif info.required:
-            report(path, f'missing key "{info.encode_name}"')
             faulty = True
+            if info.encode_name not in meant:
+                report(path, f'missing key "{info.encode_name}"')
     if faulty:
         return None
     try:
@@ -103,11 +108,14 @@ def check_name(path: KeyPath, report: Report) -> bool:
     name = str(path[-1])
     if NAME.fullmatch(name):
         return True
-    report(path, f'"{name}" cannot be a name: begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)')
+    report(
+        path,
+        f'"{name}" cannot be a name: begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)',
+    )
     return False
 
 
-@lru_cache(maxsize=None)
+@cache
 def fields(struct: Any) -> tuple[FieldInfo, ...]:
     """Fields of a Struct with resolved types."""
     return msgspec.structs.fields(struct)
@@ -124,7 +132,7 @@ def _convert_table(raw: object, members: Sequence[Any], path: KeyPath, report: R
     return convert_kind(raw, {str(member.__struct_config__.tag): member for member in members}, path, report)
 
 
-def _convert_names(raw: object, type_: Any, path: KeyPath, report: Report) -> dict[str, Any] | None:
+def _convert_names(raw: object, type_: Any, path: KeyPath, report: Report) -> Any:
     if not isinstance(raw, dict):
         return report(path, f"expected a table, found {found(raw)}")
     values: dict[str, Any] = {}
@@ -153,7 +161,7 @@ def _leaf(raw: object, type_: Any, path: KeyPath, report: Report) -> Any:
     except msgspec.ValidationError:
         text = f"expected {expected(type_)}, found {found(raw)}"
     if isinstance(raw, str) and get_origin(_strip(type_)) is Literal:
-        text += suggestion(raw, [str(value) for value in get_args(_strip(type_))], "") or ""
+        text += did_you_mean(raw, [str(value) for value in get_args(_strip(type_))])
     return report(path, text)
 
 

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, Severity, dotted, suggestion
+from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted
 from uwserver.scenario.locate import Locations, locate
 
 if sys.version_info >= (3, 11):
@@ -84,7 +84,9 @@ def from_tables(raw: dict[str, Any], label: str) -> Document:
 
     def visit(value: object, path: KeyPath) -> None:
         locations[path] = (0, 0)
-        items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, (list, tuple)) else ()
+        items = (
+            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, (list, tuple)) else ()
+        )
         for key, item in items:
             visit(item, (*path, key))
 
@@ -116,8 +118,10 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
         return None
     names = shipped(folder)
     if reference not in names:
-        hint = suggestion(reference, list(names), "")
-        fail(f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; a file of your own needs its ".toml"')
+        hint = did_you_mean(reference, list(names))
+        fail(
+            f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; a file of your own needs its ".toml"'
+        )
         return None
     return names[reference]
 

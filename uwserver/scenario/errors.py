@@ -68,9 +68,18 @@ def dotted(path: KeyPath) -> str:
     return text
 
 
-def suggestion(word: str, allowed: Sequence[str], lead: str = "; allowed: ") -> str:
-    """A hint to put behind a word that is not allowed: the one that was probably meant, else all that are."""
+def closest(word: str, allowed: Sequence[str]) -> str | None:
+    """What was probably meant by a word that is not allowed; None where nothing is like it."""
     close = get_close_matches(word, allowed, 1) or [name for name in allowed if name.lower() == word.lower()]
-    if close:
-        return f' (did you mean "{close[0]}"?)'
-    return f"{lead}{', '.join(allowed) or 'none'}"
+    return close[0] if close else None
+
+
+def did_you_mean(word: str, allowed: Sequence[str]) -> str:
+    """A hint to put behind a word that is not allowed; "" where nothing is like it."""
+    close = closest(word, allowed)
+    return "" if close is None else f' (did you mean "{close}"?)'
+
+
+def suggestion(word: str, allowed: Sequence[str], lead: str = "; allowed: ") -> str:
+    """As `did_you_mean`; where nothing is like the word, all that is allowed."""
+    return did_you_mean(word, allowed) or f"{lead}{', '.join(allowed) or 'none'}"

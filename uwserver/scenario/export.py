@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import msgspec
@@ -11,10 +12,12 @@ from uwserver.scenario.convert import fields
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Scenario
 
+_NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")
+
 
 def to_toml(scenario: Scenario) -> str:
     """The scenario file. Loading it gives an equal Scenario; keys at their defaults are left out."""
-    return tomli_w.dumps(tables(scenario))
+    return _toml(tables(scenario))
 
 
 def explain(resolved: Resolved) -> str:
@@ -26,7 +29,7 @@ def explain(resolved: Resolved) -> str:
     whole = tables(resolved.scenario, defaults=True)
     whole["vehicles"] = {name: _vehicle(vehicle) for name, vehicle in resolved.vehicles.items()}
     comments = [f"# {problem}\n" for problem in resolved.warnings]
-    return "".join(comments) + tomli_w.dumps(whole)
+    return "".join(comments) + _toml(whole)
 
 
 def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
@@ -40,6 +43,13 @@ def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
             continue
         raw[info.encode_name] = _plain(value, defaults)
     return raw
+
+
+def _toml(raw: dict[str, Any]) -> str:
+    """TOML with each vector on one line (no string holds a line break: they are written escaped)."""
+    return _NUMBERS.sub(
+        lambda match: " ".join(match[0].split()).replace("[ ", "[").replace(", ]", "]"), tomli_w.dumps(raw)
+    )
 
 
 def _plain(value: Any, defaults: bool) -> Any:

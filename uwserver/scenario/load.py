@@ -39,7 +39,8 @@ def scenario_from(raw: dict[str, Any], adapters: Mapping[str, type], report: Cal
     """The typed scenario, its adapters too; None after at least one report."""
     scenario = convert_struct(raw, Scenario, (), report)
     typed = {
-        name: convert_kind(table, adapters, ("adapters", name), report) for name, table in named(raw, "adapters").items()
+        name: convert_kind(table, adapters, ("adapters", name), report)
+        for name, table in named(raw, "adapters").items()
     }
     valid = [check_name(("adapters", name), report) for name in typed]
     if scenario is None or not all(valid) or None in typed.values():
@@ -81,7 +82,9 @@ class _Load:
         for name, entry in named(self._document.raw, "vehicles").items():
             if isinstance(entry, dict):
                 self._vehicle(name, entry)
-        check_scenario(self._document.raw, self._scenario, self._world, self._report(self._document), self._warn(self._document))
+        check_scenario(
+            self._document.raw, self._scenario, self._world, self._report(self._document), self._warn(self._document)
+        )
         problems = _in_order(self._problems)
         scenario = self._scenario
         if scenario is None or any(problem.severity == "error" for problem in problems):

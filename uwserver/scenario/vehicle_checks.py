@@ -40,7 +40,10 @@ def check_vehicle(
         _check_matrices(draft, environment, report, warn)
     for name, thruster in draft.thrusters.items():
         if not any(thruster.axis_frd):
-            report(("thrusters", name, "axis_frd"), "the axis has no direction: give the direction of the force at a positive command")
+            report(
+                ("thrusters", name, "axis_frd"),
+                "the axis has no direction: give the direction of the force at a positive command",
+            )
     _check_members(draft, report)
     _check_names(draft, report)
     for name, sensor in draft.sensors.items():
@@ -89,10 +92,16 @@ def _check_matrices(draft: Draft, environment: Environment | None, report: Repor
     if worst is not None and draft.added_mass.symmetrise:
         warn(("added_mass",), f"M_A is not symmetric, its symmetric part is used: {worst}")
     elif worst is not None:
-        report(("added_mass",), f"M_A is not symmetric: {worst}; correct it, or take its symmetric part by symmetrise = true")
+        report(
+            ("added_mass",),
+            f"M_A is not symmetric: {worst}; correct it, or take its symmetric part by symmetrise = true",
+        )
     least = _least_eigenvalue(M_A)
     if least < -_ROUNDING * float(np.abs(M_A).max()):
-        report(("added_mass",), f"M_A is not positive semi-definite (smallest eigenvalue {least:.3g}): check its signs and couplings")
+        report(
+            ("added_mass",),
+            f"M_A is not positive semi-definite (smallest eigenvalue {least:.3g}): check its signs and couplings",
+        )
     if environment is not None:
         _check_trim(body, environment, warn)
 
@@ -102,7 +111,10 @@ def _check_trim(body: Vehicle, environment: Environment, warn: Report) -> None:
     excess = buoyancy - weight
     if abs(excess) > _TRIM * weight:
         what = "floats up" if excess > 0.0 else "sinks"
-        warn(("buoyancy",), f"the vehicle {what} with {abs(excess):.4g} N (buoyancy {buoyancy:.4g} N, weight {weight:.4g} N)")
+        warn(
+            ("buoyancy",),
+            f"the vehicle {what} with {abs(excess):.4g} N (buoyancy {buoyancy:.4g} N, weight {weight:.4g} N)",
+        )
 
 
 def _asymmetry(M: Matrix) -> str | None:
@@ -169,7 +181,10 @@ def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTab
             report((*path, "mount"), text)
         for key in ("position_frd_m", "rpy_deg"):
             if key in draft.raw["sensors"][name]:
-                report((*path, key), f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two')
+                report(
+                    (*path, key),
+                    f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two',
+                )
     for modifier_name, modifier in sensor.modifiers.items():
         _check_modifier(sensor, modifier, (*path, "modifiers", modifier_name), report)
 

@@ -1,0 +1,65 @@
+# Two commands are enough: `make run` and `make test`. Needs Python 3.11 (with venv), git and make; everything else goes into .venv.
+PYTHON ?= python3.11
+ARGS ?=
+IMAGE ?= uwserver
+BUILDER ?= docker
+WORKERS ?= 2
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help install run test test-all lint types docs-check wheel-smoke demo bench docs image clean
+
+help:  ## show this
+	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
+
+install: $(STAMP)  ## create .venv with everything installed and compile the physics
+$(STAMP): pyproject.toml clients/python/pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[solid,bench,docs,dev]" -e clients/python
+	$(BIN)/python -m uwserver.physics.warm
+	@touch $@
+
+run: install  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
+	@exec $(BIN)/uwserver run $(ARGS)
+
+test: install lint types  ## everything that .ci/run checks
+	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
+	$(MAKE) --no-print-directory docs-check wheel-smoke
+
+test-all: install lint types  ## the same and the slow tests: container, long fuzz, peers built for the test
+	$(BIN)/python -m pytest -n $(WORKERS)
+	$(MAKE) --no-print-directory docs-check
+	$(BIN)/python tools/wheel_smoke.py --dependencies
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: install
+	$(BIN)/mypy
+	cd clients/python && ../../$(BIN)/pyright --pythonpath ../../$(BIN)/python
+
+docs-check: install
+	if test -e tools/validation_report.py; then $(BIN)/python tools/validation_report.py --check; fi
+
+wheel-smoke: install
+	$(BIN)/python tools/wheel_smoke.py
+
+demo: install  ## drive a 5 m square by feedback on the simulated sensors and draw it
+	$(BIN)/python tools/demo.py $(ARGS)
+
+bench: install  ## measure speed and latency beside the peers
+	$(BIN)/uwserver bench $(ARGS)
+
+docs: install  ## regenerate the generated pages of docs/
+	$(BIN)/python tools/validation_report.py
+
+image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")
+	$(BUILDER) build -t $(IMAGE) $(ARGS) .
+
+clean:  ## remove .venv and everything built
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find uwserver adapters scenarios clients tests tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,262 @@
+"""Samples to clients: who gets what, encoded once a codec and selection of fields, whatever the number of clients."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Event, Json, Port, Sample, matches
+from uwserver_adapters.sockets.codec import Codec, JsonCodec, MsgpackCodec, SampleForm
+from uwserver_adapters.sockets.outbox import Delivery, Outbox
+
+if TYPE_CHECKING:
+    from uwserver_adapters.sockets.session import Session
+
+_log = logging.getLogger(__name__)
+
+CACHED_PATTERNS = 64
+"""Patterns whose ports or description are remembered; they are the clients' choice, so they are bounded."""
+_ROUNDING_NS = 1000
+_STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
+
+
+class Subscription:
+    """What one `subscribe` asked for.
+
+    Attributes:
+        serial: the client's name for it.
+        fields: those to send; None for all.
+        paths: ports that it covers now.
+    """
+
+    def __init__(
+        self, serial: int, pattern: str, rate_hz: float | None, fields: tuple[str, ...] | None, delivery: Delivery
+    ) -> None:
+        self.serial = serial
+        self.pattern = pattern
+        self.rate_hz = rate_hz
+        self.fields = fields
+        self.delivery = delivery
+        self.paths: tuple[str, ...] = ()
+
+
+class Share:
+    """One subscription at one port: thins the samples out to its rate.
+
+    A sample passes when it is the first one in its slot of 1/rate_hz, counted from the first sample seen: slots are computed, not
+    accumulated, so they do not drift.
+    """
+
+    def __init__(self, subscription: Subscription) -> None:
+        self.subscription = subscription
+        self._rate = subscription.rate_hz
+        self._start_ns: int | None = None
+        self._slot = 0
+
+    def passes(self, t_ns: int) -> bool:
+        """Whether the sample that was true at `t_ns` is sent."""
+        if self._rate is None:
+            return True
+        if self._start_ns is not None:
+            # Sample times are rounded to whole nanoseconds: one that belongs to a slot may seem to lie just before it.
+            slot = int((t_ns - self._start_ns + _ROUNDING_NS) * self._rate // 1e9)
+            if self._slot - self._rate - 1 <= slot <= self._slot:
+                return False
+            if slot > self._slot:
+                self._slot = slot
+                return True
+        self._start_ns, self._slot = t_ns, 0  # the first sample, or time was set back by more than a second
+        return True
+
+    def restart(self) -> None:
+        """Begin a new series of slots with the next sample."""
+        self._start_ns = None
+
+
+class _Route:
+    """All of one client's subscriptions to the same fields of one port: it gets a sample at most once."""
+
+    __slots__ = ("outbox", "shares")
+
+    def __init__(self, outbox: Outbox) -> None:
+        self.outbox = outbox
+        self.shares: list[Share] = []
+
+    def delivery(self, t_ns: int) -> Delivery | None:
+        """The strongest delivery that is due; None when none is."""
+        if len(self.shares) == 1:
+            share = self.shares[0]
+            return share.subscription.delivery if share.passes(t_ns) else None
+        due = [share.subscription.delivery for share in self.shares if share.passes(t_ns)]
+        return max(due, key=_STRENGTH.__getitem__, default=None)
+
+
+class _Selection:
+    """All clients of one codec that take the same fields of one port."""
+
+    __slots__ = ("codec", "form", "routes")
+
+    def __init__(self, codec: Codec, form: SampleForm) -> None:
+        self.codec = codec
+        self.form = form
+        self.routes: dict[Session, _Route] = {}
+
+
+_Key = tuple[str, tuple[str, ...] | None]
+
+
+class Fanout:
+    """The adapter's `Subscriber`: holds the routes of all admitted clients.
+
+    Attributes:
+        context: the server.
+        sessions: admitted clients.
+    """
+
+    def __init__(self, context: AdapterContext) -> None:
+        self.context = context
+        self.sessions: dict[Session, None] = {}
+        self._codecs: dict[str, Codec] = {codec.name: codec for codec in (JsonCodec(), MsgpackCodec())}
+        self._ports: dict[str, dict[_Key, _Selection]] = {}
+        self._covered: dict[str, tuple[str, ...]] = {}
+        self._described: dict[tuple[str, str], msgspec.Raw] = {}
+
+    # -- clients --------------------------------------------------------------------------------------------------------------------
+
+    def admit(self, session: Session) -> None:
+        """A client may take part."""
+        self.sessions[session] = None
+
+    def dismiss(self, session: Session) -> None:
+        """A client is gone."""
+        self.sessions.pop(session, None)
+        for subscription in session.subscriptions.values():
+            self.remove(session, subscription)
+
+    def add(self, session: Session, subscription: Subscription) -> None:
+        """Route the samples of a subscription; sets its paths."""
+        subscription.paths = self._served(subscription)
+        key = (session.codec.name, subscription.fields)
+        for path in subscription.paths:
+            selections = self._ports.setdefault(path, {})
+            selection = selections.get(key)
+            if selection is None:
+                form = SampleForm(self.context.ports[path], subscription.fields)
+                selection = selections[key] = _Selection(self._codecs[session.codec.name], form)
+            route = selection.routes.setdefault(session, _Route(session.outbox))
+            route.shares.append(Share(subscription))
+
+    def remove(self, session: Session, subscription: Subscription) -> None:
+        """End what `add` began."""
+        key = (session.codec.name, subscription.fields)
+        for path in subscription.paths:
+            selections = self._ports[path]
+            routes = selections[key].routes
+            route = routes[session]
+            route.shares = [share for share in route.shares if share.subscription is not subscription]
+            if not route.shares:
+                del routes[session]
+            if not routes:
+                del selections[key]
+            if not selections:
+                del self._ports[path]
+        subscription.paths = ()
+
+    # -- ports ----------------------------------------------------------------------------------------------------------------------
+
+    def covered(self, pattern: str) -> tuple[str, ...]:
+        """Sensors that fit a pattern."""
+        paths = self._covered.get(pattern)
+        if paths is None:
+            ports = self.context.ports.values()
+            paths = tuple(port.path for port in ports if port.direction == "sensor" and matches(pattern, port.path))
+            if len(self._covered) >= CACHED_PATTERNS:
+                self._covered.clear()
+            self._covered[pattern] = paths
+        return paths
+
+    def _served(self, subscription: Subscription) -> tuple[str, ...]:
+        paths = self.covered(subscription.pattern)
+        if subscription.fields is None:
+            return paths
+        return tuple(path for path in paths if has_any(self.context.ports[path], subscription.fields))
+
+    def described(self, pattern: str, codec: Codec) -> msgspec.Raw:
+        """The encoded result of `describe`; it is large, and the same until the ports change."""
+        key = (pattern, codec.name)
+        raw = self._described.get(key)
+        if raw is None:
+            result: dict[str, Json] = self.context.describe(pattern)
+            raw = codec.raw(result)
+            if len(self._described) >= CACHED_PATTERNS:
+                self._described.clear()
+            self._described[key] = raw
+        return raw
+
+    def _ports_changed(self) -> None:
+        self._covered.clear()
+        self._described.clear()
+        held = [(session, subscription) for session in self.sessions for subscription in session.subscriptions.values()]
+        # All are removed before the first is added: a port may have come back with other fields.
+        for session, subscription in held:
+            self.remove(session, subscription)
+        for session, subscription in held:
+            self.add(session, subscription)
+
+    # -- what the world says --------------------------------------------------------------------------------------------------------
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Queue the samples of one tick and write once a client."""
+        touched: set[Outbox] = set()
+        for sample in samples:
+            selections = self._ports.get(sample.port)
+            if selections is None:
+                continue
+            for selection in selections.values():
+                try:
+                    _distribute(sample, selection, touched)
+                except Exception:
+                    self.context.stats.errors += 1
+                    _log.exception("a sample of %s could not be sent", sample.port)
+        for outbox in touched:
+            outbox.flush()
+
+    def put_event(self, event: Event) -> None:
+        """Tell every admitted client."""
+        if event.event == "ports_changed":
+            self._ports_changed()
+        if event.event == "reset":
+            self._restart_rates()
+        messages = {name: codec.event(event) for name, codec in self._codecs.items()}
+        for session in self.sessions:
+            session.outbox.put_reply(messages[session.codec.name])
+            session.outbox.flush()
+
+    def _restart_rates(self) -> None:
+        for selections in self._ports.values():
+            for selection in selections.values():
+                for route in selection.routes.values():
+                    for share in route.shares:
+                        share.restart()
+
+
+def _distribute(sample: Sample, selection: _Selection, touched: set[Outbox]) -> None:
+    message: bytes | None = None
+    # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
+    for route in selection.routes.values():
+        delivery = route.delivery(sample.t_ns)
+        if delivery is None:
+            continue
+        if message is None:
+            message = selection.codec.sample(selection.form, sample)
+        route.outbox.put_sample((sample.port, selection), message, delivery)
+        touched.add(route.outbox)
+
+
+def has_any(port: Port, fields: Sequence[str]) -> bool:
+    """Whether a port has one of the fields."""
+    return any(field.name in fields for field in port.fields)

@@ -1,0 +1,94 @@
+"""No published vehicle gains energy at any step from 1 to 20 ms; stiffer bodies are sub-stepped, and then stepped implicitly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uwserver.physics.bodies import BodyParams, FloatArray
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.layout import NU
+from uwserver.testing.closed_forms import ZERO6, table_a1
+from uwserver.testing.motion import DEEP, energy_excess, record
+
+VEHICLES = ("bluerov2", "bluerov2_heavy", "rexrov", "lauv", "eca_a9", "tethys")
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.004, 0.01, 0.02])
+def test_kinetic_energy_never_rises_beyond_the_work_done(load_vehicle, dt: float) -> None:  # type: ignore[no-untyped-def]
+    excess = energy_excess([load_vehicle(name) for name in VEHICLES], dt, 60.0)
+    assert dict(zip(VEHICLES, excess > 1e-6, strict=True)) == dict.fromkeys(VEHICLES, False)
+
+
+def test_the_energy_criterion_finds_a_body_that_gains_energy() -> None:
+    pumped = replace(table_a1(), D_L=np.diag([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0]), D_Q=ZERO6)
+    assert energy_excess([pumped], 0.01, 5.0)[0] > 1e-4
+
+
+def light(damping: float, quadratic: float = 0.0) -> BodyParams:
+    """1 kg with the given damping in every axis."""
+    eye = np.eye(6)
+    return BodyParams(eye, 0.1 * eye, damping * eye, quadratic * eye, ZERO6, 0.0, 0.0, (0.0,) * 3, (0.0,) * 3)
+
+
+def surge_after(body: BodyParams, force: float, dt: float, seconds: float, u0: float = 0.0) -> FloatArray:
+    hydro = Hydrodynamics([body], dt)
+    hydro.state[0, NU] = u0
+    hydro.wrenches["bias"][0, 0] = force
+    _, states = record(hydro, seconds)
+    velocities: FloatArray = states[:, 0, NU]
+    return velocities
+
+
+@pytest.mark.parametrize("damping", [50.0, 200.0, 500.0, 1000.0])
+def test_substeps_follow_a_fast_decay(damping: float) -> None:
+    """rate * dt up to 18 needs up to 16 sub-steps; RK4 alone would explode beyond 2.8."""
+    u = surge_after(light(damping), 0.0, 0.02, 0.1, u0=1.0)
+    expected = np.exp(-damping / 1.1 * 0.02 * np.arange(len(u)))
+    assert np.abs(u - expected).max() <= 0.02
+    assert np.all(np.diff(u) <= 0.0)
+
+
+@pytest.mark.parametrize("damping", [3e3, 1e5, 1e8])
+def test_beyond_the_substeps_the_implicit_rule_holds_the_terminal_velocity(damping: float) -> None:
+    u = surge_after(light(damping), 10.0, 0.02, 2.0, u0=1.0)
+    assert np.all(np.abs(u) <= 1.0)
+    assert u[-1] == pytest.approx(10.0 / damping, rel=1e-9)
+
+
+@pytest.mark.parametrize("quadratic", [1e3, 1e6])
+@pytest.mark.parametrize("force", [10.0, 1e4])
+def test_quadratic_damping_from_rest_under_a_sudden_force(quadratic: float, force: float) -> None:
+    """At rest the damping has no rate yet: the step must foresee the velocity that the force will give."""
+    u = surge_after(light(0.0, quadratic), force, 0.02, 4.0)
+    assert u[-1] == pytest.approx((force / quadratic) ** 0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("speed_damping", [1e3, 1e6])
+def test_speed_proportional_damping_settles_without_ringing(speed_damping: float) -> None:
+    body = replace(light(0.0), D_S=speed_damping * np.eye(6))
+    u = surge_after(body, 100.0, 0.02, 4.0)
+    assert u[-1] == pytest.approx((100.0 / speed_damping) ** 0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["bluerov2_heavy", "eca_a9", "lauv"])
+def test_a_thousand_times_the_damping_never_diverges(load_vehicle, name: str) -> None:  # type: ignore[no-untyped-def]
+    body: BodyParams = load_vehicle(name)
+    stiff = replace(body, D_L=1e3 * body.D_L, D_Q=1e3 * body.D_Q, D_S=1e3 * body.D_S)
+    hydro = Hydrodynamics([stiff], 0.02)
+    hydro.state[0, 2] = DEEP
+    rng = np.random.default_rng(5)
+    for k in range(1500):
+        if k % 25 == 0:
+            hydro.wrenches["bias"][0] = body.weight * rng.uniform(-1.0, 1.0, 6) * (1, 1, 1, 0.1, 0.1, 0.1)
+        assert hydro.advance(k * 0.02) < 0
+        assert np.abs(hydro.state[0, NU:]).max() < 5.0
+
+
+def test_a_diverging_body_is_named() -> None:
+    """Damping with the wrong sign: the kernel says which row left the world of finite numbers."""
+    hydro = Hydrodynamics([light(1.0), light(-30.0)], 0.02)
+    hydro.state[:, NU] = 1.0
+    assert max(hydro.advance(k * 0.02) for k in range(200)) == 1

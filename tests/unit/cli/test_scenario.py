@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import uwserver.cli.scenario as commands
+from uwserver.adapter import AdapterTable
+from uwserver.scenario.documents import shipped
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+class SocketsTable(AdapterTable, tag="sockets", kw_only=True):
+    """Stands for the installed adapter."""
+
+    port: int = 7600
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(commands, "installed_adapters", lambda: {"sockets": SocketsTable})
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(name: str, *arguments: str) -> Result:
+    command = {command.name: command for command in commands.COMMANDS}[name]
+    return CliRunner().invoke(command, arguments)
+
+
+def test_check_sums_up_what_is_right() -> None:
+    result = run("check", "bluerov2_pool")
+    assert result.exit_code == 0
+    assert result.stdout.startswith(
+        "ok: bluerov2_pool: physics 240 Hz; vehicles: bluerov2 (bluerov2_heavy); ports: bluerov2/"
+    )
+    assert "bluerov2/mocap 60 Hz" in result.stdout
+    assert result.stdout.endswith("; adapters: tcp (sockets, port 7600)\n")
+
+
+def test_check_tells_all_faults_of_all_files_and_fails(folder: Path) -> None:
+    (folder / "a.toml").write_text("schema = 1\nsede = 1\n")
+    (folder / "b.toml").write_text("schema = \n")
+    result = run("check", "a.toml", "bluerov2_pool", "b.toml")
+    assert result.exit_code == 1
+    assert 'a.toml:2:1: unknown key "sede" (did you mean "seed"?)\n1 error\n' in result.stderr
+    assert "b.toml:1:10: no valid TOML: invalid value\n1 error\n" in result.stderr
+    assert result.stdout.startswith("ok: bluerov2_pool: ")
+
+
+def test_check_explain_prints_toml_only() -> None:
+    result = run("check", "--explain", "bluerov2_pool")
+    assert result.exit_code == 0
+    assert tomllib.loads(result.stdout)["vehicles"]["bluerov2"]["file"]["name"] == "bluerov2_heavy"
+    assert "ok: bluerov2_pool" in result.stderr
+
+
+def test_warnings_do_not_fail(folder: Path) -> None:
+    text = "schema = 1\n[vehicles.v]\nmodel = 'bluerov2_heavy'\noverride.buoyancy.volume_m3 = 0.02\n"
+    (folder / "light.toml").write_text(text)
+    result = run("check", "light.toml")
+    assert result.exit_code == 0
+    assert "light.toml:4:10: vehicles.v.override.buoyancy: warning: the vehicle floats up with" in result.stderr
+    assert result.stdout.startswith("ok: light.toml")
+
+
+@pytest.mark.parametrize(
+    ("option", "key"), [("--scenario", "vehicles"), ("--vehicle", "rigid_body"), ("--device", "curves")]
+)
+def test_schema_is_json_of_the_right_file(option: str, key: str) -> None:
+    document = json.loads(run("schema", option).stdout)
+    name = document["$ref"].rsplit("/", 1)[1]
+    assert key in document["$defs"][name]["properties"]
+
+
+def test_schema_is_of_scenarios_by_default() -> None:
+    assert run("schema").stdout == run("schema", "--scenario").stdout
+
+
+def test_list_names_everything_with_one_line_each() -> None:
+    result = run("list")
+    assert result.exit_code == 0
+    for section in ("scenarios", "vehicles", "devices", "sensors", "actuators", "modifiers", "adapters"):
+        lines = run("list", section).stdout.splitlines()
+        assert lines
+        assert all(len(line.split(maxsplit=1)) == 2 for line in lines), lines
+        assert f"{section}:\n" in result.stdout
+        assert all(f"  {line}" in result.stdout for line in lines)
+    assert any(line.startswith("pressure ") for line in run("list", "sensors").stdout.splitlines())
+    assert run("list", "boats").exit_code == 2
+
+
+@pytest.mark.parametrize("vehicle", list(shipped("vehicles")))
+def test_new_scenario_passes_check(vehicle: str, folder: Path) -> None:
+    assert run("new", "pond", "--vehicle", vehicle).exit_code == 0
+    assert "#" in (folder / "pond.toml").read_text()
+    assert run("check", "pond.toml").exit_code == 0
+    again = run("new", "pond.toml")
+    assert again.exit_code == 1
+    assert "pond.toml exists already" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"), [(("../x",), "begin with a letter"), (("x", "--vehicle", "bluerov3"), "did you mean")]
+)
+def test_new_refuses(arguments: tuple[str, ...], text: str, folder: Path) -> None:
+    result = run("new", *arguments)
+    assert result.exit_code == 2
+    assert text in result.stderr
+    assert list(folder.iterdir()) == []

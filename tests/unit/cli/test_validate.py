@@ -1,0 +1,52 @@
+"""`uwserver validate` on the shipped oracle files and on files that are none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from uwserver.cli.validate import COMMANDS, validate
+
+ORACLES = Path(__file__).parents[2] / "physics" / "oracles"
+SPHEROID = str(ORACLES / "spheroid_1.json")
+
+
+def test_table_has_a_line_for_each_file() -> None:
+    result = CliRunner().invoke(validate, [SPHEROID, str(ORACLES / "spheroid_3.json"), "--rate-hz", "1000"])
+    assert result.exit_code == 0
+    head, first, second = result.output.splitlines()
+    assert head.split()[:3] == ["file", "rate", "Hz"]
+    assert first.split()[:2] == ["spheroid_1.json", "1000"]
+    assert second.startswith("spheroid_3.json")
+    assert float(first.split()[2]) < 1e-6
+
+
+def test_json_is_for_programs() -> None:
+    result = CliRunner().invoke(validate, [SPHEROID, "--json"])
+    (entry,) = json.loads(result.output)
+    assert entry["file"] == SPHEROID
+    assert 0.0 < entry["position_m"] < 1e-6
+    assert entry["position_at_s"] == 1.0
+    assert (entry["rate_hz"], entry["samples"], entry["steps"]) == (240.0, 2, 240)
+
+
+def test_unreadable_files_fail_by_name_and_the_others_still_run(tmp_path: Path) -> None:
+    other = tmp_path / "other.json"
+    other.write_text('{"format": "something"}')
+    result = CliRunner().invoke(validate, [str(other), SPHEROID, str(tmp_path / "absent.json")])
+    assert result.exit_code == 1
+    assert 'format "something" found, "uwserver-oracle-1" expected' in result.stderr
+    assert "absent.json: No such file" in result.stderr
+    assert "spheroid_1.json" in result.stdout
+
+
+def test_a_rate_of_zero_is_refused() -> None:
+    result = CliRunner().invoke(validate, [SPHEROID, "--rate-hz", "0"])
+    assert result.exit_code == 2
+    assert "--rate-hz" in result.stderr
+
+
+def test_it_is_exported_to_the_command_line() -> None:
+    assert [command.name for command in COMMANDS] == ["validate"]

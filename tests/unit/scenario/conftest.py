@@ -1,0 +1,132 @@
+"""A tiny vehicle and device of our own, so that these tests do not depend on shipped numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from uwserver.adapter import AdapterTable
+
+VEHICLE = """\
+schema = 1
+name = "tiny"
+description = "a box"
+
+[rigid_body]
+source = "test"
+status = "guess"
+mass_kg = 10.0
+inertia_kgm2 = [0.1, 0.2, 0.3]
+
+[buoyancy]
+source = "test"
+status = "guess"
+volume_m3 = 0.0098
+
+[added_mass]
+source = "test"
+status = "guess"
+diagonal = [5, 6, 7, 0.1, 0.1, 0.1]
+
+[damping.linear]
+source = "test"
+status = "guess"
+diagonal = [5, 6, 7, 0.1, 0.1, 0.1]
+
+[mounts.nose]
+position_frd_m = [0.2, 0.0, 0.0]
+
+[thrusters.left]
+source = "test"
+status = "guess"
+device = "./motor.toml"
+position_frd_m = [0.0, -0.1, 0.0]
+axis_frd = [1.0, 0.0, 0.0]
+
+[actuators.thrusters]
+kind = "thrusters"
+
+[sensors.imu]
+kind = "imu"
+rate_hz = 120
+mount = "nose"
+"""
+
+DEVICE = """\
+schema = 1
+kind = "thruster"
+name = "motor"
+default_voltage_V = 16.0
+
+[shape]
+source = "test"
+status = "guess"
+coefficients = [1.0, 2.0]
+
+[curves.v16]
+source = "test"
+status = "guess"
+voltage_V = 16.0
+max_forward_N = 50.0
+max_reverse_N = 40.0
+dead_band = [-0.07, 0.07]
+
+[lag]
+source = "test"
+status = "guess"
+time_constant_s = 0.1
+
+[propeller]
+source = "test"
+status = "guess"
+diameter_m = 0.076
+"""
+
+SCENARIO = """\
+schema = 1
+title = "tank"
+
+[vehicles.rov]
+model = "./tiny.toml"
+
+[adapters.tcp]
+kind = "sockets"
+port = 7600
+"""
+
+
+class SocketsTable(AdapterTable, tag="sockets", kw_only=True):
+    """Stands for a configured adapter."""
+
+    bind: str = "127.0.0.1"
+    port: int = 7600
+
+
+ADAPTERS: dict[str, type] = {"sockets": SocketsTable}
+Write = Callable[..., Path]
+
+
+@pytest.fixture
+def adapters() -> Mapping[str, type]:
+    return ADAPTERS
+
+
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """Writes tank.toml, tiny.toml and motor.toml into an empty working folder; returns the path of tank.toml."""
+    monkeypatch.chdir(tmp_path)
+
+    def write_files(scenario: str = SCENARIO, vehicle: str = VEHICLE, device: str = DEVICE) -> Path:
+        for name, text in (("tank", scenario), ("tiny", vehicle), ("motor", device)):
+            (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+        return tmp_path / "tank.toml"
+
+    return write_files
+
+
+@pytest.fixture
+def files() -> dict[str, str]:
+    """Text of the three good files."""
+    return {"tank": SCENARIO, "tiny": VEHICLE, "motor": DEVICE}

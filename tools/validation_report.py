@@ -1,0 +1,259 @@
+"""Writes docs/validation.md and its plots from runs of the production kernel: ``python tools/validation_report.py``.
+
+With ``--check`` nothing is written: the numbers are computed again and compared with those in the document, and the exit status is 1 when
+they differ by more than rounding on another machine can explain.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import validation_plots as plots
+
+from uwserver.frames import quat_from_rpy
+from uwserver.physics.bodies import BodyParams, FloatArray
+from uwserver.physics.energy import kinetic_energy, rotations
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.immersion import immersion
+from uwserver.physics.layout import NU, Q
+from uwserver.physics.oracle import build, load_oracle, run, validate
+from uwserver.scenario.body import body_params
+from uwserver.scenario.load import load
+from uwserver.scenario.schema import Environment, Scenario, VehicleEntry
+from uwserver.testing.closed_forms import closed_forms, tilt
+from uwserver.testing.motion import energy_excess, momentum, record
+from uwserver.units import deg
+
+ROOT = Path(__file__).parents[1]
+ORACLES = ROOT / "tests" / "physics" / "oracles"
+DOCUMENT = ROOT / "docs" / "validation.md"
+IMAGES = ROOT / "docs" / "images"
+VEHICLES = ("bluerov2", "bluerov2_heavy", "rexrov", "lauv", "eca_a9", "tethys")
+TIME_STEPS_MS = (1, 4, 10, 20)
+RATES = (30, 60, 120, 240, 480)
+LONG = ("bluerov2_heavy_6axis_60s", "kirchhoff_free_60s", "work_class_full_60s")
+SHORT = ("spheroid_1", "spheroid_2", "spheroid_3")
+BARS = {"bluerov2_heavy_6axis_60s": 1e-6, "kirchhoff_free_60s": 1e-6, "work_class_full_60s": 5e-6}
+
+
+class Section(NamedTuple):
+    """One table with its text."""
+
+    title: str
+    text: str
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    image: str = ""
+    draw: Callable[[Path], None] | None = None
+
+
+def vehicle_params(name: str) -> BodyParams:
+    """Kernel parameters of a shipped vehicle in sea water."""
+    scenario = Scenario(schema=1, vehicles={name: VehicleEntry(model=name, position_ned_m=(0.0, 0.0, 5.0))})
+    resolved = load(scenario, adapters={}).vehicles[name]
+    return body_params(resolved.vehicle, resolved.devices, Environment())
+
+
+def oracle_section() -> Section:
+    """Errors of each oracle file at its usual rate."""
+    rows, errors, tracks = [], {}, {}
+    for name in LONG + SHORT:
+        rate = 240 if name in LONG else 1000
+        result = validate(ORACLES / f"{name}.json", rate)
+        rows.append(
+            (name, f"{rate}", f"{BARS.get(name, 1e-6):.0e}", number(result.position.error), number(result.attitude.error))
+            + (number(result.linear_velocity.error), number(result.angular_velocity.error))
+        )
+    for name in LONG:
+        oracle = load_oracle(ORACLES / f"{name}.json")
+        expected = np.array(oracle.states)
+        states, _ = run(oracle, 240.0)
+        errors[name] = (np.array(oracle.t_s), np.linalg.norm((states - expected)[:, :3], axis=1))
+        tracks[name] = (states, expected)
+    return Section(
+        "Free motion against independent trajectories",
+        "Full 6x6 added mass, centre of gravity off the origin, full damping matrices, current and a six-axis wrench, integrated by two\n"
+        "independent authors with DOP853; and Gazebo's three spheroids, whose published end state has a tolerance of 1e-3 m. Largest errors\n"
+        "over all samples; `uwserver validate FILE...` gives the same for any file of the format.",
+        ("oracle", "rate Hz", "bar m", "position m", "attitude deg", "velocity m/s", "rate rad/s"),
+        rows,
+        "validation_oracles.png",
+        partial(plots.oracles, errors=errors, track=tracks["bluerov2_heavy_6axis_60s"]),
+    )
+
+
+def order_section() -> Section:
+    """Error against rate, and the order between neighbours."""
+    rows, curves = [], {}
+    for name in ("kirchhoff_free_60s", "work_class_full_60s"):
+        errors = [validate(ORACLES / f"{name}.json", rate).position.error for rate in RATES]
+        curves[name] = errors
+        for k, rate in enumerate(RATES):
+            order = f"{math.log2(errors[k - 1] / errors[k]):.2f}" if k else ""
+            rows.append((name, f"{rate}", number(errors[k]), order))
+    return Section(
+        "Order of convergence",
+        "Largest position error over 60 s. The bar is an order of at least 3.8 for the Kirchhoff oracle from 60 to 240 Hz; the work-class\n"
+        "case has |v| v in its right-hand side, which is not smooth where a velocity changes sign.",
+        ("oracle", "rate Hz", "position error m", "order"),
+        rows,
+        "validation_order.png",
+        partial(plots.order, rates=RATES, curves=curves),
+    )
+
+
+def energy_section() -> Section:
+    """Relative drift of what must be conserved."""
+    rows, curves = [], {}
+    for rate in (60, 120, 240):
+        hydro = build(load_oracle(ORACLES / "kirchhoff_free_60s.json"))
+        hydro.dt = 1.0 / rate
+        before = momentum(hydro)[0]
+        times, states = record(hydro, 60.0)
+        energy = np.array([kinetic_energy(hydro.bodies, row, hydro.currents)[0] for row in states])
+        drift = np.abs(energy / energy[0] - 1.0)
+        after = momentum(hydro)[0]
+        parts = [np.linalg.norm((after - before)[k]) / np.linalg.norm(before[k]) for k in (slice(0, 3), slice(3, 6))]
+        rows.append((f"{rate}", number(float(drift.max())), number(float(parts[0])), number(float(parts[1]))))
+        curves[rate] = (times, drift)
+    return Section(
+        "Energy and momentum",
+        "A free body without damping, 60 s. Relative drift; the bar is 1e-9 at 240 Hz. Coriolis forces come from momenta and do no work by\n"
+        "construction, so what is left is the truncation of the integrator.",
+        ("rate Hz", "energy", "momentum", "angular momentum"),
+        rows,
+        "validation_energy.png",
+        partial(plots.energy, curves=curves),
+    )
+
+
+def closed_form_section() -> Section:
+    """Motions with a known answer."""
+    rows = [(f.name, f.unit, f"{f.expected:.6g}", f"{f.measured:.6g}", number(f.error)) for f in closed_forms()]
+    return Section(
+        "Closed forms",
+        "Terminal velocities and natural frequencies of the BlueROV2 Heavy of Table A1 (von Benzon et al. 2022), draft of a floating box and\n"
+        "sphere, and the added mass 2/3 pi rho r^3 of a sphere. The bar is 0.1 %.",
+        ("motion", "unit", "closed form", "kernel", "relative error"),
+        rows,
+    )
+
+
+def stability_section(bodies: list[BodyParams]) -> Section:
+    """The energy criterion for each vehicle and time step."""
+    columns = [energy_excess(bodies, ms / 1000.0, 60.0) for ms in TIME_STEPS_MS]
+    rows = [(name, *(number(float(column[k])) for column in columns)) for k, name in enumerate(VEHICLES)]
+    return Section(
+        "Stability of every vehicle from 1 to 20 ms",
+        "Random wrenches up to half the weight for 60 s. Largest rise of kinetic energy in one step beyond the work done in it, over the\n"
+        "kinetic energy; the bar is +1e-6. Negative: damping took more than any integration error gave.",
+        ("vehicle", *(f"{ms} ms" for ms in TIME_STEPS_MS)),
+        rows,
+    )
+
+
+def surface_section(bodies: list[BodyParams]) -> Section:
+    """Vehicles let go 1.5 m deep, tilted, until they float."""
+    hydro = Hydrodynamics(bodies, 0.01)
+    hydro.state[:, 2] = 1.5
+    hydro.state[:, Q : Q + 4] = quat_from_rpy(0.2, -0.1, 0.5)
+    times, states = record(hydro, 240.0)
+    rows = []
+    for k, name in enumerate(VEHICLES):
+        moving = np.abs(states[:, k, NU : NU + 3]).max(axis=1) > 0.01
+        settled = times[int(np.max(np.flatnonzero(moving)))]
+        body, end = hydro.bodies[k], states[-1, k]
+        share = float(body["weight"] / body["buoyancy"])
+        rows.append(
+            (name, f"{share:.5f}", f"{_submerged(hydro, end, k):.5f}", f"{end[2]:.4f}", f"{deg(tilt(end)):.2f}", f"{settled:.0f}")
+        )
+    return Section(
+        "At the surface",
+        "Each vehicle in sea water, let go 1.5 m deep and tilted by 13 degrees. At rest the submerged part of the displaced volume must be\n"
+        "weight over buoyancy; settled means below 1 cm/s from then on.",
+        ("vehicle", "weight / buoyancy", "submerged part", "origin at m", "tilt deg", "settled after s"),
+        rows,
+        "validation_surface.png",
+        partial(plots.surface, times=times, states=states, names=VEHICLES),
+    )
+
+
+def _submerged(hydro: Hydrodynamics, state: FloatArray, row: int) -> float:
+    R = rotations(state[None, :])[0]
+    return float(immersion(hydro.bodies[row], hydro.shapes, state[2], R, np.empty(3), np.empty((2, 3))))
+
+
+def number(value: float) -> str:
+    """Three digits; what is only rounding is said to be so, as it differs from machine to machine."""
+    return "< 1e-11" if abs(value) < 1e-11 else f"{value:.2e}"
+
+
+def markdown(sections: Iterable[Section]) -> str:
+    """The whole document."""
+    parts = [
+        "# Validation of the physics\n",
+        "Written by `python tools/validation_report.py`; do not edit. `--check` computes the numbers again. The same bars are asserted by\n"
+        "`tests/physics`, together with what has no number to show: each force term alone against its formula, a circular turn in a current,\n"
+        "the Galilean shift by a uniform current (1e-8 m), thruster tables, lag, inflow and immersion, sub-steps and the implicit fallback of\n"
+        "stiff bodies, and bit-identical repeats in another process and in any company of bodies.\n",
+    ]
+    for section in sections:
+        parts.append(f"## {section.title}\n\n{section.text}\n")
+        lines = ["| " + " | ".join(section.head) + " |", "|" + "---|" * len(section.head)]
+        lines += ["| " + " | ".join(row) + " |" for row in section.rows]
+        parts.append("\n".join(lines) + "\n")
+        if section.image:
+            parts.append(f"![{section.title}](images/{section.image})\n")
+    return "\n".join(parts)
+
+
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def differences(old: str, new: str) -> list[str]:
+    """Lines that say something else, or whose numbers differ by more than 5 % and 1e-9."""
+    if len(old.splitlines()) != len(new.splitlines()):
+        return ["the document has another number of lines"]
+    stale = []
+    for before, after in zip(old.splitlines(), new.splitlines(), strict=True):
+        a, b = ([float(x) for x in NUMBER.findall(line)] for line in (before, after))
+        same_text = NUMBER.sub("#", before.replace("< 1e-11", "0")) == NUMBER.sub("#", after.replace("< 1e-11", "0"))
+        close = len(a) == len(b) and all(abs(x - y) <= 0.05 * max(abs(x), abs(y)) + 1e-9 for x, y in zip(a, b, strict=True))
+        if not same_text or not close:
+            stale.append(f"- {before}\n+ {after}")
+    return stale
+
+
+def main() -> int:
+    """Exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="compare with the document instead of writing it")
+    check: bool = parser.parse_args().check
+    bodies = [vehicle_params(name) for name in VEHICLES]
+    sections = [
+        oracle_section(), order_section(), energy_section(), closed_form_section(), stability_section(bodies), surface_section(bodies),
+    ]  # fmt: skip
+    text = markdown(sections)
+    if not check:
+        for section in sections:
+            if section.draw:
+                section.draw(IMAGES / section.image)
+        DOCUMENT.write_text(text, encoding="utf-8")
+        return 0
+    stale = differences(DOCUMENT.read_text(encoding="utf-8"), text) if DOCUMENT.is_file() else ["docs/validation.md is missing"]
+    stale += [f"docs/{name} is missing" for name in re.findall(r"images/\w+\.png", text) if not (ROOT / "docs" / name).is_file()]
+    if stale:
+        sys.stderr.write("\n".join(stale) + "\ndocs/validation.md is stale: run python tools/validation_report.py\n")
+    return 1 if stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,61 @@
+"""`uwserver doctor`: what is missing on this machine, and what to do."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict
+
+import click
+
+from uwserver.cli.diagnosis import Finding, examine
+
+_SIGNS = {"ok": "ok     ", "warning": "warning", "fault": "FAULT  "}
+
+
+@click.command()
+@click.option("--warm", is_flag=True, help="Compile the physics now, and remove the caches of older versions.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+def doctor(warm: bool, as_json: bool) -> None:
+    """Test this machine: packages, kernel cache, port, timer. Exits with 1 if something prevents a server from running."""
+    broken = _warm() if warm else []
+    findings: list[Finding] = []
+    for finding in _all(broken):
+        findings.append(finding)
+        if not as_json:
+            click.echo(_line(finding))
+    faults = sum(finding.level == "fault" for finding in findings)
+    if as_json:
+        click.echo(json.dumps({"ok": not faults, "findings": [asdict(finding) for finding in findings]}, indent=2))
+    else:
+        click.echo(f"{faults} to repair before `uwserver run` works" if faults else "ready: uwserver run")
+    sys.exit(1 if faults else 0)
+
+
+def _all(first: Iterable[Finding]) -> Iterable[Finding]:
+    yield from first
+    yield from examine()
+
+
+def _line(finding: Finding) -> str:
+    line = f"{_SIGNS[finding.level]}  {finding.name:16}  {finding.text}"
+    return f"{line}\n{'':27}-> {finding.remedy}" if finding.remedy else line
+
+
+def _warm() -> list[Finding]:
+    """Compile what the cache lacks; a finding only if that fails. Progress goes to standard error."""
+    try:
+        from uwserver.physics.compiled import cache_state
+        from uwserver.physics.warm import prune, warm
+
+        warm(lambda line: click.echo(line, err=True))
+    except (ImportError, OSError, RuntimeError) as error:
+        return [Finding("warming", "fault", str(error), "pip install --force-reinstall uwserver")]
+    if cache_state.folder is not None and not cache_state.reason:
+        for old in prune(cache_state.folder):
+            click.echo(f"kernels: removed {old}", err=True)
+    return []
+
+
+COMMANDS = (doctor,)

@@ -1,0 +1,156 @@
+"""Commands about scenario files: check, schema, list, new."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from uwserver.actuators import ActuatorConfig
+from uwserver.adapter import AdapterNotFound, installed_adapters
+from uwserver.modifiers import ModifierConfig
+from uwserver.scenario.convert import NAME, kinds_of
+from uwserver.scenario.documents import find, read, shipped
+from uwserver.scenario.errors import ScenarioError
+from uwserver.scenario.export import explain as explain_resolved
+from uwserver.scenario.json_schema import FileKind, json_schema
+from uwserver.scenario.load import load
+from uwserver.scenario.resolved import Resolved
+from uwserver.scenario.starter import starter
+from uwserver.sensors import SensorConfig
+
+
+@click.command()
+@click.argument("files", metavar="FILE...", nargs=-1, required=True)
+@click.option("--explain", is_flag=True, help="Print the resolved scenario as TOML, every default written out.")
+def check(files: tuple[str, ...], explain: bool) -> None:
+    """Check scenario files (or shipped scenarios by name); exit status 1 if any has a fault."""
+    adapters = _adapters()
+    failed = False
+    for file in files:
+        try:
+            resolved = load(file, adapters=adapters)
+        except ScenarioError as error:
+            failed = True
+            click.echo(str(error), err=True)
+            continue
+        if explain:
+            click.echo(explain_resolved(resolved), nl=False)
+        for warning in resolved.warnings:
+            click.echo(str(warning), err=True)
+        # With --explain, standard output is TOML and nothing else.
+        click.echo(summary(file, resolved), err=explain)
+    sys.exit(1 if failed else 0)
+
+
+def summary(file: str, resolved: Resolved) -> str:
+    """One line: vehicles, their ports with rates, adapters."""
+    scenario = resolved.scenario
+    vehicles = ", ".join(f"{v.name} ({v.entry.model})" for v in resolved.vehicles.values()) or "none"
+    ports = [
+        f"{v.name}/{name}{rate}"
+        for v in resolved.vehicles.values()
+        for name, rate in [
+            *((name, f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
+            *((name, "") for name in v.vehicle.actuators),
+        ]
+    ]
+    adapters = [
+        f"{name} ({scenario_kind(config)}{f', port {port}' if (port := getattr(config, 'port', None)) is not None else ''})"
+        for name, config in scenario.adapters.items()
+    ]
+    return (
+        f"ok: {file}: physics {scenario.world.rate_hz:g} Hz; vehicles: {vehicles}; ports: {', '.join(ports) or 'none'}; "
+        f"adapters: {', '.join(adapters) or 'none'}"
+    )
+
+
+def scenario_kind(config: Any) -> str:
+    """The `kind` that chose a component's configuration type."""
+    return str(config.__struct_config__.tag)
+
+
+@click.command()
+@click.option("--vehicle", "kind", flag_value="vehicle", help="Of vehicle files.")
+@click.option("--device", "kind", flag_value="device", help="Of thruster device files.")
+@click.option("--scenario", "kind", flag_value="scenario", default=True, help="Of scenario files (default).")
+def schema(kind: FileKind) -> None:
+    """Print the JSON Schema of scenario files, or of vehicle or device files."""
+    click.echo(json_schema(kind), nl=False)
+
+
+def _files(folder: str, key: str) -> Callable[[], dict[str, str]]:
+    return lambda: {name: str(read(path).raw.get(key, "")) for name, path in shipped(folder).items()}
+
+
+def _kinds(union: Any) -> Callable[[], dict[str, str]]:
+    return lambda: {kind: first_line(struct) for kind, struct in kinds_of(union).items()}
+
+
+def _adapter_lines() -> dict[str, str]:
+    return {kind: first_line(config) for kind, config in _adapters().items()}
+
+
+_LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
+    "scenarios": _files("", "title"),
+    "vehicles": _files("vehicles", "description"),
+    "devices": _files("devices", "kind"),
+    "sensors": _kinds(SensorConfig),
+    "actuators": _kinds(ActuatorConfig),
+    "modifiers": _kinds(ModifierConfig),
+    "adapters": _adapter_lines,
+}
+
+
+@click.command("list")
+@click.argument("what", type=click.Choice(list(_LISTS)), required=False)
+def list_(what: str | None) -> None:
+    """List what is installed: scenarios, vehicles, devices, and the kinds of sensor, actuator, modifier and adapter."""
+    for section in [what] if what else list(_LISTS):
+        if not what:
+            click.echo(f"{section}:")
+        for name, line in _LISTS[section]().items():
+            click.echo(f"{'' if what else '  '}{name:<22} {line}".rstrip())
+
+
+def first_line(component: Any) -> str:
+    """First sentence about a component: of its own doc, or of its module's where that only lists keys."""
+    own = inspect.getdoc(component) or ""
+    doc = own if own and not own.startswith("Attributes") else inspect.getdoc(inspect.getmodule(component)) or ""
+    return " ".join(doc.split("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+
+
+@click.command()
+@click.argument("name")
+@click.option("--vehicle", default="bluerov2_heavy", show_default=True, help="A shipped vehicle, or a vehicle file.")
+def new(name: str, vehicle: str) -> None:
+    """Write a commented starter scenario NAME.toml here."""
+    stem = name.removesuffix(".toml")
+    if not NAME.fullmatch(stem):
+        raise click.BadParameter("begin with a letter or _, go on with letters, digits, _ and -", param_hint="NAME")
+
+    def refuse(text: str) -> None:
+        raise click.BadParameter(text, param_hint="--vehicle")
+
+    find(vehicle, "vehicles", Path.cwd(), refuse)
+    path = Path(f"{stem}.toml")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(starter(stem, vehicle))
+    except FileExistsError:
+        raise click.ClickException(f"{path} exists already: choose another name, or remove it first") from None
+    click.echo(f"wrote {path}; next: uwserver check {path} && uwserver run {path}")
+
+
+def _adapters() -> dict[str, type]:
+    try:
+        return installed_adapters()
+    except AdapterNotFound as error:
+        raise click.ClickException(str(error)) from error
+
+
+COMMANDS = (check, schema, list_, new)

@@ -1,0 +1,103 @@
+"""Compiles every kernel for the record types that worlds use, so that no server has to; ``python -m uwserver.physics.warm``."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.compiled import cache_state
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.lag import Lag
+from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
+
+ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change")
+"""Kernels that Python calls; the others are compiled into them."""
+
+_DT = 0.01
+
+
+def is_warm(folder: Path) -> bool:
+    """The cache folder holds an index of each entry kernel (perhaps of another CPU: then loading compiles once more)."""
+    return all(any(folder.glob(f"**/{kernel}-*.nbi")) for kernel in ENTRY_KERNELS)
+
+
+def warm(say: Callable[[str], None] = lambda line: None) -> bool:
+    """Run each path of the kernels once, which compiles what the cache lacks; some 20 s when it lacks everything.
+
+    Args:
+        say: gets a line of progress before each part.
+
+    Returns:
+        Whether anything had to be compiled.
+
+    Raises:
+        RuntimeError: the kernels ran and a state was not finite: the installation is broken.
+    """
+    say("kernels: loading the compiler")
+    from uwserver.physics import integrator
+
+    gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
+    for name, world, depth in (
+        ("immersed", gentle, 10.0),
+        ("at the surface", gentle, 0.0),
+        ("stiff damping", stiff, 10.0),
+    ):
+        say(f"kernels: {name}")
+        world.state[:, 2] = depth
+        world.state[:, 7] = 1.0
+        failed = world.advance(0.0)
+        nu_dot, _ = world.rates_of_change(_DT)
+        if failed >= 0 or not np.isfinite(nu_dot).all():
+            raise RuntimeError(f"the kernels gave a state that is not finite ({name}): reinstall numpy and numba")
+    kernels = (integrator.advance, integrator.rates_of_change)
+    return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
+
+
+def prune(folder: Path) -> list[Path]:
+    """Remove the caches that other versions of the sources left beside `folder`; returns what was removed."""
+    old = [path for path in sorted(folder.parent.glob("kernels-*")) if path != folder]
+    for path in old:
+        shutil.rmtree(path, ignore_errors=True)
+    return [path for path in old if not path.exists()]
+
+
+def _body(drag: float) -> BodyParams:
+    """A body with a box, a sphere and a thruster; `drag` scales its damping."""
+    table = ForceTable((16.0,), (((-1.0, -30.0), (0.0, 0.0), (1.0, 40.0)),))
+    thruster = ThrusterParams("t", (0.1, 0.0, 0.0), (1.0, 0.0, 0.0), table, 16.0, Lag.first_order(0.1), 0.01, 0.1)
+    return BodyParams(
+        M_RB=rigid_body_inertia(10.0, np.diag([0.2, 0.3, 0.4]), (0.0, 0.0, 0.02)),
+        M_A=np.diag([5.0, 8.0, 9.0, 0.1, 0.2, 0.2]),
+        D_L=drag * np.eye(6),
+        D_Q=drag * np.eye(6),
+        D_S=drag * np.eye(6),
+        weight=98.1,
+        buoyancy=100.0,
+        r_g=(0.0, 0.0, 0.02),
+        r_b=(0.0, 0.0, 0.0),
+        shapes=(
+            BuoyancyShape(SHAPE_BOX, (0.0, 0.0, 0.0), (0.2, 0.15, 0.1), 0.008),
+            BuoyancyShape(SHAPE_SPHERE, (0.1, 0.0, -0.05), (0.08, 0.08, 0.08), 0.002),
+        ),
+        thrusters=(thruster,),
+    )
+
+
+def _main() -> None:
+    state = cache_state
+    if state.reason:
+        print(state.reason, file=sys.stderr)
+    compiled = warm(lambda line: print(line, flush=True))
+    if state.folder is not None and not state.reason:
+        prune(state.folder)
+    done = "compiled" if compiled else "were ready"
+    print(f"kernels: {done} in {state.folder or 'memory only'}")
+
+
+if __name__ == "__main__":
+    _main()

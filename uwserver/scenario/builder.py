@@ -1,0 +1,148 @@
+"""A scenario in Python: verbs that give the same `Scenario` as a file, and refuse a wrong key at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from uwserver.modifiers import ModifierConfig
+from uwserver.scenario.convert import Report, check_name, convert, convert_kind, kinds_of
+from uwserver.scenario.documents import from_tables
+from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, did_you_mean
+from uwserver.scenario.load import scenario_from
+from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, Truth, VehicleEntry, WorldTable
+from uwserver.sensors import SensorConfig
+
+
+class ScenarioBuilder:
+    """Collects tables; every verb returns the builder itself.
+
+    Keys are those of the scenario file. All verbs raise ScenarioError for a key or value that the file could not hold either. What only
+    the whole scenario shows (rates, mounts, the vehicle file) is checked by `uwserver.scenario.load.load`.
+    """
+
+    def __init__(
+        self, title: str, *, seed: int = 0, rate_hz: float = 240.0, adapters: Mapping[str, type] | None = None
+    ) -> None:
+        """Begin a scenario.
+
+        Args:
+            title: names the scenario.
+            seed: of all random streams.
+            rate_hz: physics ticks a second.
+            adapters: configuration types by kind, as for `load`; default: those installed.
+        """
+        self._raw: dict[str, Any] = {"schema": 1, "title": title, "seed": seed}
+        self._installed = adapters
+        self.world(rate_hz=rate_hz)
+
+    def world(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[world]`."""
+        return self._update(("world",), WorldTable, keys)
+
+    def clock(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[world.clock]`."""
+        return self._update(("world", "clock"), Clock, keys)
+
+    def environment(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[environment]`."""
+        return self._update(("environment",), Environment, keys)
+
+    def current(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[environment.current]`."""
+        return self._update(("environment", "current"), Current, keys)
+
+    def server(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[server]`."""
+        return self._update(("server",), Server, keys)
+
+    def vehicle(self, name: str, model: str, **keys: Any) -> ScenarioBuilder:
+        """A vehicle; `override` may be among its keys."""
+        return self._update(("vehicles", name), VehicleEntry, {"model": model, **keys})
+
+    def truth(self, vehicle: str, **keys: Any) -> ScenarioBuilder:
+        """Ground truth of a vehicle added before."""
+        self._known(vehicle)
+        return self._update(("vehicles", vehicle, "truth"), Truth, keys)
+
+    def sensor(self, vehicle: str, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """A sensor for a vehicle added before; replaces one of its vehicle file with the same name."""
+        self._known(vehicle)
+        return self._update(("vehicles", vehicle, "sensors", name), SensorConfig, {"kind": kind, **keys})
+
+    def modifier(self, vehicle: str, sensor: str, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """An error of a sensor's stream: of one added before, else of the sensor of that name in the vehicle file."""
+        entry = self._known(vehicle)
+        raw = {"kind": kind, **_plain(keys)}
+        path: KeyPath = ("vehicles", vehicle, "sensors", sensor, "modifiers", name)
+        if sensor not in entry.get("sensors", {}):
+            path = ("vehicles", vehicle, "override", *path[2:])
+        self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig), path, report))
+        self._put(path, raw)
+        return self
+
+    def adapter(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """An adapter."""
+        if self._installed is None:
+            # Late: which adapters are installed is asked for only when one is used.
+            from uwserver.adapter import installed_adapters
+
+            self._installed = installed_adapters()
+        installed, raw, path = self._installed, {"kind": kind, **_plain(keys)}, ("adapters", name)
+        self._checked(lambda report: convert_kind(raw, installed, path, report))
+        self._put(path, raw)
+        return self
+
+    def build(self) -> Scenario:
+        """The scenario; the builder may be used further."""
+        scenario = self._checked(lambda report: scenario_from(self._raw, self._installed or {}, report))
+        assert isinstance(scenario, Scenario)
+        return scenario
+
+    def _known(self, vehicle: str) -> dict[str, Any]:
+        vehicles: dict[str, dict[str, Any]] = self._raw.get("vehicles", {})
+        if vehicle not in vehicles:
+            text = f'no vehicle "{vehicle}" added before{did_you_mean(vehicle, list(vehicles))}'
+            raise ScenarioError([Problem(self._raw["title"], 0, 0, "vehicles", text)])
+        return vehicles[vehicle]
+
+    def _update(self, path: KeyPath, type_: Any, keys: Mapping[str, Any]) -> ScenarioBuilder:
+        raw = {**self._at(path), **_plain(keys)}
+        self._checked(lambda report: check_name(path, report) and convert(raw, type_, path, report))
+        self._put(path, raw)
+        return self
+
+    def _at(self, path: KeyPath) -> dict[str, Any]:
+        table: Any = self._raw
+        for key in path:
+            table = table.get(key, {})
+        return dict(table)
+
+    def _put(self, path: KeyPath, raw: dict[str, Any]) -> None:
+        table: Any = self._raw
+        for key in path[:-1]:
+            table = table.setdefault(key, {})
+        table[path[-1]] = raw
+
+    def _checked(self, conversion: Any) -> Any:
+        """The result of `conversion(report)`; ScenarioError if anything was reported."""
+        problems: list[Problem] = []
+        place = from_tables({}, self._raw["title"] or "scenario")
+
+        def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+            problems.append(place.problem(path, text, at))
+
+        typed: Report = report
+        result = conversion(typed)
+        if problems:
+            raise ScenarioError(problems)
+        return result
+
+
+def _plain(value: Any) -> Any:
+    """What a TOML parser would give: lists for tuples and arrays, Python numbers for numpy's."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

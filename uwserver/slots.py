@@ -1,0 +1,60 @@
+"""What a world keeps of each component, and what crosses its border in a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from msgspec import Struct
+
+from uwserver.actuators import Actuator
+from uwserver.modifiers import Modifier
+from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample
+from uwserver.sensors import Sensor
+
+
+@dataclass(slots=True)
+class SensorSlot:
+    """A sensor in the world: when it is due, what it counted, and its errors."""
+
+    port: Port
+    row: int
+    sensor: Sensor
+    modifiers: tuple[Modifier, ...]
+    divisor: int
+    latency_ns: int
+    seq: int = 0
+    active: bool = True
+
+
+@dataclass(slots=True)
+class ActuatorSlot:
+    """An actuator in the world: who commanded it last, and when it goes to neutral."""
+
+    port: Port
+    actuator: Actuator
+    timeout_ticks: int
+    active: bool = True
+    last_tick: int = -1
+    last_value: tuple[tuple[float, ...] | None, ...] = ()
+    source: str = ""
+    other_tick: int = -(10**18)
+    conflicts: int = 0
+    timeouts: int = 0
+
+
+class Posted(Struct):
+    """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer."""
+
+    item: Command | Call
+    on_reply: OnReply | None
+
+
+@dataclass(slots=True)
+class TickOutput:
+    """What one tick gives to the outside."""
+
+    tick: int
+    t_ns: int
+    samples: list[Sample]
+    replies: list[tuple[OnReply, Reply]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
