@@ -22,7 +22,7 @@ def main() -> int:
             assert server.stdout is not None
             for line in server.stdout:
                 print(line, end="")
-                if found := re.search(r"tcp://([\d.]+):(\d+)", line):
+                if found := re.search(r"tcp: ([\d.]+):(\d+)", line):
                     break
             else:
                 print("the server did not start", file=sys.stderr)

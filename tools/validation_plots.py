@@ -12,10 +12,11 @@ from uwserver.physics.bodies import FloatArray
 from uwserver.testing.closed_forms import tilt
 from uwserver.units import deg
 
+# Before pyplot is imported: no display.
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  the backend must be chosen first
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 Series = tuple[FloatArray, FloatArray]
 TINY = 1e-16

@@ -112,8 +112,17 @@ class AdapterContext(Protocol):
             Refused: unknown port or field, wrong shape, not finite, out of range; nothing was changed.
         """
 
-    def call(self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply) -> Callable[[], bool]:
+    def call(
+        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+    ) -> Callable[[], bool]:
         """Check and start a service call. Replies that only read come before this returns.
+
+        Args:
+            service: path.
+            args: argument name -> value.
+            source: as for `command`.
+            on_reply: gets any Progress and the one Reply, on the loop.
+            client: the name with which the client joined, for the lockstep barrier.
 
         Returns:
             A function that cancels it: True when it was still under way (its Reply then says `preempted`).

@@ -12,9 +12,10 @@ from uwserver.adapter import AdapterStats, Subscriber
 from uwserver.bus import Bus, Mailbox
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Reply, Sample, Service, matches
 from uwserver.requests import checked_args, checked_command, find
-from uwserver.simulation import Simulation
+from uwserver.simulation import CLOCK_SERVICES, Simulation
 
 PROTOCOL_VERSION = 1
+CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
 
 LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
@@ -47,10 +48,9 @@ class Hub:
         return self.simulation.world.ports
 
     @property
-    def services(self) -> dict[str, Service]:
+    def services(self) -> Mapping[str, Service]:
         """All services."""
-        own = {service.path: service for service in LOOP_SERVICES}
-        return own | self.simulation.services() | dict(self.simulation.world.services)
+        return self.simulation.world.services
 
 
 class Context:
@@ -63,6 +63,8 @@ class Context:
         self._truth = truth
         self._seen: Mapping[str, Port] | None = None
         self._ports: dict[str, Port] = {}
+        self._seen_services: Mapping[str, Service] | None = None
+        self._services: dict[str, Service] = {}
 
     @property
     def ports(self) -> Mapping[str, Port]:
@@ -76,7 +78,12 @@ class Context:
     @property
     def services(self) -> Mapping[str, Service]:
         """All services, by path, but those of ports that this adapter may not serve."""
-        return {path: service for path, service in self._hub.services.items() if self._truth or "/truth/" not in path}
+        everything = self._hub.services
+        if everything is not self._seen_services:
+            self._seen_services = everything
+            visible = {path: service for path, service in everything.items() if self._truth or "/truth/" not in path}
+            self._services = {service.path: service for service in (*LOOP_SERVICES, *CLOCK_SERVICES)} | visible
+        return self._services
 
     def hello(self) -> dict[str, Json]:
         """Common part of the answer to `hello`."""
@@ -118,7 +125,9 @@ class Context:
         checked = checked_command(self.ports[port], value)
         self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply)
 
-    def call(self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply) -> Callable[[], bool]:
+    def call(
+        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+    ) -> Callable[[], bool]:
         """See `uwserver.adapter.AdapterContext.call`."""
         services = self.services
         find("service", service, services)
@@ -127,8 +136,8 @@ class Context:
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
             return _too_late
-        if service in self._hub.simulation.services():
-            return self._hub.simulation.call(service, checked, source, on_reply)
+        if service in CLOCK:
+            return self._hub.simulation.call(service, checked, client, on_reply)
         self._hub.mailbox.post(Call(service, checked, source), on_reply)
         return _too_late
 

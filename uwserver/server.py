@@ -150,7 +150,7 @@ class Server:
         def reached(_: object) -> None:
             self.shutdown(f"simulation time reached {t_s:g} s")
 
-        self._simulation.call("world/run_until", {"t_s": t_s}, "command line", self._only_reply(reached))
+        self._simulation.call("world/run_until", {"t_s": t_s}, "", self._only_reply(reached))
 
     @staticmethod
     def _only_reply(function: Callable[[object], None]) -> Callable[[Any], None]:

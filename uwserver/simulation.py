@@ -107,14 +107,14 @@ class Simulation:
         self._steering.append(action)
         self.mailbox.wake.set()
 
-    def services(self) -> dict[str, Service]:
-        """The services of the clock, by path."""
-        return {service.path: service for service in CLOCK_SERVICES}
+    def call(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
+        """Start a service of the clock (`CLOCK_SERVICES`) with checked arguments; `client` is a name of the barrier, or "".
 
-    def call(self, service: str, args: Mapping[str, Json], source: str, on_reply: OnReply) -> Callable[[], bool]:
-        """Start a service of the clock with checked arguments. Returns its cancel function."""
+        Returns:
+            Its cancel function.
+        """
         if service in ("world/step", "world/run_until"):
-            return self._start_goal(service, args, source, on_reply)
+            return self._start_goal(service, args, client, on_reply)
         action = {
             "world/pause": self._pause,
             "world/resume": self._resume,
@@ -270,12 +270,12 @@ class Simulation:
         self.pace.speed = float(speed)  # type: ignore[arg-type]  # checked against the argument
         self.pace.release()
 
-    def _start_goal(self, service: str, args: Mapping[str, Json], source: str, on_reply: OnReply) -> Callable[[], bool]:
+    def _start_goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
         state: dict[str, Goal] = {}
 
         def start() -> None:
             try:
-                goal = self._goal(service, args, source, on_reply)
+                goal = self._goal(service, args, client, on_reply)
             except Refused as refused:
                 self.bus.reply(on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
                 return
@@ -294,7 +294,7 @@ class Simulation:
         self.steer(start)
         return cancel
 
-    def _goal(self, service: str, args: Mapping[str, Json], source: str, on_reply: OnReply) -> Goal:
+    def _goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Goal:
         now = self.world.tick
         if self.failure:
             raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
@@ -304,7 +304,6 @@ class Simulation:
                 raise Refused("out_of_range", f"t = {self.world.t_ns / NANOSECONDS:g} s is past that already", "t_s")
             return Goal(int(tick), now, on_reply, self.paused, paced=True)
         n = int(args["n"])  # type: ignore[arg-type]
-        client = source.rpartition(":")[2]
         if self.timing.mode == "lockstep" and not self.paused:
             if client not in self.barrier.clients:
                 names = ", ".join(sorted(self.barrier.clients))

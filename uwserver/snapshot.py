@@ -85,7 +85,7 @@ def take(world: World) -> Snapshot:
                 slot.other_tick,
                 slot.conflicts,
                 slot.timeouts,
-            )  # fmt: skip
+            )
             for path, slot in world.actuators.items()
         },
         pending=tuple(sorted(world.pending)),

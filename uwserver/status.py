@@ -7,7 +7,6 @@ import contextlib
 import json
 import logging
 from collections.abc import AsyncIterator, Callable, Iterable
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from uwserver.context import Hub
@@ -28,12 +27,14 @@ class Monitor:
 
     Attributes:
         real_time_factor: simulated over wall time in the last half second.
+        lateness: its quantiles, as new as that; asking a status must stay cheap.
     """
 
     def __init__(self, hub: Callable[[], Hub], now_ns: Callable[[], int]) -> None:
         self._hub = hub
         self._now_ns = now_ns
         self.real_time_factor = 0.0
+        self.lateness: dict[str, float] = {}
 
     async def run(self) -> None:
         """Measure until cancelled."""
@@ -43,13 +44,13 @@ class Monitor:
             await asyncio.sleep(0.5)
             now, t_ns = self._now_ns(), world.t_ns
             self.real_time_factor = max(0.0, (t_ns - sim) / (now - wall))
+            self.lateness = self._hub().simulation.lateness.quantiles()
             wall, sim = now, t_ns
 
     def status(self) -> dict[str, Json]:
         """The `world/status` answer."""
         hub = self._hub()
         simulation, world = hub.simulation, hub.simulation.world
-        lateness: dict[str, Json] = dict(simulation.lateness.quantiles())
         return {
             "server": hub.server,
             "scenario": world.name,
@@ -62,7 +63,7 @@ class Monitor:
             "failure": simulation.failure,
             "speed": simulation.pace.speed,
             "real_time_factor": round(self.real_time_factor, 3),
-            "lateness": lateness,
+            "lateness": dict(self.lateness),
             "overruns": simulation.pace.overruns,
             "dropped": hub.bus.dropped,
             "vehicles": list(world.vehicles),
@@ -70,7 +71,7 @@ class Monitor:
             "lockstep_waits_for": list(simulation.barrier.missing(world.tick))
             if simulation.timing.mode == "lockstep"
             else [],
-            "adapters": {name: asdict(stats) for name, stats in hub.stats.items()},
+            "adapters": {name: dict(vars(stats)) for name, stats in hub.stats.items()},
         }
 
 

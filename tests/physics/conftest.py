@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,11 +21,9 @@ LoadVehicle = Callable[..., BodyParams]
 
 def read_vehicle(name: str, environment: Environment) -> BodyParams:
     """Kernel parameters of a shipped vehicle file."""
-    vehicle = msgspec.convert(tomllib.loads((SHIPPED / "vehicles" / f"{name}.toml").read_text()), Vehicle)
+    vehicle = msgspec.toml.decode((SHIPPED / "vehicles" / f"{name}.toml").read_bytes(), type=Vehicle)
     devices = {
-        thruster: msgspec.convert(
-            tomllib.loads((SHIPPED / "devices" / f"{entry.device}.toml").read_text()), ThrusterDevice
-        )
+        thruster: msgspec.toml.decode((SHIPPED / "devices" / f"{entry.device}.toml").read_bytes(), type=ThrusterDevice)
         for thruster, entry in vehicle.thrusters.items()
     }
     return body_params(vehicle, devices, environment)
@@ -41,7 +38,7 @@ def load_vehicle() -> LoadVehicle:
 @pytest.fixture(scope="session")
 def t200() -> ThrusterDevice:
     """The shipped T200 device file."""
-    return msgspec.convert(tomllib.loads((SHIPPED / "devices" / "t200.toml").read_text()), ThrusterDevice)
+    return msgspec.toml.decode((SHIPPED / "devices" / "t200.toml").read_bytes(), type=ThrusterDevice)
 
 
 @pytest.fixture(scope="session")

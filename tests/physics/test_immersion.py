@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.bodies import FloatArray
+from uwserver.physics.bodies import BodyParams, FloatArray
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.immersion import box_fraction, disc_fraction, sphere_fraction
 from uwserver.physics.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
@@ -29,7 +30,9 @@ def unit(rng: np.random.Generator) -> FloatArray:
 def test_sphere_against_the_cap(s: float) -> None:
     radius, offset = 0.7, np.empty(3)
     fraction = sphere_fraction(s * radius, radius, UP, offset)
-    z = np.linspace(max(-1.0, -s), 1.0, 20001) if s > -1.0 else np.array([1.0, 1.0])  # layers below the water, down positive
+    z = (
+        np.linspace(max(-1.0, -s), 1.0, 20001) if s > -1.0 else np.array([1.0, 1.0])
+    )  # layers below the water, down positive
     area = 1.0 - z**2
     volume = np.trapezoid(area, z)
     assert fraction == pytest.approx(volume / (4.0 / 3.0), abs=1e-7)
@@ -79,7 +82,7 @@ def test_disc_against_a_sum_of_strips() -> None:
 
 
 @pytest.mark.parametrize("name", ["bluerov2", "bluerov2_heavy", "rexrov", "lauv", "eca_a9", "tethys"])
-def test_a_vehicle_surfaces_and_settles_level(load_vehicle, name: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_vehicle_surfaces_and_settles_level(load_vehicle: Callable[..., BodyParams], name: str) -> None:
     body = load_vehicle(name)
     hydro = Hydrodynamics([body], 0.01)
     hydro.state[0, 2] = 1.5

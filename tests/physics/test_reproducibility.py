@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,9 @@ def drive(bodies: list[BodyParams]) -> FloatArray:
                 first, count = int(body["thruster_first"]), int(body["thruster_count"])
                 hydro.thrusters["command"][first : first + count] = rng.uniform(-1.0, 1.0, count)
                 hydro.thrusters["fresh"][first : first + count] = 1
-                hydro.wrenches["bias"][row] = 0.3 * body["weight"] * rng.uniform(-1.0, 1.0, 6) * (1, 1, 1, 0.1, 0.1, 0.1)
+                hydro.wrenches["bias"][row] = (
+                    0.3 * body["weight"] * rng.uniform(-1.0, 1.0, 6) * (1, 1, 1, 0.1, 0.1, 0.1)
+                )
         assert hydro.advance(k / 240.0) < 0
         states[k] = hydro.state
     return states
@@ -39,12 +42,12 @@ def digest(states: FloatArray) -> str:
     return hashlib.sha256(np.ascontiguousarray(states).tobytes()).hexdigest()
 
 
-def test_a_repeat_has_the_same_bits(load_vehicle) -> None:  # type: ignore[no-untyped-def]
+def test_a_repeat_has_the_same_bits(load_vehicle: Callable[..., BodyParams]) -> None:
     bodies = [load_vehicle("bluerov2_heavy"), load_vehicle("lauv")]
     assert digest(drive(bodies)) == digest(drive(bodies))
 
 
-def test_another_process_has_the_same_bits(load_vehicle) -> None:  # type: ignore[no-untyped-def]
+def test_another_process_has_the_same_bits(load_vehicle: Callable[..., BodyParams]) -> None:
     here = Path(__file__).parent
     code = (
         f"import sys; sys.path[:0] = [{str(here)!r}, *{sys.path!r}]\n"
@@ -58,7 +61,7 @@ def test_another_process_has_the_same_bits(load_vehicle) -> None:  # type: ignor
     assert answer.stdout.strip() == digest(drive([load_vehicle("bluerov2_heavy"), load_vehicle("rexrov")]))
 
 
-def test_a_body_moves_the_same_alone_and_among_others(load_vehicle) -> None:  # type: ignore[no-untyped-def]
+def test_a_body_moves_the_same_alone_and_among_others(load_vehicle: Callable[..., BodyParams]) -> None:
     names = ["bluerov2", "bluerov2_heavy", "rexrov", "lauv", "eca_a9", "tethys", "bluerov2_heavy"]
     bodies = [load_vehicle(name) for name in names]
     together = drive(bodies)
@@ -68,7 +71,7 @@ def test_a_body_moves_the_same_alone_and_among_others(load_vehicle) -> None:  # 
     assert np.abs(together[-1, :, NU:]).max() > 0.1
 
 
-def test_adding_a_body_leaves_the_others_alone(load_vehicle) -> None:  # type: ignore[no-untyped-def]
+def test_adding_a_body_leaves_the_others_alone(load_vehicle: Callable[..., BodyParams]) -> None:
     def run(add: bool) -> FloatArray:
         hydro = Hydrodynamics([load_vehicle("bluerov2_heavy")], 1.0 / 240.0)
         hydro.state[0, 2] = 5.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ VEHICLES = ("bluerov2", "bluerov2_heavy", "rexrov", "lauv", "eca_a9", "tethys")
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.004, 0.01, 0.02])
-def test_kinetic_energy_never_rises_beyond_the_work_done(load_vehicle, dt: float) -> None:  # type: ignore[no-untyped-def]
+def test_kinetic_energy_never_rises_beyond_the_work_done(load_vehicle: Callable[..., BodyParams], dt: float) -> None:
     excess = energy_excess([load_vehicle(name) for name in VEHICLES], dt, 60.0)
     assert dict(zip(VEHICLES, excess > 1e-6, strict=True)) == dict.fromkeys(VEHICLES, False)
 
@@ -74,7 +75,7 @@ def test_speed_proportional_damping_settles_without_ringing(speed_damping: float
 
 
 @pytest.mark.parametrize("name", ["bluerov2_heavy", "eca_a9", "lauv"])
-def test_a_thousand_times_the_damping_never_diverges(load_vehicle, name: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_thousand_times_the_damping_never_diverges(load_vehicle: Callable[..., BodyParams], name: str) -> None:
     body: BodyParams = load_vehicle(name)
     stiff = replace(body, D_L=1e3 * body.D_L, D_Q=1e3 * body.D_Q, D_S=1e3 * body.D_S)
     hydro = Hydrodynamics([stiff], 0.02)

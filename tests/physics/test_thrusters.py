@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,13 @@ from uwserver.scenario.body import force_table, lag, thruster_params
 from uwserver.scenario.vehicle_schema import Thruster, ThrusterDevice
 from uwserver.testing.motion import record
 
-MAKER = {12.0: (36.4, 28.6, 36), 14.0: (44.4, 34.5, 32), 16.0: (51.4, 39.9, 28), 18.0: (59.0, 45.0, 28), 20.0: (65.9, 49.4, 24)}
+MAKER = {
+    12.0: (36.4, 28.6, 36),
+    14.0: (44.4, 34.5, 32),
+    16.0: (51.4, 39.9, 28),
+    18.0: (59.0, 45.0, 28),
+    20.0: (65.9, 49.4, 24),
+}
 """Supply voltage: maximum forward and reverse thrust (N), half the dead band (us), of the maker's workbook."""
 
 LINEAR = ForceTable((16.0,), (((-1.0, -40.0), (1.0, 40.0)),))
@@ -38,7 +45,9 @@ def thruster(**changes: object) -> ThrusterParams:
     return replace(ThrusterParams("t", (0.0,) * 3, (1.0, 0.0, 0.0), LINEAR, 16.0, Lag()), **changes)  # type: ignore[arg-type]
 
 
-def wrench(body: BodyParams, command: float | list[float], by_force: bool = False, nu: FloatArray | None = None) -> FloatArray:
+def wrench(
+    body: BodyParams, command: float | list[float], by_force: bool = False, nu: FloatArray | None = None
+) -> FloatArray:
     """Wrench (6) of the body's thrusters at a command, after one tick."""
     hydro = Hydrodynamics([body], 1.0 / 240.0)
     hydro.state[0, 2] = 20.0
@@ -139,7 +148,9 @@ def test_wrench_about_the_origin() -> None:
 
 @pytest.mark.parametrize(("handedness", "sign"), [("right", -1.0), ("left", 1.0), ("none", 0.0)])
 @pytest.mark.parametrize("command", [1.0, -1.0])
-def test_reaction_torque_opposes_the_propeller(t200: ThrusterDevice, handedness: str, sign: float, command: float) -> None:
+def test_reaction_torque_opposes_the_propeller(
+    t200: ThrusterDevice, handedness: str, sign: float, command: float
+) -> None:
     entry = Thruster(
         device="t200", position_frd_m=(0.0, 0.0, 0.0), axis_frd=(1.0, 0.0, 0.0), handedness=handedness, source="x", status="guess"  # type: ignore[arg-type]
     )  # fmt: skip
@@ -179,7 +190,9 @@ def test_thrust_scales_with_the_submerged_part_of_the_disc() -> None:
 
 
 @pytest.mark.parametrize(("u", "sign"), [(0.715, 1.0), (0.725, -1.0)])
-def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(load_vehicle, u: float, sign: float) -> None:  # type: ignore[no-untyped-def]
+def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(
+    load_vehicle: Callable[..., BodyParams], u: float, sign: float
+) -> None:
     """About 0.72 m/s (von Benzon et al.): below it still gains speed, above it loses some."""
     body = load_vehicle("bluerov2_heavy", density_kgpm3=1000.0, gravity_mps2=9.82)
     hydro = Hydrodynamics([body], 1.0 / 240.0)
@@ -203,7 +216,9 @@ def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(load
         ([0, 0, 0, 0, -1, -1, 1, 1], (0, 0, 0, 0, 1, 0)),
     ],
 )
-def test_bluerov2_heavy_directions_are_those_of_ardusub(load_vehicle, command: list[int], sign: tuple[int, ...]) -> None:  # type: ignore[no-untyped-def]
+def test_bluerov2_heavy_directions_are_those_of_ardusub(
+    load_vehicle: Callable[..., BodyParams], command: list[int], sign: tuple[int, ...]
+) -> None:
     """By force, 10 N each: the motor factors of `vectored_6dof` turn into motions along single axes."""
     body: BodyParams = load_vehicle("bluerov2_heavy")
     still = replace(body, thrusters=tuple(replace(t, lag=Lag(), torque_per_force=0.0) for t in body.thrusters))
@@ -211,7 +226,7 @@ def test_bluerov2_heavy_directions_are_those_of_ardusub(load_vehicle, command: l
     assert np.sign(np.round(tau, 6)).tolist() == list(map(float, sign))
 
 
-def test_a_run_with_thrusters_keeps_its_accuracy_at_half_the_rate(load_vehicle) -> None:  # type: ignore[no-untyped-def]
+def test_a_run_with_thrusters_keeps_its_accuracy_at_half_the_rate(load_vehicle: Callable[..., BodyParams]) -> None:
     """The lag's exact stage values keep the whole step of fourth order."""
     finals = []
     for rate in (60, 120, 240):

@@ -61,10 +61,10 @@ class Rig:
         self._loop.join(PATIENCE_S)
         assert not self._thread.is_alive()
 
-    def begin(self, service: str, source: str = "tcp:1:me", **args):
+    def begin(self, service: str, client: str = "me", **args):
         """Start a service of the clock: (queue of answers, cancel function)."""
         answers: queue.Queue[Reply | Progress] = queue.Queue()
-        return answers, self.simulation.call(service, args, source, answers.put)
+        return answers, self.simulation.call(service, args, client, answers.put)
 
     def call(self, service: str, **args) -> Reply:
         return self.final(self.begin(service, **args)[0])
@@ -173,14 +173,14 @@ def test_set_speed_is_for_realtime(resolved):
 def test_lockstep_goes_as_far_as_all_named_clients_let_it(resolved):
     timing = Timing(mode="lockstep", lockstep_clients=("a", "b"), lockstep_timeout_s=0.0)
     with running(resolved, timing) as rig:
-        a, _ = rig.begin("world/step", source="tcp:1:a", n=5)
-        b, _ = rig.begin("world/step", source="tcp:2:b", n=3)
+        a, _ = rig.begin("world/step", client="a", n=5)
+        b, _ = rig.begin("world/step", client="b", n=3)
         assert rig.final(b).tick == 3
-        b, _ = rig.begin("world/step", source="tcp:2:b", n=2)
+        b, _ = rig.begin("world/step", client="b", n=2)
         assert rig.final(a).tick == 5
         assert rig.final(b).tick == 5
         assert rig.world.tick == 5
-        stranger = rig.final(rig.begin("world/step", source="tcp:3:c", n=1)[0])
+        stranger = rig.final(rig.begin("world/step", client="c", n=1)[0])
         assert stranger.fault.code == "denied"
 
 
@@ -188,13 +188,13 @@ def test_lockstep_goes_as_far_as_all_named_clients_let_it(resolved):
 def test_lockstep_states_what_it_does_without_a_client(resolved, policy, event):
     timing = Timing(mode="lockstep", lockstep_clients=("a", "b"), lockstep_timeout_s=0.05, on_loss=policy)
     with running(resolved, timing) as rig:
-        a, _ = rig.begin("world/step", source="tcp:1:a", n=2)
+        a, _ = rig.begin("world/step", client="a", n=2)
         told = rig.event(event)
         assert "b" in told.text
         if policy == "continue":
             assert rig.final(a).tick == 2
         elif policy == "wait":
-            rig.begin("world/step", source="tcp:2:b", n=2)
+            rig.begin("world/step", client="b", n=2)
             assert rig.final(a).tick == 2
         else:
             assert rig.simulation.paused

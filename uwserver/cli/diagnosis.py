@@ -78,12 +78,11 @@ def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding
 def kernels() -> Finding:
     """The cache of compiled kernels: where, writable, warm."""
     from uwserver.physics.compiled import cache_state
-    from uwserver.physics.warm import is_warm
 
     if cache_state.folder is None:
         return Finding("kernels", "warning", cache_state.reason, "set NUMBA_CACHE_DIR to a folder that can be written")
     where = f"{cache_state.folder} ({cache_state.reason or 'writable'})"
-    if is_warm(cache_state.folder):
+    if cache_state.warm:
         return Finding("kernels", "ok", f"compiled, in {where}")
     text = f"not compiled yet, in {where}"
     return Finding("kernels", "warning", text, "the first run takes some 30 s longer; now: uwserver doctor --warm")

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
+from uwserver.actuators import ThrustersConfig
+
 if TYPE_CHECKING:
-    from uwserver.scenario.resolved import Resolved
+    from uwserver.scenario.resolved import Resolved, ResolvedVehicle
     from uwserver.server import Options
 
 DEFAULT_SCENARIO = "bluerov2_pool"
@@ -112,19 +114,26 @@ def _announce(resolved: Resolved, addresses: dict[str, str], quiet: bool) -> Non
     click.echo(f"uwserver runs {resolved.name}: {vehicles}")
     for name, address in addresses.items():
         click.echo(f"  {name}: {address}")
-    tcp = next((a for a in addresses.values() if a.startswith("tcp://")), None)
-    first = next(iter(resolved.vehicles), None)
+    kinds = {name: str(config.__struct_config__.tag) for name, config in resolved.scenario.adapters.items()}
+    tcp = next((addresses[name] for name, kind in kinds.items() if kind == "sockets"), None)
+    first = next(iter(resolved.vehicles.values()), None)
     if tcp and first:
-        host, _, port = tcp.removeprefix("tcp://").rpartition(":")
-        at = "" if port == "7600" and host == "127.0.0.1" else f" --host {host} --port {port}"
-        click.echo("In another terminal:")
-        click.echo(f"  uwclient{at} topics")
-        click.echo(f"  uwclient{at} echo '{first}/depth' -n 5")
-        if "thrusters" in resolved.vehicles[first].vehicle.actuators:
-            n = len(resolved.vehicles[first].vehicle.thrusters)
-            u = ",".join(["0"] * (n - 4) + ["0.3"] * 4)
-            click.echo(f"  uwclient{at} send {first}/thrusters u='[{u}]'")
+        _suggest(tcp, first)
     click.echo("Ctrl-C ends it.")
+
+
+def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
+    host, _, port = address.rpartition(":")
+    at = "" if address == "127.0.0.1:7600" else f" --host {host} --port {port}"
+    click.echo("In another terminal:")
+    click.echo(f"  uwclient{at} topics")
+    sensor = "depth" if "depth" in vehicle.vehicle.sensors else "*"
+    click.echo(f"  uwclient{at} echo '{vehicle.name}/{sensor}' -n 5")
+    for name, actuator in vehicle.vehicle.actuators.items():
+        if isinstance(actuator, ThrustersConfig) and actuator.input == "u":
+            n = len(actuator.members or vehicle.vehicle.thrusters)
+            click.echo(f"  uwclient{at} send {vehicle.name}/{name} u='[{','.join(['0.3'] * n)}]' --rate 10 --seconds 3")
+            return
 
 
 COMMANDS = (run,)

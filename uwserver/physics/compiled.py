@@ -20,6 +20,9 @@ from uwserver.physics.finished_cache import FinishedCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change")
+"""What Python calls; numba keeps an index file of each once it is compiled, after all that it calls."""
+
 
 class CacheState(NamedTuple):
     """Where compiled kernels are kept; `folder` is None when they are not. `reason` says why, or why the folder is only read."""
@@ -48,7 +51,7 @@ def _find_cache() -> CacheState:
     try:
         folder = _base() / f"kernels-{_sources_hash()}"
         # A read-only image holds a finished cache: reading it is enough.
-        warm = any(folder.glob("**/*.nbi")) if folder.is_dir() else False
+        warm = all(any(folder.glob(f"**/{kernel}-*.nbi")) for kernel in ENTRY_KERNELS)
         if warm and not os.access(folder, os.W_OK):
             return CacheState(folder, True, "read-only, complete")
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
 """One tick for all bodies of a world in one compiled call: RK4 with sub-steps, and a linearly implicit fallback for stiff bodies.
 
 RK4 is stable while rate * dt < 2.78; sub-steps keep rate * dt / n below 1.5, where `rate` bounds the fastest damping rate at the present
-velocity and at the one that the present acceleration leads to (`bodies.damping_rates`). A body that would need more than 16 sub-steps is stepped by the Rosenbrock-Euler rule instead, with the
-damping's Jacobian: first order, and stable at any step.
+velocity and at the one that the present acceleration leads to (`bodies.damping_rates`). A body that would need more than 16 sub-steps is
+stepped by the Rosenbrock-Euler rule instead, with the damping's Jacobian: first order, and stable at any step.
 """
 
 from __future__ import annotations

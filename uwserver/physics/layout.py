@@ -67,7 +67,7 @@ SHAPE = np.dtype(
 THRUSTER = np.dtype(
     [
         ("per_force", "f8", (6,)),  # wrench about the origin in B per newton: [axis; r x axis + reaction torque]
-        ("per_velocity", "f8", (6,)),  # speed of the mount along the axis is its dot product with nu_r: [axis; r x axis]
+        ("per_velocity", "f8", (6,)),  # times nu_r: speed of the mount along the axis; [axis; r x axis]
         ("r", "f8", (3,)),  # mount in B, m
         ("inflow", "f8"),  # k in T = T0 - k sqrt(|T0|) V_a, sqrt(N) s/m
         ("disc_radius", "f8"),  # m

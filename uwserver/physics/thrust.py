@@ -89,7 +89,9 @@ def add_thrust(
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
     mount through the water along the axis. Thrust scales with the submerged part of the disc.
     """
-    if thruster.inflow != 0.0 and force != 0.0:
+    if force == 0.0:
+        return
+    if thruster.inflow != 0.0:
         va = 0.0
         for i in range(6):
             va += thruster.per_velocity[i] * work[nu_r, i]

@@ -6,6 +6,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +16,7 @@ from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
 
-ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change")
-"""Kernels that Python calls; the others are compiled into them."""
-
 _DT = 0.01
-
-
-def is_warm(folder: Path) -> bool:
-    """The cache folder holds an index of each entry kernel (perhaps of another CPU: then loading compiles once more)."""
-    return all(any(folder.glob(f"**/{kernel}-*.nbi")) for kernel in ENTRY_KERNELS)
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
@@ -54,7 +47,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         nu_dot, _ = world.rates_of_change(_DT)
         if failed >= 0 or not np.isfinite(nu_dot).all():
             raise RuntimeError(f"the kernels gave a state that is not finite ({name}): reinstall numpy and numba")
-    kernels = (integrator.advance, integrator.rates_of_change)
+    kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
 
 

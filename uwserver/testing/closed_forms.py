@@ -10,7 +10,7 @@ import numpy as np
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray
 from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, Q, SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
 from uwserver.testing.motion import DEEP, angular_frequency, record
 
 DENSITY, GRAVITY = 1025.0, 9.81
@@ -65,7 +65,14 @@ def floating(kind: int, half: tuple[float, float, float], mass: float, volume: f
 
 def terminal_velocities() -> list[ClosedForm]:
     """Steady velocity of Table A1 under a constant force or moment along one axis, and its free sinking."""
-    cases = [("surge", 0, 10.0), ("surge", 0, 40.0), ("sway", 1, 10.0), ("sway", 1, 40.0), ("heave", 2, 10.0), ("heave", 2, 40.0)]
+    cases = [
+        ("surge", 0, 10.0),
+        ("surge", 0, 40.0),
+        ("sway", 1, 10.0),
+        ("sway", 1, 40.0),
+        ("heave", 2, 10.0),
+        ("heave", 2, 40.0),
+    ]
     cases.append(("yaw", 5, 10.0))
     hydro = Hydrodynamics([table_a1()] * len(cases) + [table_a1(weight=132.57)], 0.02)
     hydro.state[:, 2] = DEEP
@@ -76,7 +83,9 @@ def terminal_velocities() -> list[ClosedForm]:
     for row, (name, axis, force) in enumerate(cases):
         unit = ("N", "m/s") if axis < 3 else ("N m", "rad/s")
         results.append(
-            ClosedForm(f"{name} at {force:g} {unit[0]}", unit[1], _steady(axis, force), float(states[-1, row, NU + axis]))
+            ClosedForm(
+                f"{name} at {force:g} {unit[0]}", unit[1], _steady(axis, force), float(states[-1, row, NU + axis])
+            )
         )
     results.append(ClosedForm("free sinking", "m/s", _steady(2, 132.57 - 131.588), float(states[-1, -1, NU + 2])))
     return results
@@ -120,7 +129,9 @@ def floating_equilibria() -> list[ClosedForm]:
     hydro.state[:, Q : Q + 4] = quat_from_rpy(0.2, 0.1, 0.3)
     _, states = record(hydro, 60.0)
     return [
-        ClosedForm("box, draft", "m", box_mass / (DENSITY * 4.0 * half[0] * half[1]), float(states[-1, 0, 2]) + half[2]),
+        ClosedForm(
+            "box, draft", "m", box_mass / (DENSITY * 4.0 * half[0] * half[1]), float(states[-1, 0, 2]) + half[2]
+        ),
         ClosedForm("sphere, draft", "m", _cap_height(sphere_mass / DENSITY, radius), float(states[-1, 1, 2]) + radius),
     ]
 

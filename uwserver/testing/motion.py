@@ -9,7 +9,7 @@ import numpy as np
 from uwserver.physics.bodies import BodyParams, FloatArray
 from uwserver.physics.energy import kinetic_energy, rotations
 from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, P, STATE_SIZE
+from uwserver.physics.layout import NU, STATE_SIZE, P
 
 DEEP = 500.0
 """Depth (m) from which no run of these measures reaches the surface."""
@@ -35,10 +35,14 @@ def potential_energy(hydro: Hydrodynamics, states: FloatArray) -> FloatArray:
     return energy
 
 
-def random_wrenches(bodies: list[BodyParams], steps: int, dt: float, seed: int = 1) -> Callable[[int], FloatArray | None]:
+def random_wrenches(
+    bodies: list[BodyParams], steps: int, dt: float, seed: int = 1
+) -> Callable[[int], FloatArray | None]:
     """A wrench (n, 6) drawn anew each half second, up to half the weight and the moment that would turn the body at 1 rad/s2; None between."""
     rng = np.random.default_rng(seed)
-    limits = np.array([[0.5 * body.weight] * 3 + [body.M_RB[i, i] + body.M_A[i, i] for i in (3, 4, 5)] for body in bodies])
+    limits = np.array(
+        [[0.5 * body.weight] * 3 + [body.M_RB[i, i] + body.M_A[i, i] for i in (3, 4, 5)] for body in bodies]
+    )
     hold = max(1, round(0.5 / dt))
     draws = rng.uniform(-1.0, 1.0, (steps // hold + 1, len(bodies), 6)) * limits
     return lambda k: draws[k // hold] if k % hold == 0 else None
@@ -95,7 +99,7 @@ def record(hydro: Hydrodynamics, seconds: float) -> tuple[FloatArray, FloatArray
         if hydro.advance(k * hydro.dt) >= 0:
             raise FloatingPointError(f"diverged in step {k} of {hydro.dt} s")
         states[k + 1] = hydro.state
-    return np.arange(steps + 1) * hydro.dt, states
+    return np.linspace(0.0, steps * hydro.dt, steps + 1), states
 
 
 def angular_frequency(times: FloatArray, signal: FloatArray) -> float:

@@ -36,7 +36,9 @@ _NUMBERS: Mapping[str, int] = {
     "parse_error": -32700,
     "invalid_request": -32600,
     "unknown_method": -32601,
-    **dict.fromkeys(("bad_argument", "unknown_port", "unknown_service", "out_of_range", "bad_shape", "not_finite"), -32602),
+    **dict.fromkeys(
+        ("bad_argument", "unknown_port", "unknown_service", "out_of_range", "bad_shape", "not_finite"), -32602
+    ),
 }
 _OTHER_NUMBER = -32000
 
@@ -257,7 +259,9 @@ class JsonCodec(_Writer):
         try:
             message = self._decoder.decode(line)
         except (msgspec.MsgspecError, ValueError) as error:  # ValueError: no UTF-8, or a number of thousands of digits
-            return Malformed(Fault("parse_error", f"this line is no JSON ({error}); send one object a line, like {EXAMPLE}"))
+            return Malformed(
+                Fault("parse_error", f"this line is no JSON ({error}); send one object a line, like {EXAMPLE}")
+            )
         return _request(message)
 
 
@@ -297,7 +301,9 @@ class MsgpackCodec(_Writer):
         try:
             message = self._decoder.decode(frame)
         except (msgspec.MsgspecError, ValueError) as error:  # ValueError: a text that is no UTF-8
-            return Malformed(Fault("parse_error", f"this frame is no msgpack ({error}); send one map a frame, like {EXAMPLE}"))
+            return Malformed(
+                Fault("parse_error", f"this frame is no msgpack ({error}); send one map a frame, like {EXAMPLE}")
+            )
         return _request(message)
 
 

@@ -219,7 +219,7 @@ class Fanout:
             for selection in selections.values():
                 try:
                     _distribute(sample, selection, touched)
-                except Exception:
+                except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
                     self.context.stats.errors += 1
                     _log.exception("a sample of %s could not be sent", sample.port)
         for outbox in touched:

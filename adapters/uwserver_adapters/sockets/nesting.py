@@ -48,7 +48,9 @@ def msgpack_fault(frame: bytes) -> str | None:
         if size > 0:
             position += size
         elif size == _REFUSED:
-            return f"type byte 0x{lead:02x} is not part of the schema: send maps, lists, texts, numbers, booleans and nil"
+            return (
+                f"type byte 0x{lead:02x} is not part of the schema: send maps, lists, texts, numbers, booleans and nil"
+            )
         else:
             width = _WIDTHS[lead]
             # Of a one-byte header the low bits count: 4 for maps and lists (texts so short are in _SIZES).
@@ -91,7 +93,9 @@ def _sizes() -> tuple[tuple[int, ...], tuple[int, ...]]:
     for lead, size in zip(range(0xCA, 0xD4), (5, 9, 2, 3, 5, 9, 2, 3, 5, 9), strict=True):  # floats, then integers
         sizes[lead] = size
     for lead, (size, width) in zip(
-        range(0xD9, 0xE0), ((_TEXT, 1), (_TEXT, 2), (_TEXT, 4), (_LIST, 2), (_LIST, 4), (_MAP, 2), (_MAP, 4)), strict=True
+        range(0xD9, 0xE0),
+        ((_TEXT, 1), (_TEXT, 2), (_TEXT, 4), (_LIST, 2), (_LIST, 4), (_MAP, 2), (_MAP, 4)),
+        strict=True,
     ):
         sizes[lead], widths[lead] = size, width
     return tuple(sizes), tuple(widths)

@@ -17,9 +17,7 @@ REPLY_BYTES = 16 << 20
 BATCH_BYTES = 1 << 16
 """About as much is given to the transport at once, so that what does not fit stays here, where it can still be dropped."""
 
-_TOO_MANY_REPLIES = (
-    f"disconnected: {REPLIES} replies or {REPLY_BYTES >> 20} MiB of them waited unread; read the replies while you send requests"
-)
+_TOO_MANY_REPLIES = f"disconnected: {REPLIES} replies or {REPLY_BYTES >> 20} MiB of them waited unread; read the replies while you send requests"
 
 
 class Outbox:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from typing import NamedTuple
 
 from uwserver.ports import Fault, Progress, Refused, Reply
 from uwserver_adapters.sockets.codec import Codec, Request, RequestId
@@ -16,6 +17,13 @@ UNANSWERED = 1024
 """Commands and calls of one client that may wait for the world."""
 
 
+class Unfinished(NamedTuple):
+    """A call under way. `cancel` ends it, True when it was not too late."""
+
+    cancel: Callable[[], bool]
+    long_running: bool
+
+
 class Session:
     """One client, from its first bytes on.
 
@@ -26,11 +34,11 @@ class Session:
 
     Attributes:
         name: as the client called itself.
-        source: who it is to the world.
+        source: who it is among the clients of this adapter.
         admitted: it may ask for more than `hello`.
         subscriptions: by serial.
         leave: takes it out of the lockstep barrier.
-        cancels: ends a long-running call, by the id of its request (or an object of its own where that had none).
+        unfinished: calls under way, by the id of their request (or an object of its own where that had none).
     """
 
     def __init__(self, serial: int, codec: Codec, outbox: Outbox, fanout: Fanout, wake: Callable[[], None]) -> None:
@@ -40,13 +48,13 @@ class Session:
         self.fanout = fanout
         self.context = fanout.context
         self.name = ""
-        self.source = f"{self.context.name}/{serial}"
+        self.source = str(serial)
         self.admitted = False
         self.greeted = False
         self.subscriptions: dict[int, Subscription] = {}
         self.subscribed = 0
         self.leave: Callable[[], None] | None = None
-        self.cancels: dict[object, Callable[[], bool]] = {}
+        self.unfinished: dict[object, Unfinished] = {}
         self.unanswered = 0
         self.closed = False
         self._wake = wake
@@ -65,7 +73,7 @@ class Session:
         if name is not None:
             self.leave = self.context.join(name)
             self.name = name
-            self.source = f"{self.context.name}/{self.serial} ({name})"
+            self.source = f"{self.serial} ({name})"
         self.greeted = True
         if not self.admitted:
             self.admit()
@@ -125,8 +133,9 @@ class Session:
         self.closed = True
         self.fanout.dismiss(self)
         self.step_back()
-        for cancel in list(self.cancels.values()):
-            cancel()
+        for call in list(self.unfinished.values()):
+            if call.long_running:
+                call.cancel()
 
     def step_back(self) -> None:
         """The client can grant no further tick: others must not wait for it."""

@@ -13,7 +13,7 @@ from uwserver_adapters.sockets import params as read
 from uwserver_adapters.sockets.codec import Request
 from uwserver_adapters.sockets.fanout import Subscription, has_any
 from uwserver_adapters.sockets.outbox import Delivery
-from uwserver_adapters.sockets.session import Session
+from uwserver_adapters.sockets.session import Session, Unfinished
 
 _log = logging.getLogger(__name__)
 
@@ -49,9 +49,11 @@ def take(session: Session, request: Request, token: str | None) -> None:
         session.refuse(request.id, refused.fault)
     except Rejected:
         raise
-    except Exception:
-        _log.exception("%s failed for %s", request.method[: read.NAME_LIMIT], session.source)
-        session.refuse(request.id, Fault("internal", "the server failed to carry this out: please report it with the server's log"))
+    except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
+        _log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.source)
+        session.refuse(
+            request.id, Fault("internal", "the server failed to carry this out: please report it with the server's log")
+        )
     else:
         if result is not LATER:
             session.reply(request.id, result)
@@ -120,14 +122,18 @@ def _check_coverage(session: Session, pattern: str, fields: tuple[str, ...] | No
     covered = session.fanout.covered(pattern)
     if not covered and "*" not in pattern:
         if pattern in ports:
-            raise Refused("bad_argument", f'"{pattern}" is an actuator: it gives no samples, send it a "command"', pattern)
+            raise Refused(
+                "bad_argument", f'"{pattern}" is an actuator: it gives no samples, send it a "command"', pattern
+            )
         hint = read.did_you_mean(pattern, ports)
         raise Refused("unknown_port", f'no port "{pattern}"{hint}; "describe" lists them all', pattern)
     for field in fields or ():
         if covered and not any(has_any(ports[path], (field,)) for path in covered):
             there = list(dict.fromkeys(known.name for path in covered for known in ports[path].fields))
             hint = read.did_you_mean(field, there)
-            text = f'no port of "{pattern}" has a field "{field[: read.NAME_LIMIT]}"{hint}; there are: {", ".join(there)}'
+            text = (
+                f'no port of "{pattern}" has a field "{field[: read.NAME_LIMIT]}"{hint}; there are: {", ".join(there)}'
+            )
             raise Refused("bad_argument", text, "fields")
 
 
@@ -169,7 +175,11 @@ def _call(session: Session, request: Request) -> object:
     if args is not None and not isinstance(args, dict):
         raise Refused("bad_argument", '"args" must be a map from argument to value', "args")
     return _start(
-        session, request, service, args or {}, lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result}
+        session,
+        request,
+        service,
+        args or {},
+        lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result},
     )
 
 
@@ -179,11 +189,17 @@ def _step(session: Session, request: Request) -> object:
 
 
 def _start(
-    session: Session, request: Request, service: str, args: Mapping[str, object], shape: Callable[[Reply], dict[str, Json]]
+    session: Session,
+    request: Request,
+    service: str,
+    args: Mapping[str, object],
+    shape: Callable[[Reply], dict[str, Json]],
 ) -> object:
     key = object() if request.id is None else request.id
-    if key in session.cancels:
-        raise Refused("invalid_request", f'the id "{request.id}" belongs to an unfinished request: use another one', "id")
+    if key in session.unfinished:
+        raise Refused(
+            "invalid_request", f'the id "{request.id}" belongs to an unfinished request: use another one', "id"
+        )
     session.context.stats.calls += 1
     answer = session.expect(request, shape)
     finished = False
@@ -192,27 +208,28 @@ def _start(
         nonlocal finished
         if isinstance(outcome, Reply):
             finished = True
-            session.cancels.pop(key, None)
+            session.unfinished.pop(key, None)
         answer(outcome)
 
     try:
-        cancel = session.context.call(service, args, session.source, on_reply)
+        cancel = session.context.call(service, args, session.source, on_reply, session.name)
     except BaseException:
         session.unanswered -= 1
         raise
     known = session.context.services.get(service)
-    # Others are over within a tick: `cancel` would come too late, and a client that asks and leaves still means it.
-    if not finished and known is not None and known.long_running:
-        session.cancels[key] = cancel
+    if not finished:
+        session.unfinished[key] = Unfinished(cancel, known is not None and known.long_running)
     return LATER
 
 
 def _cancel(session: Session, request: Request) -> object:
     identity = read.taken(request, ("id",)).get("id")
-    cancel = session.cancels.get(identity) if isinstance(identity, int | str) and not isinstance(identity, bool) else None
-    if cancel is None:
+    call = (
+        session.unfinished.get(identity) if isinstance(identity, int | str) and not isinstance(identity, bool) else None
+    )
+    if call is None:
         raise Refused("bad_argument", '"id" is not that of an unfinished call or step of this connection', "id")
-    return {"cancelled": cancel()}
+    return {"cancelled": call.cancel()}
 
 
 def _ping(session: Session, request: Request) -> object:

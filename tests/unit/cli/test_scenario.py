@@ -17,7 +17,7 @@ else:
     import tomli as tomllib
 
 
-class SocketsTable(AdapterTable, tag="sockets", kw_only=True):
+class SocketsTable(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     """Stands for the installed adapter."""
 
     port: int = 7600

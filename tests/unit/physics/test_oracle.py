@@ -40,8 +40,12 @@ def oracle(**changes: Any) -> dict[str, Any]:
         "D_speed": ZERO,
         "current_N_mps": [0, 0, 0],
         "wrench": {
-            "frame": "B", "amplitude": [0] * 6, "omega_radps": [0] * 6, "phase_rad": [0] * 6, "bias": [force, 0, 0, 0, 0, 0],
-        },  # fmt: skip
+            "frame": "B",
+            "amplitude": [0] * 6,
+            "omega_radps": [0] * 6,
+            "phase_rad": [0] * 6,
+            "bias": [force, 0, 0, 0, 0, 0],
+        },
         "state0": [0, 0, 5, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0],
         "t_s": times,
         "states": states,
@@ -66,7 +70,9 @@ def test_samples_off_the_ticks_are_hit_exactly(write: Callable[[Any], Path]) -> 
     assert result.attitude.error == 0.0
     assert (result.samples, result.rate_hz) == (5, 240)
     # 24 steps to 0.1 s, then whole numbers of steps no longer than a tick.
-    assert result.steps == 24 + math.ceil(0.6301 * 240) + math.ceil((math.pi - 0.7301) * 240) + math.ceil((9.9 - math.pi) * 240)
+    assert result.steps == 24 + math.ceil(0.6301 * 240) + math.ceil((math.pi - 0.7301) * 240) + math.ceil(
+        (9.9 - math.pi) * 240
+    )
 
 
 def test_errors_are_those_of_the_file_and_say_when(write: Callable[[Any], Path]) -> None:
@@ -136,7 +142,7 @@ def test_a_start_that_is_not_at_zero_keeps_the_wrench_on_time(write: Callable[[A
     ],
 )
 def test_refusals_name_the_key_and_what_was_expected(write: Callable[[Any], Path], change: Any, phrase: str) -> None:
-    data = change if isinstance(change, str) else copy.deepcopy(oracle())
+    data: Any = change if isinstance(change, str) else copy.deepcopy(oracle())
     if isinstance(change, dict):
         for key, value in change.items():
             if value is None:

@@ -97,7 +97,7 @@ port = 7600
 """
 
 
-class SocketsTable(AdapterTable, tag="sockets", kw_only=True):
+class SocketsTable(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     """Stands for a configured adapter."""
 
     bind: str = "127.0.0.1"

@@ -8,11 +8,11 @@ such keys: the line above their header is a comment, ``# status: source``.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios"
@@ -40,7 +40,7 @@ def unsourced(text: str) -> list[str]:
     """Tables of a file that hold numbers without saying where they come from."""
     lines = text.splitlines()
     missing = []
-    for path, table in tables(tomllib.loads(text)):
+    for path, table in tables(msgspec.toml.decode(text)):
         if FREE.fullmatch(path) or not any(has_number(value) for value in table.values()):
             continue
         if COMMENTED.fullmatch(path):

@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import uwserver.cli.doctor as command
+from uwserver.adapter import AdapterNotFound
+from uwserver.cli import diagnosis
+from uwserver.cli.diagnosis import Finding
+from uwserver.physics import compiled
+from uwserver.physics.compiled import CacheState
+
+
+class Sleeper:
+    """Wall time that passes only by waiting, each time longer than asked for."""
+
+    def __init__(self, late_ns: int) -> None:
+        self._now, self._late = 0, late_ns
+
+    def now_ns(self) -> int:
+        return self._now
+
+    def wait(self, seconds: float, wake: threading.Event) -> None:
+        self._now += round(seconds * 1e9) + self._late
+
+
+@pytest.fixture
+def listener() -> Iterator[socket.socket]:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server
+
+
+def number_of(server: socket.socket) -> int:
+    return int(server.getsockname()[1])
+
+
+def answer_once(server: socket.socket, answer: bytes) -> threading.Thread:
+    """Reads one line from the first peer, answers and hangs up."""
+
+    def serve() -> None:
+        peer, _ = server.accept()
+        with peer, peer.makefile("rb") as lines:
+            assert json.loads(lines.readline())["method"] == "hello"
+            peer.sendall(answer)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_this_python_and_its_packages_are_good() -> None:
+    assert diagnosis.python().level == "ok"
+    assert {finding.name: finding.level for finding in diagnosis.wheels()}["numba"] == "ok"
+
+
+@pytest.mark.parametrize("version", [(3, 9, 1), (3, 12, 0)])
+def test_other_pythons_are_not(version: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis.sys, "version_info", version)
+    assert diagnosis.python().level == "fault"
+    assert "3.11" in diagnosis.python().remedy
+
+
+def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "_REQUIRED", {"no-such-thing": "no_such_thing"})
+    monkeypatch.setattr(diagnosis, "_OPTIONAL", {"nor-this": ("nor_this", "dreams", "dream")})
+    needed, optional = diagnosis.wheels()
+    assert (needed.name, needed.level, optional.name, optional.level) == (
+        "no-such-thing",
+        "fault",
+        "nor-this",
+        "warning",
+    )
+    assert "no_such_thing" in needed.text
+    assert "uwserver[dream]" in optional.remedy
+
+
+@pytest.mark.parametrize(
+    ("state", "level", "words"),
+    [
+        (CacheState(Path("/c"), True, ""), "ok", "compiled, in /c (writable)"),
+        (CacheState(Path("/c"), True, "read-only, complete"), "ok", "read-only"),
+        (CacheState(Path("/c"), False, ""), "warning", "--warm"),
+        (CacheState(None, False, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),
+    ],
+)
+def test_kernels(state: CacheState, level: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "cache_state", state)
+    finding = diagnosis.kernels()
+    assert finding.level == level
+    assert words in f"{finding.text} {finding.remedy}"
+
+
+def test_a_free_port_is_good(listener: socket.socket) -> None:
+    number = number_of(listener)
+    listener.close()
+    assert diagnosis.port(number) == Finding(f"port {number}", "ok", "free")
+
+
+@pytest.mark.parametrize(
+    ("answer", "owner"),
+    [
+        (b'{"jsonrpc":"2.0","id":1,"result":{"server":"uwserver 0.1.0","scenario":"tank"}}\n', "a running uwserver 0.1.0 with scenario tank"),
+        (b'{"jsonrpc":"2.0","id":1,"error":{"code":-32000,"message":"no"}}\n', "a running uwserver that wants a token"),
+        (b"HTTP/1.1 400 Bad Request\r\n", "another program"),
+        (b"[1]\n", "another program"),
+        (b"", "another program"),
+    ],
+)  # fmt: skip
+def test_who_has_the_port(answer: bytes, owner: str, listener: socket.socket) -> None:
+    thread = answer_once(listener, answer)
+    finding = diagnosis.port(number_of(listener))
+    thread.join(5.0)
+    assert not thread.is_alive()
+    assert finding.level == "fault"
+    assert finding.text.startswith(f"{owner} has it")
+    assert "--port" in finding.remedy
+
+
+def test_a_silent_owner_of_the_port_does_not_hold_up(listener: socket.socket) -> None:
+    assert diagnosis.port(number_of(listener)).text.startswith("another program has it")
+
+
+@pytest.mark.parametrize(("late_ns", "level"), [(0, "ok"), (900_000, "ok"), (1_100_000, "warning")])
+def test_timer(late_ns: int, level: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "SystemTime", lambda: Sleeper(late_ns))
+    finding = diagnosis.timer()
+    assert finding.level == level
+    assert f"{late_ns / 1e6:.2f} ms late (p50)" in finding.text
+
+
+def test_the_real_timer_is_measured() -> None:
+    assert "at 500 Hz" in diagnosis.timer().text
+
+
+@pytest.mark.parametrize(("count", "level"), [(1, "warning"), (2, "ok")])
+def test_processors(count: int, level: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis.os, "sched_getaffinity", lambda pid: set(range(count)), raising=False)
+    assert diagnosis.processors().level == level
+
+
+@pytest.mark.parametrize(
+    ("text", "level"),
+    [("MemTotal: 8 kB\nMemAvailable: 409600 kB\n", "ok"), ("MemAvailable: 408575 kB\n", "warning"), ("nonsense", "ok"), (None, "ok")],
+)  # fmt: skip
+def test_memory(text: str | None, level: str, tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / "meminfo").write_text(text)
+    assert diagnosis.memory(tmp_path / "meminfo").level == level
+
+
+def test_adapters_that_load_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    def load(kind: str) -> type:
+        if kind == "bad":
+            raise AdapterNotFound('adapter "bad" of pack cannot be imported: no moos')
+        return int
+
+    monkeypatch.setattr(diagnosis, "adapter_entries", lambda: {"bad": None, "good": None})
+    monkeypatch.setattr(diagnosis, "load_adapter", load)
+    bad, good = diagnosis.adapters()
+    assert (bad.level, good.level) == ("fault", "ok")
+    assert "no moos" in bad.text
+
+
+def test_no_adapter_at_all_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "adapter_entries", dict)
+    (finding,) = diagnosis.adapters()
+    assert finding.level == "fault"
+
+
+def test_folder(tmp_path: Path) -> None:
+    assert diagnosis.folder(tmp_path).level == "ok"
+    assert diagnosis.folder(tmp_path / "absent").level == "warning"
+    assert list(tmp_path.iterdir()) == []
+
+
+GOOD, DOUBTFUL, BAD = (
+    Finding("a", "ok", "fine"),
+    Finding("b", "warning", "hm", "do b"),
+    Finding("c", "fault", "no", "do c"),
+)
+
+
+@pytest.mark.parametrize(
+    ("findings", "status", "last"),
+    [([GOOD, DOUBTFUL], 0, "ready: uwserver run"), ([GOOD, BAD, BAD], 1, "2 to repair before `uwserver run` works")],
+)
+def test_exit_status(findings: list[Finding], status: int, last: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "examine", lambda: findings)
+    result = CliRunner().invoke(command.doctor)
+    assert result.exit_code == status
+    assert result.stdout.splitlines()[-1] == last
+    assert all(f"-> {finding.remedy}" in result.stdout for finding in findings if finding.remedy)
+
+
+def test_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "examine", lambda: [GOOD, BAD])
+    result = CliRunner().invoke(command.doctor, ["--json"])
+    assert result.exit_code == 1
+    assert json.loads(result.stdout) == {
+        "ok": False,
+        "findings": [
+            {"name": "a", "level": "ok", "text": "fine", "remedy": ""},
+            {"name": "c", "level": "fault", "text": "no", "remedy": "do c"},
+        ],
+    }
+
+
+def test_warming_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(say: object) -> bool:
+        raise RuntimeError("not finite")
+
+    monkeypatch.setattr("uwserver.physics.warm.warm", broken)
+    monkeypatch.setattr(command, "examine", lambda: [GOOD])
+    result = CliRunner().invoke(command.doctor, ["--warm"])
+    assert result.exit_code == 1
+    assert "not finite" in result.stdout
+
+
+def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("kernels-new", "kernels-old"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", True, ""))
+    monkeypatch.setattr("uwserver.physics.warm.warm", lambda say: say("kernels: immersed"))
+    monkeypatch.setattr(command, "examine", lambda: [GOOD])
+    result = CliRunner().invoke(command.doctor, ["--warm"])
+    assert result.exit_code == 0
+    assert "kernels: immersed" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["kernels-new"]

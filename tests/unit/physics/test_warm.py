@@ -1,0 +1,78 @@
+"""The kernel cache: warmed once, read where it cannot be written, and cleared of old versions."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uwserver.physics import integrator
+from uwserver.physics.compiled import ENTRY_KERNELS, cache_state
+from uwserver.physics.warm import prune, warm
+from uwserver.world import World
+
+# Root may write anywhere, so the read-only folder is one that says it is.
+READ_ONLY = """
+import os, sys
+access = os.access
+os.access = lambda path, mode, **options: mode != os.W_OK and access(path, mode, **options)
+from uwserver.physics.compiled import cache_state
+from uwserver.physics.warm import warm
+print(cache_state.reason, warm())
+"""
+
+
+def read_only_run(folder: Path, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", READ_ONLY], env={**os.environ, "NUMBA_CACHE_DIR": str(folder), **environment},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def finished(tmp_path: Path) -> Path:
+    """A copy of the finished cache."""
+    if cache_state.folder is None or cache_state.reason:
+        pytest.skip(f"no cache of its own here: {cache_state.reason}")
+    warm()
+    shutil.copytree(cache_state.folder, tmp_path / cache_state.folder.name)
+    return tmp_path
+
+
+def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
+    lines: list[str] = []
+    warm(lines.append)
+    assert len(lines) == 4
+    kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
+    before = [len(kernel.signatures) for kernel in kernels]
+    world.step(20)
+    assert [len(kernel.signatures) for kernel in kernels] == before == [1, 1]
+
+
+def test_a_finished_cache_serves_where_nothing_can_be_written(finished: Path) -> None:
+    files = sorted((path, path.stat().st_mtime_ns) for path in finished.rglob("*"))
+    assert all(any(path.name.startswith(kernel) for path, _ in files) for kernel in ENTRY_KERNELS)
+    assert read_only_run(finished) == "read-only, complete False"
+    assert sorted((path, path.stat().st_mtime_ns) for path in finished.rglob("*")) == files
+
+
+@pytest.mark.slow
+def test_another_cpu_compiles_in_memory_where_nothing_can_be_written(finished: Path) -> None:
+    files = sorted(finished.rglob("*"))
+    assert read_only_run(finished, NUMBA_CPU_NAME="generic") == "read-only, complete True"
+    assert sorted(finished.rglob("*")) == files
+
+
+def test_prune_removes_other_versions_only(tmp_path: Path) -> None:
+    for name in ("kernels-a", "kernels-b", "elsewhere"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "kernels-b" / "file").write_text("")
+    assert prune(tmp_path / "kernels-a") == [tmp_path / "kernels-b"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", "kernels-a"]

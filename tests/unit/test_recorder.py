@@ -1,0 +1,321 @@
+"""The recorder alone: its file, its queue, and what it does when it cannot write."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import threading
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Message
+
+from uwserver import recorder as recorder_module
+from uwserver.adapter import AdapterTable
+from uwserver.bus import Bus, Mailbox
+from uwserver.clock import SystemTime
+from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.recorder import Recorder
+from uwserver.recording import EVENTS, HASHES, METADATA, REQUESTS, RecordingWriter, head_of, metadata, port_schema
+from uwserver.scenario.build import build
+from uwserver.scenario.load import load
+from uwserver.scenario.resolved import Resolved
+from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.simulation import Simulation, Timing
+from uwserver.snapshot import take
+
+WAIT_S = 30.0
+SAMPLE = Sample("rov/depth", 2**32 + 7, 10, 20, True, (1.5, None))
+
+
+class RadioConfig(AdapterTable, tag="radio", kw_only=True, frozen=True):
+    port: int = 1
+    token: str = ""
+    api_secret: str = ""
+
+
+@pytest.fixture(scope="module")
+def resolved() -> Resolved:
+    vehicle = VehicleEntry(model="bluerov2_heavy", position_ned_m=(0.0, 0.0, 1.0))
+    adapters = {"gcs": RadioConfig(port=5, token="sesame-1", api_secret="sesame-2")}
+    scenario = Scenario(schema=1, title="test", seed=3, vehicles={"rov": vehicle}, adapters=adapters)
+    return load(scenario, adapters={"radio": RadioConfig})
+
+
+class Bench:
+    """A recorder with a simulation that does not run: the test plays loop and simulation thread."""
+
+    def __init__(self, path: Path, resolved: Resolved, timing: Timing) -> None:
+        self.world = build(resolved)
+        self.bus = Bus(lambda function: None)
+        self.simulation = Simulation(self.world, timing, SystemTime(), self.bus, Mailbox())
+        self.recorder = Recorder(path, self.world, resolved)
+
+    def running(self) -> Any:
+        return self.recorder.running(self.simulation, self.bus)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+@pytest.fixture
+def bench(path: Path, resolved: Resolved) -> Bench:
+    return Bench(path, resolved, Timing("realtime"))
+
+
+@pytest.fixture
+def stalled(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """A disk that does not answer until the event is set."""
+    goes_on = threading.Event()
+    sample, request = RecordingWriter.sample, RecordingWriter.request
+
+    def slow_sample(self: RecordingWriter, *args: Any) -> None:
+        goes_on.wait(WAIT_S)
+        sample(self, *args)
+
+    def slow_request(self: RecordingWriter, *args: Any) -> None:
+        goes_on.wait(WAIT_S)
+        request(self, *args)
+
+    monkeypatch.setattr(RecordingWriter, "sample", slow_sample)
+    monkeypatch.setattr(RecordingWriter, "request", slow_request)
+    return goes_on
+
+
+def messages(path: Path, topic: str) -> list[Message]:
+    with path.open("rb") as file:
+        return [message for _, _, message in make_reader(file).iter_messages(topics=[topic], log_time_order=False)]
+
+
+def bodies(path: Path, topic: str) -> list[Any]:
+    return [json.loads(message.data) for message in messages(path, topic)]
+
+
+def test_samples_events_and_the_last_state_are_written(bench: Bench, path: Path) -> None:
+    with bench.running():
+        assert bench.recorder.status()["recording"] is True
+        bench.recorder.put_samples([SAMPLE])
+        bench.recorder.put_event(Event("paused", 4, 30, "why"))
+    body = bodies(path, "rov/depth")[0]
+    assert body == {
+        "seq": 2**32 + 7,
+        "t_ns": 10,
+        "t_sent_ns": 20,
+        "valid": True,
+        "value": {"depth": 1.5, "temperature": None},
+    }
+    assert messages(path, "rov/depth")[0].sequence == 7
+    assert bodies(path, EVENTS) == [{"event": "paused", "tick": 4, "t_ns": 30, "text": "why"}]
+    assert bodies(path, HASHES) == [{"index": 0, "tick": 0, "hash": take(bench.world).hash()}]
+    status = bench.recorder.status()
+    assert status == {
+        "path": str(path),
+        "recording": False,
+        "samples": 1,
+        "requests": 0,
+        "bytes": path.stat().st_size,
+        "dropped": 0,
+        "error": "",
+    }
+
+
+def test_requests_are_written_in_order_with_their_batch(bench: Bench, path: Path) -> None:
+    with bench.running():
+        bench.recorder.requested(Command("rov/thrusters", ((0.5,) * 8,), "a"), 7)
+        bench.recorder.requested(Call("world/state_hash", {"x": [1, 2.0, None]}, "b"), 7)
+        bench.simulation._steering.popleft()()
+        bench.recorder.requested(Command("rov/force_torque", (None, (1.0, 2.0, 3.0)), "a"), 7)
+    assert bodies(path, REQUESTS) == [
+        {"index": 0, "batch": 0, "tick": 7, "source": "a", "port": "rov/thrusters", "value": [[0.5] * 8]},
+        {
+            "index": 1,
+            "batch": 0,
+            "tick": 7,
+            "source": "b",
+            "service": "world/state_hash",
+            "args": {"x": [1, 2.0, None]},
+        },
+        {
+            "index": 2,
+            "batch": 1,
+            "tick": 7,
+            "source": "a",
+            "port": "rov/force_torque",
+            "value": [None, [1.0, 2.0, 3.0]],
+        },
+    ]
+    assert messages(path, REQUESTS)[0].log_time == bench.world.time_of(7)
+
+
+def test_the_scenario_comes_back_whole(bench: Bench, path: Path, resolved: Resolved) -> None:
+    with bench.running():
+        pass
+    with path.open("rb") as file:
+        record = next(record for record in make_reader(file).iter_metadata() if record.name == METADATA)
+    head = head_of(record.metadata)
+    assert head.seed == 3
+    assert head.timing["mode"] == "realtime"
+    assert head.versions.numba
+    assert head.resolved.vehicles == resolved.vehicles
+    assert msgspec.structs.replace(head.resolved.scenario, adapters={}) == msgspec.structs.replace(
+        resolved.scenario, adapters={}
+    )
+    assert head.resolved.scenario.adapters == {"gcs": {"kind": "radio", "port": 5, "truth": False, "required": True}}
+    assert take(build(head.resolved, head.seed)).hash() == take(bench.world).hash()
+
+
+def test_defaults_are_written_out(resolved: Resolved) -> None:
+    whole = json.loads(metadata(resolved, 3, Timing())["scenario"])
+    assert whole["scenario"]["world"]["rate_hz"] == 240.0
+    assert whole["scenario"]["environment"]["gravity_mps2"] == 9.81
+
+
+def test_no_secret_reaches_the_file(bench: Bench, path: Path) -> None:
+    with bench.running():
+        pass
+    assert b"sesame" not in path.read_bytes()
+    assert b"gcs" in path.read_bytes()
+
+
+def test_an_existing_file_is_never_overwritten(bench: Bench, path: Path) -> None:
+    path.write_text("precious")
+    with (
+        pytest.raises(FileExistsError, match="it exists already; give --record another name") as caught,
+        bench.running(),
+    ):
+        pass
+    assert str(path) in str(caught.value)
+    assert path.read_text() == "precious"
+
+
+def test_a_folder_that_is_missing_is_told(tmp_path: Path, resolved: Resolved) -> None:
+    bench = Bench(tmp_path / "missing" / "run.mcap", resolved, Timing())
+    with (
+        pytest.raises(OSError, match=r"cannot record to .*missing/run\.mcap: No such file or directory"),
+        bench.running(),
+    ):
+        pass
+
+
+def test_a_disk_that_is_full_at_the_start_is_told(bench: Bench, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: RecordingWriter) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(RecordingWriter, "flush", full)
+    with pytest.raises(OSError, match=r"run\.mcap: No space left on device"), bench.running():
+        pass
+    assert not path.exists()
+
+
+def test_a_start_that_fails_leaves_no_file_behind(bench: Bench, path: Path) -> None:
+    with contextlib.suppress(KeyError), bench.running():
+        assert path.exists()
+        raise KeyError("an adapter cannot start")
+    assert not path.exists()
+
+
+def test_a_run_that_fails_keeps_its_file(bench: Bench, path: Path) -> None:
+    with contextlib.suppress(KeyError), bench.running():
+        bench.recorder.put_samples([SAMPLE])
+        raise KeyError("later")
+    assert len(messages(path, "rov/depth")) == 1
+
+
+def test_real_time_drops_samples_but_no_request_when_the_disk_is_slow(
+    bench: Bench,
+    path: Path,
+    stalled: threading.Event,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(recorder_module, "MAX_SAMPLES", 10)
+    with bench.running():
+        for _ in range(15):
+            bench.recorder.put_samples([SAMPLE, SAMPLE])
+            bench.recorder.requested(Call("world/state_hash", {}, "a"), 1)
+        bench.world.tick = 240
+        bench.recorder.ticked(bench.world)  # returns although the queue is full
+        assert bench.recorder.status()["dropped"] == 20
+        stalled.set()
+    assert len(messages(path, "rov/depth")) == 10
+    assert len(messages(path, REQUESTS)) == 15
+    assert len(messages(path, HASHES)) == 2
+    assert any("20 of 30 samples are missing" in record.getMessage() for record in caplog.records)
+
+
+@pytest.mark.parametrize("timing", [Timing("freerun"), Timing("lockstep"), Timing("realtime", paused=True)])
+def test_without_a_wall_clock_the_tick_waits_and_nothing_is_lost(
+    path: Path, resolved: Resolved, stalled: threading.Event, monkeypatch: pytest.MonkeyPatch, timing: Timing
+) -> None:
+    monkeypatch.setattr(recorder_module, "MAX_SAMPLES", 10)
+    bench = Bench(path, resolved, timing)
+    with bench.running():
+        for _ in range(15):
+            bench.recorder.put_samples([SAMPLE, SAMPLE])
+        bench.world.tick = 1
+        tick = threading.Thread(target=bench.recorder.ticked, args=(bench.world,), daemon=True)
+        tick.start()
+        tick.join(0.05)
+        assert tick.is_alive()
+        stalled.set()
+        tick.join(WAIT_S)
+        assert not tick.is_alive()
+    assert bench.recorder.status()["dropped"] == 0
+    assert len(messages(path, "rov/depth")) == 30
+
+
+def test_a_flood_of_requests_ends_the_recording_with_a_reason(
+    bench: Bench, stalled: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "MAX_REQUESTS", 5)
+    with bench.running():
+        for _ in range(7):
+            bench.recorder.requested(Call("world/state_hash", {}, "a"), 1)
+        assert "5 commands and calls wait" in str(bench.recorder.status()["error"])
+        assert bench.recorder.status()["recording"] is False
+        stalled.set()
+
+
+def test_a_disk_that_fails_later_ends_the_recording_once(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    failed = threading.Event()
+
+    def fail(self: RecordingWriter, *args: Any) -> None:
+        failed.set()
+        raise OSError(5, "Input/output error")
+
+    with bench.running():
+        monkeypatch.setattr(RecordingWriter, "sample", fail)
+        bench.recorder.put_samples([SAMPLE])
+        assert failed.wait(WAIT_S)
+        for thread in threading.enumerate():
+            if thread.name == "recorder":
+                thread.join(WAIT_S)
+        bench.recorder.put_samples([SAMPLE])
+        bench.recorder.requested(Call("world/state_hash", {}, "a"), 1)
+        bench.recorder.ticked(bench.world)
+        assert bench.recorder.status()["recording"] is False
+    errors = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert len(errors) == 1
+    assert "ended: Input/output error; the world goes on" in errors[0]
+
+
+def test_no_thread_is_left(bench: Bench) -> None:
+    with bench.running():
+        assert "recorder" in [thread.name for thread in threading.enumerate()]
+    assert "recorder" not in [thread.name for thread in threading.enumerate()]
+
+
+def test_the_schema_of_a_matrix_and_of_a_scalar() -> None:
+    fields = (Field("m", "T", "a matrix", "S", (2, 3)), Field("ok", "1", "a flag", type="bool"))
+    value = port_schema(Port("rov/x", "sensor", "x", fields, "doc"))["properties"]["value"]["properties"]
+    assert value["m"]["description"] == "a matrix; unit T; frame S; row-major, shape 2x3"
+    assert value["m"]["maxItems"] == 6
+    assert value["ok"] == {"type": ["boolean", "null"], "description": "a flag; unit 1"}

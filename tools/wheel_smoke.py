@@ -1,0 +1,131 @@
+"""Builds the wheels of uwserver and uwclient, installs them in a fresh environment and uses them there; exits with 1 at the first fault.
+
+By default the environment borrows the dependencies of the environment that runs this script, and only the two wheels are installed;
+`--dependencies` installs these too, as a user's pip would.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "uwserver": (ROOT, ("uwserver", "adapters/uwserver_adapters", "scenarios/uwserver_scenarios")),
+    "uwclient": (ROOT / "clients" / "python", ("uwclient",)),
+}
+MODULES = ("uwserver", "uwserver_adapters.sockets", "uwserver_scenarios", "uwclient")
+COMMANDS = (
+    ("uwserver", "--version"),
+    ("uwserver", "list"),
+    ("uwserver", "check", "bluerov2_pool"),
+    ("uwclient", "--help"),
+    ("uwserver", "run", "--port", "0", "--until", "0.5", "--mode", "freerun"),
+)
+TIMEOUT_S = 300.0
+
+
+class Fault(Exception):
+    """What is wrong with a wheel."""
+
+
+def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = None) -> str:
+    """Output of a command that must succeed."""
+    done = subprocess.run(
+        list(map(str, command)),
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise Fault(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def expected_files(project: Path, folders: tuple[str, ...]) -> set[str]:
+    """Paths that the wheel must hold: every file of the packages in the checkout but byte code."""
+    return {
+        str(path.relative_to((project / folder).parent))
+        for folder in folders
+        for path in (project / folder).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+def build(name: str, out: Path) -> Path:
+    """The wheel of a distribution, with its contents compared with the checkout."""
+    project, folders = PACKAGES[name]
+    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, project, cwd=out)
+    (wheel,) = out.glob(f"{name}-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        inside = {path for path in archive.namelist() if ".dist-info/" not in path}
+        licensed = any(path.endswith("LICENSE") for path in archive.namelist())
+    expected = expected_files(project, folders)
+    if inside != expected or not licensed:
+        raise Fault(
+            f"{wheel.name}: missing {sorted(expected - inside)}, unexpected {sorted(inside - expected)}, LICENSE: {licensed}"
+        )
+    print(f"{wheel.name}: {len(inside)} files, {wheel.stat().st_size // 1024} KiB")
+    return wheel
+
+
+def environment_with(wheels: list[Path], folder: Path, dependencies: bool) -> Path:
+    """A fresh environment with the wheels; returns its folder of scripts."""
+    run(sys.executable, "-m", "venv", "--without-pip", folder, cwd=folder.parent)
+    python = folder / "bin" / "python"
+    options = [] if dependencies else ["--no-deps"]
+    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *options, *wheels, cwd=folder.parent)
+    if not dependencies:
+        # Path entries of a .pth file are not searched for further .pth files, so an editable install over there stays out.
+        packages = Path(
+            run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder.parent).strip()
+        )
+        (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return folder / "bin"
+
+
+def use(scripts: Path, work: Path) -> None:
+    """Import and run what was installed, far from the checkout."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_"))}
+    environment["XDG_CACHE_HOME"] = str(work / "cache")
+    for module in MODULES:
+        found = run(
+            scripts / "python", "-c", f"import {module} as m; print(m.__file__)", cwd=work, environment=environment
+        )
+        if not Path(found.strip()).is_relative_to(scripts.parent):
+            raise Fault(f"{module} comes from {found.strip()}, not from its wheel")
+    for name, *arguments in COMMANDS:
+        run(scripts / name, *arguments, cwd=work, environment=environment)
+        print(f"{name} {' '.join(arguments)}: ok")
+
+
+def main() -> int:
+    """Build, install, use."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--dependencies", action="store_true", help="install the dependencies too")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="uwserver-wheels-") as name:
+        out = Path(name)
+        try:
+            wheels = [build(distribution, out) for distribution in PACKAGES]
+            work = out / "work"
+            work.mkdir()
+            use(environment_with(wheels, out / "venv", options.dependencies), work)
+        except Fault as fault:
+            print(f"wheel smoke test: {fault}", file=sys.stderr)
+            return 1
+    print("wheel smoke test: ok")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

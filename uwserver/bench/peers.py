@@ -1,0 +1,146 @@
+"""What others offer for the same job, measured beside us: Bullet alone, Bullet with numpy hydrodynamics, MuJoCo's fluid.
+
+pybullet and mujoco are optional; a peer that cannot be imported raises ImportError when it is made.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.bodies import FloatArray
+
+SPACING_M = 5.0
+"""Bodies stand apart so far that none ever meets another."""
+
+MASS_KG, INERTIA_KGM2, SIZE_M = 13.5, (0.26, 0.23, 0.37), (0.457, 0.575, 0.254)
+ADDED_MASS = (6.36, 7.12, 18.68, 0.189, 0.135, 0.222)
+LINEAR_DAMPING, QUADRATIC_DAMPING = (13.7, 1.0, 33.0, 0.1, 0.8, 0.1), (141.0, 217.0, 190.0, 1.19, 0.47, 1.5)
+WEIGHT_N, CENTER_OF_BUOYANCY_M = 132.57, (0.0, 0.0, -0.01)
+PUSH = (8.0, 3.0, 2.0, 0.1, 0.1, 0.2)
+"""Wrench on each body, N and N m: it is held, so a peer need not compute any thruster."""
+
+
+class BulletBodies:
+    """Free boxes in pybullet (DIRECT), stepped and nothing else: no Bullet-based simulator can be faster."""
+
+    name, dt = "pybullet, bare step", 1.0 / 240.0
+
+    def __init__(self, vehicles: int) -> None:
+        self.vehicles = vehicles
+        self._bullet: Any = importlib.import_module("pybullet")
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._bullet.setTimeStep(self.dt, physicsClientId=self._client)
+        self._bodies = [self._box(k) for k in range(vehicles)]
+
+    def _box(self, k: int) -> int:
+        b, client = self._bullet, self._client
+        shape = b.createCollisionShape(b.GEOM_BOX, halfExtents=[s / 2 for s in SIZE_M], physicsClientId=client)
+        place = [SPACING_M * (k % 10), SPACING_M * (k // 10), 10.0]
+        body = int(b.createMultiBody(MASS_KG, shape, basePosition=place, physicsClientId=client))
+        b.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+        b.changeDynamics(body, -1, mass=MASS_KG, localInertiaDiagonal=list(INERTIA_KGM2), physicsClientId=client)
+        return body
+
+    def prepare(self) -> None:
+        """Nothing to put back: a free body stays one."""
+
+    def run(self, steps: int) -> None:
+        """Step."""
+        for _ in range(steps):
+            self._bullet.stepSimulation(physicsClientId=self._client)
+
+    def close(self) -> None:
+        """End the engine."""
+        self._bullet.disconnect(physicsClientId=self._client)
+
+
+class BulletWithNumpy(BulletBodies):
+    """The usual way to put a vehicle under water in Bullet: read pose and velocity, Fossen's matrices in numpy, apply the wrench, step."""
+
+    name = "pybullet + numpy a vehicle"
+
+    def __init__(self, vehicles: int) -> None:
+        super().__init__(vehicles)
+        self._M_RB, self._M_A = np.diag([MASS_KG] * 3 + list(INERTIA_KGM2)), np.diag(ADDED_MASS)
+        self._M_inv = np.linalg.inv(self._M_RB + self._M_A)
+        self._D_L, self._D_Q = np.diag(LINEAR_DAMPING), np.diag(QUADRATIC_DAMPING)
+        self._push, self._r_b = np.array(PUSH), np.array(CENTER_OF_BUOYANCY_M)
+
+    def prepare(self) -> None:
+        """Bring all bodies to rest."""
+        for body in self._bodies:
+            self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0], physicsClientId=self._client)
+
+    def run(self, steps: int) -> None:
+        """Hydrodynamics of each body, then a step."""
+        b, client = self._bullet, self._client
+        for _ in range(steps):
+            for body in self._bodies:
+                _, q = b.getBasePositionAndOrientation(body, physicsClientId=client)
+                v, w = b.getBaseVelocity(body, physicsClientId=client)
+                R = np.array(b.getMatrixFromQuaternion(q)).reshape(3, 3)
+                wrench = self._M_RB @ self._acceleration(R, np.concatenate([R.T @ np.array(v), R.T @ np.array(w)]))
+                b.applyExternalForce(body, -1, wrench[:3].tolist(), [0, 0, 0], b.LINK_FRAME, physicsClientId=client)
+                b.applyExternalTorque(body, -1, wrench[3:].tolist(), b.LINK_FRAME, physicsClientId=client)
+            b.stepSimulation(physicsClientId=client)
+
+    def _acceleration(self, R: FloatArray, nu: FloatArray) -> FloatArray:
+        C = _coriolis(self._M_RB, nu) + _coriolis(self._M_A, nu)
+        D = self._D_L + self._D_Q * np.abs(nu)
+        buoyancy = R.T @ np.array([0.0, 0.0, WEIGHT_N])
+        restoring = np.concatenate([np.zeros(3), np.cross(self._r_b, buoyancy)])
+        acceleration: FloatArray = self._M_inv @ (self._push - C @ nu - D @ nu + restoring)
+        return acceleration
+
+
+def _coriolis(M: FloatArray, nu: FloatArray) -> FloatArray:
+    """C(nu) of Fossen (2011), theorem 3.2."""
+    a, b = M[:3, :3] @ nu[:3] + M[:3, 3:] @ nu[3:], M[3:, :3] @ nu[:3] + M[3:, 3:] @ nu[3:]
+    C = np.zeros((6, 6))
+    C[:3, 3:] = C[3:, :3] = -_skew(a)
+    C[3:, 3:] = -_skew(b)
+    return C
+
+
+def _skew(a: FloatArray) -> FloatArray:
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+class MujocoFluid:
+    """MuJoCo's own fluid model: free bodies of ellipsoid fluid shape in water, 2 ms a step, contacts off, a held wrench on each."""
+
+    name, dt = "MuJoCo ellipsoid fluid", 0.002
+
+    def __init__(self, vehicles: int) -> None:
+        self.vehicles = vehicles
+        self._mujoco: Any = importlib.import_module("mujoco")
+        self._model = self._mujoco.MjModel.from_xml_string(_mujoco_xml(vehicles))
+        self._state = self._mujoco.MjData(self._model)
+
+    def prepare(self) -> None:
+        """Start from rest, pushed."""
+        self._mujoco.mj_resetData(self._model, self._state)
+        self._state.xfrc_applied[1:] = PUSH
+
+    def run(self, steps: int) -> None:
+        """Step, all steps in one call: no Python between them."""
+        self._mujoco.mj_step(self._model, self._state, nstep=steps)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+def _mujoco_xml(vehicles: int) -> str:
+    half = " ".join(f"{s / 2:g}" for s in SIZE_M)
+    inertia = " ".join(f"{i:g}" for i in INERTIA_KGM2)
+    bodies = "".join(
+        f'<body pos="{SPACING_M * (k % 10):g} {SPACING_M * (k // 10):g} 0"><freejoint/>'
+        f'<inertial pos="0 0 0" mass="{MASS_KG:g}" diaginertia="{inertia}"/>'
+        f'<geom type="box" size="{half}" fluidshape="ellipsoid" contype="0" conaffinity="0"/></body>'
+        for k in range(vehicles)
+    )
+    option = f'<option timestep="{MujocoFluid.dt:g}" density="1000" viscosity="0.001" gravity="0 0 0"/>'
+    return f"<mujoco>{option}<worldbody>{bodies}</worldbody></mujoco>"

@@ -1,0 +1,25 @@
+"""Public testing kit for those who write adapters, codecs and sensors.
+
+- `check_adapter` (`uwserver.testing.adapters`): the conformance suite that every adapter of uwserver passes; run it on yours:
+
+      asyncio.run(check_adapter(MyAdapter, MyAdapter.Config(port=0), connect=TcpPeer.connect, greeting=b"subscribe everything"))
+
+- `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
+- `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
+- `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
+- `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads when the test says so.
+- `MockTime` (`uwserver.testing.mock_time`): wall time that a test owns.
+
+All checks raise AssertionError with a text that says what the contract wants; none needs pytest.
+"""
+
+from uwserver.testing.adapters import TcpPeer, check_adapter
+from uwserver.testing.codecs import CodecCase, check_codec
+from uwserver.testing.fake_context import FakeContext, sample_of
+from uwserver.testing.loopback import Loopback
+from uwserver.testing.mock_time import MockTime
+from uwserver.testing.sensors import check_sensor
+
+__all__ = [
+    "CodecCase", "FakeContext", "Loopback", "MockTime", "TcpPeer", "check_adapter", "check_codec", "check_sensor", "sample_of",
+]  # fmt: skip

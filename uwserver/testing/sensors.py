@@ -1,0 +1,154 @@
+"""The conformance suite for sensors: a pure function of the world at one instant, whose values fit its declared fields."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from uwserver.environment.water import Water
+from uwserver.frames import Quat, Vec3, quat_from_rpy
+from uwserver.modifiers import Bias, GaussMarkov, Measurement, ModifierConfig, Quantise, RandomWalk, Stream, WhiteNoise
+from uwserver.ports import Field, Value
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+
+MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
+"""A mount with a lever arm and an attitude, so that neither can be forgotten unseen."""
+WATER = Water(density=1025.0, gravity=9.81, temperature=12.0, atmospheric_pressure=101325.0, current=(0.3, -0.1, 0.05))
+_TYPES: dict[str, type | tuple[type, ...]] = {"float": (float, int), "int": int, "bool": bool, "str": str}
+
+
+def scopes() -> list[Scope]:
+    """Ordinary and extreme instants: attitudes with singular angles, above the surface, in the deepest sea, far away, very fast."""
+    positions: tuple[Vec3, ...] = ((0.0, 0.0, 5.0), (0.0, 0.0, -3.0), (0.0, 0.0, 0.0), (1e6, -1e6, 11000.0))
+    angles = (
+        (0.0, 0.0, 0.0),
+        (0.1, 0.2, 0.3),
+        (math.pi, 0.0, 0.0),
+        (0.0, math.pi / 2, 0.0),
+        (0.0, -math.pi / 2, math.pi),
+    )
+    rates: tuple[Vec3, ...] = ((0.0, 0.0, 0.0), (1.0, -2.0, 0.5), (300.0, 300.0, -300.0))
+    made = []
+    for number, (p, rpy, v) in enumerate(itertools.product(positions, angles, rates)):
+        q: Quat = quat_from_rpy(*rpy)
+        w = (v[2] / 10, v[0] / 10, v[1] / 10)
+        made.append(
+            Scope(number * 4_000_000, p, q, v, w, WATER, nu_dot=(0.1, 0.2, -0.3, 0.01, -0.02, 0.03), tau=(1.0,) * 6)
+        )
+    return made
+
+
+def check_sensor(config: SensorTable, *, mount: Pose = MOUNT, instants: Sequence[Scope] | None = None) -> None:
+    """Build the sensor of a config and check its contract.
+
+    Args:
+        config: with a `build(mount)`.
+        mount: where it sits.
+        instants: at which it is asked; default `scopes()`.
+
+    Raises:
+        AssertionError: the text names the sensor, the field, and what the contract says.
+    """
+    kind = str(config.__struct_config__.tag)
+    build = getattr(config, "build", None)
+    assert build is not None, f'sensor "{kind}": the config needs build(mount), which makes the sensor'
+    sensor: Sensor = build(mount)
+    check_fields(kind, sensor.fields)
+    assert sensor.doc, f'sensor "{kind}": doc is empty'
+    for scope in scopes() if instants is None else instants:
+        _check_instant(kind, sensor, build(mount), scope)
+    for field in sensor.fields:
+        if field.type == "float":
+            _check_modifiers(kind, sensor, field)
+
+
+def check_fields(kind: str, fields: Sequence[Field]) -> None:
+    """Names are unique, every field has a unit and a sentence, every vector of a physical quantity its frame."""
+    names = [field.name for field in fields]
+    assert names, f'sensor "{kind}" has no fields'
+    assert len(set(names)) == len(names), f'sensor "{kind}": two fields have one name: {names}'
+    for field in fields:
+        assert field.unit, f'sensor "{kind}", field "{field.name}": no unit ("1" where there is none)'
+        assert field.doc, f'sensor "{kind}", field "{field.name}": no doc'
+        if field.type == "float" and field.shape in ((3,), (4,)):
+            assert field.frame, (
+                f'sensor "{kind}", field "{field.name}": a vector needs a frame (N, B, S, or "NS" of a rotation)'
+            )
+
+
+def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], valid: bool) -> None:
+    """Number, shape and type of the values fit the fields; a valid reading is finite."""
+    assert len(values) == len(fields), f"{where}: {len(values)} values for {len(fields)} fields"
+    for field, value in zip(fields, values, strict=True):
+        if not field.shape:
+            assert not isinstance(value, tuple), f'{where}, field "{field.name}": a tuple, the shape says scalar'
+            components: tuple[object, ...] = (value,)
+        elif value is None:
+            components = (None,)
+        else:
+            assert isinstance(value, tuple), (
+                f'{where}, field "{field.name}": {type(value).__name__}, an array is a tuple'
+            )
+            assert len(value) == field.size, (
+                f'{where}, field "{field.name}": {len(value)} components, the shape has {field.size}'
+            )
+            components = value
+        for component in components:
+            if component is None:
+                continue
+            fits = isinstance(component, _TYPES[field.type]) and (
+                field.type == "bool" or not isinstance(component, bool)
+            )
+            assert fits, (
+                f'{where}, field "{field.name}": {component!r} is a {type(component).__name__}, declared {field.type}'
+            )
+            if valid and isinstance(component, float):
+                assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
+
+
+def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> None:
+    where = f'sensor "{kind}" at p_NB = {scope.p_NB}, q_NB = {scope.q_NB}, v = {scope.v_NB_B}'
+    before = copy.deepcopy(scope)
+    valid, values = sensor.measure(scope)
+    check_values(where, sensor.fields, values, valid)
+    assert scope == before, f"{where}: measure changed its scope"
+    assert isinstance(valid, bool), f"{where}: the first result tells whether it could measure"
+    assert sensor.measure(scope) == (valid, values), f"{where}: asked again it gives other values, it must be stateless"
+    assert twin.measure(scope) == (valid, values), f"{where}: a second sensor of the same config gives other values"
+    assert sensor.measure(scope)[1] is not values, (
+        f"{where}: it hands out one list twice, the modifiers would change it"
+    )
+
+
+def _modifiers(field: Field) -> tuple[ModifierConfig, ...]:
+    name = field.name
+    return (
+        WhiteNoise(field=name, sigma=0.5),
+        GaussMarkov(field=name, sigma=0.5, tau_s=10.0),
+        RandomWalk(field=name, density=0.5),
+        Bias(field=name, value=0.25),
+        Quantise(field=name, step=1e-3),
+    )
+
+
+def _check_modifiers(kind: str, sensor: Sensor, field: Field) -> None:
+    index = sensor.fields.index(field)
+    scope = next((s for s in scopes() if sensor.measure(s)[0]), None)
+    assert scope is not None, f'sensor "{kind}" is valid at none of the instants: give some at which it can measure'
+    for modifier in _modifiers(field):
+        where = f'sensor "{kind}", {type(modifier).__name__} of "{field.name}"'
+        valid, values = sensor.measure(scope)
+        untouched = list(values)
+        reading = Measurement(values, valid)
+        modifier.build(Stream(sensor.fields, 0.01, np.random.default_rng(1))).apply(reading)
+        check_values(where, sensor.fields, reading.values, reading.valid)
+        if not isinstance(modifier, Quantise):
+            assert reading.values[index] != untouched[index], f"{where}: the value did not change"
+        others = [value for i, value in enumerate(reading.values) if i != index]
+        assert others == [value for i, value in enumerate(untouched) if i != index], (
+            f"{where}: another field changed too"
+        )
