@@ -30,7 +30,7 @@ test: install lint types  ## everything that .ci/run checks
 	$(MAKE) --no-print-directory docs-check wheel-smoke
 
 test-all: install lint types  ## the same and the slow tests: container, long fuzz, peers built for the test
-	$(BIN)/python -m pytest -n $(WORKERS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 	$(MAKE) --no-print-directory docs-check
 	$(BIN)/python tools/wheel_smoke.py --dependencies
 

@@ -8,6 +8,7 @@ is edited for it.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
@@ -15,6 +16,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from uwserver.ports import Event, Json, OnReply, Port, Sample, Service
 from uwserver.table import Table
+
+logger = logging.getLogger(__name__)
 
 ENTRY_POINT_GROUP = "uwserver.adapters"
 
@@ -154,12 +157,14 @@ class AdapterNotFound(Exception):
 
 
 def installed_adapters() -> dict[str, type[Any]]:
-    """Configuration type of each installed adapter, by kind.
-
-    Raises:
-        AdapterNotFound: see there.
-    """
-    return {kind: load_adapter(kind).Config for kind in adapter_entries()}
+    """Configuration type of each installed adapter, by kind. One that cannot be loaded is left out with a warning: the others still serve."""
+    configs: dict[str, type[Any]] = {}
+    for kind in adapter_entries():
+        try:
+            configs[kind] = load_adapter(kind).Config
+        except AdapterNotFound as reason:
+            logger.warning("%s; scenarios cannot use it", reason)
+    return configs
 
 
 def adapter_entries() -> dict[str, EntryPoint]:
@@ -181,11 +186,13 @@ def load_adapter(kind: str) -> type[Any]:
     try:
         loaded = entry.load()
     except Exception as error:
-        raise AdapterNotFound(f'adapter "{kind}" of {owner} cannot be imported: {error}') from error
+        reason = str(error) or type(error).__name__
+        raise AdapterNotFound(f'adapter "{kind}" of {owner} cannot be imported: {reason}') from error
+    config = getattr(loaded, "Config", None)
     if (
         not isinstance(loaded, type)
-        or not hasattr(loaded, "run")
-        or not issubclass(getattr(loaded, "Config", int), AdapterTable)
+        or not callable(getattr(loaded, "run", None))
+        or not (isinstance(config, type) and issubclass(config, AdapterTable))
     ):
         raise AdapterNotFound(
             f'adapter "{kind}" of {owner} needs run() and a Config derived from uwserver.adapter.AdapterTable'

@@ -14,6 +14,9 @@ Quat = tuple[float, float, float, float]
 
 IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)
 
+_VERTICAL = 1.0 - 1e-12
+"""Sine of pitch above which roll and yaw cannot be told apart: 1.4e-6 rad from the vertical."""
+
 
 def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
     """Unit quaternion q_NB of the zyx Euler angles (rad): yaw about z, then pitch about y, then roll about x."""
@@ -29,10 +32,13 @@ def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
 
 
 def rpy_from_quat(q: Sequence[float]) -> Vec3:
-    """Roll, pitch, yaw (rad) of a unit quaternion; pitch is clamped to +-pi/2 where the angles are singular."""
+    """Roll, pitch, yaw (rad) of a unit quaternion. At pitch +-pi/2 only one turn about the vertical is left: yaw tells it, roll is zero."""
     w, x, y, z = q
+    sine = 2 * (w * y - z * x)
+    if abs(sine) > _VERTICAL:  # roll and yaw would be two angles of rounding errors
+        return 0.0, math.copysign(math.pi / 2, sine), math.atan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z))
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    pitch = math.asin(sine)
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return roll, pitch, yaw
 

@@ -228,14 +228,14 @@ OnReply = Callable[[Reply | Progress], None]
 
 def matches(pattern: str, path: str) -> bool:
     """Whether a path fits a pattern: ``*`` stands for one level, ``**`` for any number of levels, also none."""
-    return _matches(pattern.split("/"), path.split("/"))
-
-
-def _matches(pattern: list[str], path: list[str]) -> bool:
-    if not pattern:
-        return not path
-    if pattern[0] == "**":
-        if pattern[1:2] == ["**"]:  # one says as much as many, and many would take exponential time
-            return _matches(pattern[1:], path)
-        return any(_matches(pattern[1:], path[i:]) for i in range(len(path) + 1))
-    return bool(path) and pattern[0] in ("*", path[0]) and _matches(pattern[1:], path[1:])
+    levels = path.split("/")
+    # How many levels of the path the pattern may have used up so far. A set, as trying every split would take exponential time.
+    used = {0}
+    for word in pattern.split("/"):
+        if word == "**":
+            used = set(range(min(used), len(levels) + 1))
+        else:
+            used = {k + 1 for k in used if k < len(levels) and word in ("*", levels[k])}
+        if not used:
+            return False
+    return len(levels) in used

@@ -61,7 +61,7 @@ def _check_range(field: Field | Argument, number: float) -> None:
     if (low is not None and number < low) or (high is not None and number > high):
         limits = " and ".join([f"at least {low:g}"] * (low is not None) + [f"at most {high:g}"] * (high is not None))
         unit = "" if field.unit == "1" else f" {field.unit}"
-        raise Refused("out_of_range", f'"{field.name}" must be {limits}{unit}, not {number:g}', field.name)
+        raise Refused("out_of_range", f'"{field.name}" must be {limits}{unit}, not {number:.12g}', field.name)
 
 
 def _flatten(value: object, shape: Sequence[int], name: str) -> tuple[float, ...]:
@@ -132,7 +132,11 @@ def _checked_argument(argument: Argument, value: object) -> Json:
     flat = _checked_field(Field(name, argument.unit, argument.doc, "", argument.shape), value)
     for number in flat:
         if argument.type == "int" and number != int(number):
-            raise Refused("bad_argument", f'"{name}" must be a whole number, not {number:g}', name)
+            raise Refused("bad_argument", f'"{name}" must be a whole number, not {number:.12g}', name)
         _check_range(argument, number)
     numbers: list[Json] = [int(number) if argument.type == "int" else number for number in flat]
-    return numbers if argument.shape else numbers[0]
+    if argument.shape:
+        return numbers
+    if argument.type == "int" and isinstance(value, int):
+        return value  # above 2**53 the float is not exact
+    return numbers[0]

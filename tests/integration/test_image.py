@@ -64,7 +64,8 @@ class PipSettings:
         named = {Path(word.removeprefix("file://")) for word in settings.split() if word.startswith(("/", "file:///"))}
         named |= {Path(value) for value in self.environment.values() if value.startswith("/")}
         self.files += [path for path in named if path.is_file()]
-        self.folders = [path for path in named if path.is_dir()]
+        # A local index is a folder "simple" that links to the files beside it.
+        self.folders = [path.parent if path.name == "simple" else path for path in named if path.is_dir()]
 
     def copy_to(self, root: Path) -> None:
         for file in self.files:

@@ -99,7 +99,9 @@ def test_equal_runs_hash_equally_in_another_process(make_world):
         "print(snapshot.take(w).hash())\n"
     )
     tests = str(Path(__file__).parents[1])
-    other = subprocess.run([sys.executable, "-c", script, tests], capture_output=True, text=True, timeout=120, check=True)
+    other = subprocess.run(
+        [sys.executable, "-c", script, tests], capture_output=True, text=True, timeout=120, check=True
+    )
     world = make_world()
     world.command("rov/thrusters", u=[0.3] * 8)
     world.step(500)

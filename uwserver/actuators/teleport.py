@@ -20,15 +20,22 @@ class TeleportConfig(ActuatorTable, tag="teleport", kw_only=True, frozen=True):
         return Teleport(body)
 
 
+def _limited(name: str, unit: str, doc: str, frame: str, limit: float, size: int = 3) -> Field:
+    return Field(name, unit, doc, frame, (size,), minimum=-limit, maximum=limit)
+
+
 class Teleport:
-    """Sets pose and velocity; a field that is left out keeps its value."""
+    """Sets pose and velocity; a field that is left out keeps its value.
+
+    The limits keep one careless command from making the body diverge, which would end the run for everybody.
+    """
 
     doc = "Sets pose and velocity at the start of the next tick; a field that is left out keeps its value."
     fields = (
-        Field("p_NB", "m", "position of the body origin", "N", (3,)),
-        Field("q_NB", "1", "attitude, w x y z; normalised", "NB", (4,)),
-        Field("v_NB_B", "m/s", "velocity of the body origin", "B", (3,)),
-        Field("w_NB_B", "rad/s", "angular velocity", "B", (3,)),
+        _limited("p_NB", "m", "position of the body origin", "N", 1e6),
+        _limited("q_NB", "1", "attitude, w x y z; normalised", "NB", 1e6, size=4),
+        _limited("v_NB_B", "m/s", "velocity of the body origin", "B", 100.0),
+        _limited("w_NB_B", "rad/s", "angular velocity", "B", 100.0),
     )
 
     def __init__(self, body: Body) -> None:

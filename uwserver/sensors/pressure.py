@@ -57,7 +57,7 @@ class Depth:
         self._config = config
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid; zero above the surface."""
+        """Above the surface the depth at atmospheric pressure: zero if the instrument knows the atmosphere. Invalid without gravity."""
         water, c = scope.water, self._config
         density = water.density if c.assumed_density_kgpm3 is msgspec.UNSET else c.assumed_density_kgpm3
         atmosphere = water.atmospheric_pressure if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa

@@ -109,8 +109,10 @@ class Outbox:
 
     def flush(self) -> None:
         """Give to the transport what it takes."""
-        while not self.paused and not self._closed and not self.is_empty:
+        while not self.paused:
             batch = self._take()
+            if not batch:
+                return
             self._stats.bytes_sent += len(batch)
             self._write(batch)
 

@@ -1,0 +1,138 @@
+"""Every command and listing of README and tutorial runs as printed; only the port and an end are added."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 120
+PAGES = ("README.md", "docs/tutorial.md", "clients/python/README.md")
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.S | re.M)
+MAKE = re.compile(r"^make (\w[\w-]*)", re.M)
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return [code for kind, code in BLOCK.findall((ROOT / page).read_text()) if kind == language]
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    command = [sys.executable, "-m", "uwserver", "run", "--port", "0", "--speed", "4"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        assert server.stdout is not None
+        found = next(filter(None, (re.search(r"tcp: [\d.]+:(\d+)", line) for line in server.stdout)))
+        yield int(found[1])
+    finally:
+        server.terminate()
+        server.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def shell(tmp_path: Path, port: int):
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+
+    def run(command: str) -> str:
+        command = command.replace(".venv/bin/", "")
+        command = re.sub(r"^uwclient ", f"uwclient --port {port} ", command)
+        command = re.sub(r"localhost 7600", f"127.0.0.1 {port}", command)
+        if command.startswith("uwserver run") and "--until" not in command:
+            command += " --until 1 --mode freerun --port 0"
+        done = subprocess.run(
+            command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S,
+            env=os.environ | {"PATH": path},
+        )  # fmt: skip
+        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    return run
+
+
+def python(code: str, port: int, cwd: Path) -> str:
+    code = code.replace("uwclient.connect()", f"uwclient.connect(port={port})")
+    code = code.replace("rov/", "bluerov2/") if "bluerov2" not in code and "uwclient" in code else code
+    done = subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, f"{code}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_python_listings_run(page, port, tmp_path):
+    listings = blocks(page, "python")
+    assert listings
+    for code in listings:
+        assert python(code, port, tmp_path).strip()
+
+
+def test_the_shell_commands_of_the_readme_run(shell):
+    commands = [line for code in blocks("README.md", "sh") for line in code.splitlines()]
+    run = [c for c in commands if not c.startswith("make")]
+    assert len(run) >= 4
+    for command in run:
+        if " nc " in command and shutil.which("nc") is None:
+            continue
+        assert shell(command).strip() or " send " in command
+
+
+def test_the_shell_commands_of_the_tutorial_run(shell, tmp_path):
+    for code in blocks("docs/tutorial.md", "sh"):
+        for command in code.splitlines():
+            if not command.startswith("make"):
+                shell(command)
+    assert (tmp_path / "dive.mcap").exists()
+
+
+def test_the_tutorial_s_own_scenario_takes_its_sensor(shell, tmp_path):
+    shell("uwserver new tank")
+    (extra,) = blocks("docs/tutorial.md", "toml")
+    with (tmp_path / "tank.toml").open("a") as file:
+        file.write("\n" + extra)
+    assert "ok" in shell("uwserver check tank.toml")
+    (tmp_path / "wrong.toml").write_text(
+        (tmp_path / "tank.toml").read_text().replace("rate_hz = 10\n", "rate_hz = 100\n")
+    )
+    wrong = subprocess.run(
+        [sys.executable, "-m", "uwserver", "check", "wrong.toml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert wrong.returncode == 1
+    assert "80" in wrong.stdout + wrong.stderr
+    assert "120" in wrong.stdout + wrong.stderr
+
+
+def test_every_make_target_that_is_named_exists():
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M))
+    for page in (*PAGES, "CONTRIBUTING.md"):
+        if (ROOT / page).exists():
+            named = set(MAKE.findall((ROOT / page).read_text())) | set(
+                re.findall(r"`make ([\w-]+)`", (ROOT / page).read_text())
+            )
+            assert named <= targets, page
+
+
+def test_every_link_between_pages_leads_somewhere():
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_reference_pages_are_up_to_date():
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools/reference_docs.py"), "--check"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode == 0, done.stderr

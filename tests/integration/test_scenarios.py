@@ -1,0 +1,49 @@
+"""Every shipped scenario runs: through the real command, and in process with every sensor speaking and every actuator acting."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import resources
+
+import pytest
+
+import uwserver
+from uwserver.actuators import ActuatorConfig
+from uwserver.adapter import installed_adapters
+from uwserver.modifiers import ModifierConfig
+from uwserver.scenario.load import load
+from uwserver.sensors import SensorConfig
+
+SCENARIOS = sorted(
+    f.name.removesuffix(".toml") for f in resources.files("uwserver_scenarios").iterdir() if f.name.endswith(".toml")
+)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_it_runs_through_the_command(name):
+    command = [sys.executable, "-m", "uwserver", "run", name, "--port", "0", "--mode", "freerun", "--until", "0.5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_sensor_speaks_and_every_actuator_takes_a_command(name):
+    world = uwserver.load(name)
+    for path, port in world.ports.items():
+        if port.direction == "actuator" and port.kind != "teleport":
+            world.command(path, **{f.name: [0.1] * f.size if f.shape else 0.1 for f in port.fields})
+    spoken = {sample.port for sample in world.step(round(world.rate_hz))}
+    assert spoken == {path for path, port in world.ports.items() if port.direction == "sensor"}
+    assert all(max(map(abs, vehicle.nu)) < 5.0 for vehicle in world.vehicles.values())
+
+
+def test_one_of_everything_has_one_of_everything():
+    resolved = load("one_of_everything", adapters=installed_adapters())
+    vehicles = [vehicle.vehicle for vehicle in resolved.vehicles.values()]
+    sensors = [sensor for vehicle in vehicles for sensor in vehicle.sensors.values()]
+    used = {type(sensor) for sensor in sensors} | {type(a) for vehicle in vehicles for a in vehicle.actuators.values()}
+    used |= {type(m) for sensor in sensors for m in sensor.modifiers.values()}
+    used |= {type(adapter) for adapter in resolved.scenario.adapters.values()}
+    every = {*SensorConfig.__args__, *ActuatorConfig.__args__, *ModifierConfig.__args__, *installed_adapters().values()}
+    assert every <= used

@@ -1,0 +1,486 @@
+"""The rules of the house, read from the source: who may import whom, what stands where, how large a thing may grow.
+
+Nothing is imported to check them, except where a rule says so. Each rule states its reason where it is checked.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCE_ROOTS = {
+    "uwserver": ROOT,
+    "uwserver_adapters": ROOT / "adapters",
+    "uwserver_scenarios": ROOT / "scenarios",
+    "uwclient": ROOT / "clients" / "python",
+}
+
+# Parts of uwserver, highest first. A module imports only from lower lines, or from its own package; parts that share a line do not
+# know each other. So each part can be understood, tested and replaced with what is below it alone.
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("__main__",),
+    ("cli",),  # verbs of a person: may use everything
+    ("bench",),  # measures whole servers
+    ("server",),  # life cycle: the first that knows loop and thread
+    ("status",),  # serves health and metrics of all the following
+    ("context", "recorder", "replay"),  # what adapters see; sinks
+    ("recording",),  # the recorder's file
+    ("simulation",),  # the simulation thread
+    ("bus",),  # crossing between thread and loop
+    ("scenario",),  # files -> world; adapters' configuration types come from their contract
+    ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
+    ("services",),
+    ("snapshot",),
+    ("world",),  # the tick
+    ("slots",),  # what the world keeps of each component
+    ("vehicle", "requests"),
+    ("actuators", "sensors", "autopilot"),
+    ("modifiers",),
+    ("physics",),  # arrays and kernel: knows no component
+    ("environment",),
+    ("clock", "lateness", "logs"),  # know no world
+    ("frames", "ports", "table"),
+    ("units",),
+)
+RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
+
+CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
+"""All of uwserver that an adapter may import."""
+
+LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}
+"""Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""
+
+CLOCKS = {"uwserver.clock"}
+"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting. `bench` measures too."""
+
+DEGREES = {"uwserver.units"}
+"""Where degrees become radians. Loader and codecs call it."""
+
+EXTRA = {"uwserver.physics.geometry", "uwserver.bench"}
+"""The only homes of pybullet, which is an optional dependency and holds the interpreter lock: one module of physics, and the bench."""
+
+
+class Module(NamedTuple):
+    """A source file: dotted name, path, text and syntax tree."""
+
+    name: str
+    path: Path
+    text: str
+    tree: ast.Module
+
+    @property
+    def part(self) -> str:
+        """Its line in LAYERS."""
+        return self.name.split(".")[1] if "." in self.name else ""
+
+
+class Import(NamedTuple):
+    """A module named in an import, where, and whether at run time of the module itself (neither in a function nor for type checkers)."""
+
+    target: str
+    line: int
+    eager: bool
+
+
+@cache
+def modules(package: str) -> tuple[Module, ...]:
+    """All source files of one of the SOURCE_ROOTS."""
+    base = SOURCE_ROOTS[package]
+    found = []
+    for path in sorted((base / package).rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        name = ".".join(path.relative_to(base).with_suffix("").parts).removesuffix(".__init__")
+        found.append(Module(name, path, text, ast.parse(text)))
+    assert found, f"no source of {package}"
+    return tuple(found)
+
+
+def every_module() -> Iterator[Module]:
+    for package in SOURCE_ROOTS:
+        yield from modules(package)
+
+
+def is_module(name: str) -> bool:
+    base = SOURCE_ROOTS.get(name.split(".", 1)[0])
+    path = base / Path(*name.split(".")) if base else None
+    return path is not None and (path.with_suffix(".py").is_file() or (path / "__init__.py").is_file())
+
+
+def imports(module: Module) -> list[Import]:
+    """Every import, also those inside functions: a cycle that waits is a cycle."""
+    found: list[Import] = []
+
+    def visit(node: ast.AST, eager: bool) -> None:
+        if isinstance(node, ast.Import):
+            found.extend(Import(alias.name, node.lineno, eager) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module.path}:{node.lineno}: relative import"
+            source = node.module or ""
+            targets = {
+                f"{source}.{alias.name}" if is_module(f"{source}.{alias.name}") else source for alias in node.names
+            }
+            found.extend(Import(target, node.lineno, eager) for target in sorted(targets))
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            eager = False
+        inner = eager and not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        for child in ast.iter_child_nodes(node):
+            visit(child, inner)
+
+    visit(module.tree, True)
+    return found
+
+
+def at(module: Module, line: int, what: str) -> str:
+    return f"{module.path.relative_to(ROOT)}:{line}: {what}"
+
+
+def importers(package: str, names: set[str]) -> list[tuple[Module, Import]]:
+    """Who imports one of these top-level modules."""
+    return [(m, i) for m in modules(package) for i in imports(m) if i.target.split(".")[0] in names]
+
+
+# -- layers -----------------------------------------------------------------------------------------------------------------------------
+
+
+def test_every_part_of_uwserver_has_a_layer():
+    parts = {module.part for module in modules("uwserver")} - {"", "testing"}
+    assert parts <= RANK.keys(), f"give {sorted(parts - RANK.keys())} a line in LAYERS"
+
+
+def test_imports_point_down():
+    wrong = []
+    for module in modules("uwserver"):
+        if module.part in ("", "testing"):
+            continue  # the package itself and the testing kit have their own rules
+        for target, line, _ in imports(module):
+            package, _, rest = target.partition(".")
+            part = rest.split(".")[0]
+            if package != "uwserver" or not part or part == module.part:
+                continue
+            if part == "testing" or RANK[part] <= RANK[module.part]:
+                wrong.append(
+                    at(module, line, f"{module.name} must not import {target}: it stands above it or beside it")
+                )
+    assert not wrong, "\n".join(wrong)
+
+
+def test_physics_knows_no_component():
+    """The kernel is arrays in, arrays out; only `units` and its own modules."""
+    for module in modules("uwserver"):
+        if module.part == "physics":
+            ours = {i.target for i in imports(module) if i.target.startswith("uwserver.")}
+            others = {
+                t
+                for t in ours
+                if not t.startswith("uwserver.physics") and t not in ("uwserver.units", "uwserver.frames")
+            }
+            assert not others, f"{module.name} imports {others}"
+
+
+def test_ports_and_units_import_nothing_of_ours():
+    """They are the vocabulary of everybody, of other languages too."""
+    for module in modules("uwserver"):
+        if module.name in ("uwserver.ports", "uwserver.units", "uwserver.frames", "uwserver.table"):
+            assert not [i.target for i in imports(module) if i.target.startswith("uw")], module.name
+
+
+def test_import_uwserver_is_cheap():
+    """`import uwserver` must stay quick: the package imports nothing of ours before `load` is called, and others take its version alone."""
+    (package,) = (module for module in modules("uwserver") if module.name == "uwserver")
+    assert not [i for i in imports(package) if i.eager and i.target.startswith("uwserver")]
+    for module in every_module():
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.ImportFrom) and node.module == "uwserver":
+                names = [a.name for a in node.names if not is_module(f"uwserver.{a.name}")]
+                assert set(names) <= {"__version__"}, at(module, node.lineno, f"from uwserver import {names}")
+
+
+def test_testing_kit_stands_below_the_server():
+    """It is public: what it needs of uwserver must not be able to start one."""
+    for module in modules("uwserver"):
+        if module.part == "testing":
+            for target, line, _ in imports(module):
+                part = target.split(".")[1] if target.startswith("uwserver.") else "testing"
+                assert part == "testing" or RANK[part] > RANK["server"], at(module, line, f"imports {target}")
+                assert target.split(".")[0] not in ("uwserver_adapters", "pytest"), at(
+                    module, line, f"imports {target}"
+                )
+
+
+def test_nothing_in_uwserver_knows_an_adapter_or_a_client():
+    """Adapters are found by entry point: a new one needs no edit here. Scenarios are read as package resources."""
+    wrong = [
+        at(m, i.line, i.target)
+        for m, i in importers("uwserver", {"uwserver_adapters", "uwclient", "uwserver_scenarios"})
+    ]
+    assert not wrong, wrong
+
+
+def test_adapters_know_the_contract_alone():
+    """Whatever else an adapter needs comes from its context; so one written outside this repository can do all that ours can."""
+    wrong = []
+    for module in modules("uwserver_adapters"):
+        own = ".".join(module.name.split(".")[:2])
+        for target, line, _ in imports(module):
+            package = target.split(".")[0]
+            if package == "uwclient" or (package == "uwserver" and target not in CONTRACT):
+                wrong.append(at(module, line, f"imports {target}; allowed: {', '.join(sorted(CONTRACT))}"))
+            if package == "uwserver_adapters" and ".".join(target.split(".")[:2]) != own:
+                wrong.append(at(module, line, f"imports {target}: adapters do not know each other"))
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_client_stands_alone():
+    """It is its own distribution, for machines without the simulator; and so it proves that the documented wire is enough."""
+    wrong = [
+        at(m, i.line, i.target)
+        for m, i in importers("uwclient", {"uwserver", "uwserver_adapters", "uwserver_scenarios"})
+    ]
+    assert not wrong, wrong
+
+
+@pytest.mark.parametrize("folder", ["adapters", "scenarios", "clients", "clients/python"])
+def test_source_roots_are_no_packages(folder):
+    """An `import adapters` would claim a global name."""
+    assert not (ROOT / folder / "__init__.py").exists()
+
+
+# -- what stands where ------------------------------------------------------------------------------------------------------------------
+
+
+def test_loop_and_sockets_only_at_the_top_and_in_adapters():
+    """The tick never waits for a peer, so nothing below the server may know one."""
+    network = {"asyncio", "socket", "socketserver", "selectors", "ssl", "http", "urllib"}
+    wrong = [at(m, i.line, i.target) for m, i in importers("uwserver", network) if m.part not in LOOP]
+    assert not wrong, wrong
+
+
+def test_only_the_clock_reads_the_time():
+    """All other code asks a Clock (or the loop), so that free-run is free, and tests wait for nothing."""
+    wrong = [
+        at(m, i.line, i.target)
+        for m, i in importers("uwserver", {"time"})
+        if m.name not in CLOCKS and m.part != "bench"
+    ]
+    wrong += [at(m, i.line, i.target) for m, i in importers("uwserver_adapters", {"time"})]
+    for module in modules("uwserver"):
+        if module.part in (
+            "world",
+            "physics",
+            "sensors",
+            "modifiers",
+            "actuators",
+            "environment",
+            "snapshot",
+            "slots",
+            "services",
+        ):
+            wrong += [at(module, i.line, i.target) for i in imports(module) if i.target == "datetime"]
+    assert not wrong, wrong
+
+
+def test_bullet_has_one_home():
+    wrong = [
+        at(m, i.line, i.target)
+        for m, i in importers("uwserver", {"pybullet", "pybullet_data"})
+        if not in_any(m.name, EXTRA)
+    ]
+    assert not wrong, wrong
+
+
+def in_any(name: str, homes: set[str]) -> bool:
+    return any(name == home or name.startswith(f"{home}.") for home in homes)
+
+
+def test_no_global_randomness():
+    """Each component draws from its own stream, seeded by scenario and path: runs repeat, and nobody shifts another's numbers."""
+    wrong = []
+    for module in every_module():
+        if module.name.startswith("uwclient"):
+            continue
+        wrong += [at(module, i.line, "random") for i in imports(module) if i.target == "random"]
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.Attribute):
+                dotted = ast.unparse(node)
+                drawn = re.fullmatch(r"(np|numpy)\.random\.(\w+)", dotted)
+                if drawn and drawn[2] not in ("Generator", "PCG64", "SeedSequence", "default_rng"):
+                    wrong.append(at(module, node.lineno, dotted))
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng") and not node.args:
+                wrong.append(at(module, node.lineno, "default_rng() without a seed"))
+    assert not wrong, wrong
+
+
+def test_degrees_meet_radians_in_one_module():
+    """Inside there are only radians; loader and codecs convert with `units`, so no factor is written twice."""
+    words = {"radians", "degrees", "deg2rad", "rad2deg"}
+    wrong = []
+    for module in (*modules("uwserver"), *modules("uwserver_adapters")):
+        if module.name in DEGREES:
+            continue
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.Attribute) and node.attr in words:
+                wrong.append(at(module, node.lineno, ast.unparse(node)))
+            if (
+                isinstance(node, ast.ImportFrom)
+                and node.module in ("math", "numpy")
+                and words & {a.name for a in node.names}
+            ):
+                wrong.append(at(module, node.lineno, ast.unparse(node)))
+            if isinstance(node, ast.Constant) and isinstance(node.value, float | int) and _is_degree_factor(node.value):
+                wrong.append(at(module, node.lineno, f"literal {node.value}"))
+    assert not wrong, wrong
+
+
+def _is_degree_factor(number: float) -> bool:
+    return number in (180, 360) or abs(number - 57.2958) < 1e-2 or abs(number - 0.0174533) < 1e-5
+
+
+def test_degrees_are_converted_only_at_the_border():
+    """Called by the loader (files) and by codecs (wires), and by the report of an oracle's attitude error."""
+    for module in modules("uwserver"):
+        uses = {
+            a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
+        } & {"rad", "deg"}  # fmt: skip
+        if uses:
+            assert module.part == "scenario" or module.name == "uwserver.physics.oracle", f"{module.name} uses {uses}"
+    for module in modules("uwserver_adapters"):
+        if any(i.target == "uwserver.units" for i in imports(module)):
+            assert module.name.rsplit(".", 1)[-1] == "codec", f"{module.name}: units are converted in codec.py"
+
+
+# -- size and names ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_no_module_has_more_than_400_lines():
+    """What does not fit on a few screens does more than one thing."""
+    long = {m.name: n for m in every_module() if (n := m.text.count("\n")) > 400}
+    assert not long
+
+
+def test_no_function_has_more_than_60_lines():
+    """Aim at 50. The equation of motion is one formula; to cut it would hide it, and a compiled call costs."""
+    allowed = {"uwserver.physics.fossen.derivative": 75}
+    wrong = []
+    for module in every_module():
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > allowed.get(f"{module.name}.{node.name}", 60):
+                    wrong.append(at(module, node.lineno, f"{node.name} has {lines} lines"))
+    assert not wrong, wrong
+
+
+def test_no_empty_names():
+    """Such a name says that its owner did not know what the thing is; it then collects everything else."""
+    empty = re.compile(r"(manager|helper|util|utils|handler|handlers|helpers|misc|common)$", re.IGNORECASE)
+    wrong = []
+    for module in every_module():
+        parts = module.name.split(".")
+        if any(re.search(rf"(^|_){empty.pattern}", part, re.IGNORECASE) for part in parts):
+            wrong.append(module.name)
+        wrong += [
+            f"{module.name}.{n.name}"
+            for n in ast.walk(module.tree)
+            if isinstance(n, ast.ClassDef) and empty.search(n.name)
+        ]
+    assert not wrong, wrong
+
+
+def test_every_public_name_has_a_docstring():
+    """Units, frames and errors are said there. A method that a framework or a contract names may leave it to that."""
+    wrong = []
+    for module in modules("uwserver"):
+        assert ast.get_docstring(module.tree) or not module.tree.body, f"{module.name} has no docstring"
+        wrong += [at(module, node.lineno, node.name) for node in _public(module.tree) if not ast.get_docstring(node)]
+    assert not wrong, "\n".join(wrong)
+
+
+def _public(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]:
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield node
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            for member in node.body:
+                if isinstance(member, ast.FunctionDef | ast.AsyncFunctionDef) and not member.name.startswith("_"):
+                    setter = any(isinstance(d, ast.Attribute) and d.attr == "setter" for d in member.decorator_list)
+                    if not setter and not _inherited(node):
+                        yield member
+
+
+def _inherited(owner: ast.ClassDef) -> bool:
+    """Whether a class fills in what another declares and documents (a subclass, or an adapter's subscriber)."""
+    return bool(owner.bases) and not any(
+        ast.unparse(base).endswith(("Protocol", "Table", "Struct")) for base in owner.bases
+    )
+
+
+# -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------
+
+UNITS = {
+    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def all_ports():
+    from uwserver.actuators import ForceTorqueConfig
+    from uwserver.scenario.build import build
+    from uwserver.scenario.load import load
+    from uwserver.sensors import SensorConfig
+
+    world = build(load("one_of_everything", adapters=_any_adapters()))
+    kinds = {port.kind for port in world.ports.values()}
+    tags = {str(config.__struct_config__.tag) for config in (*SensorConfig.__args__, ForceTorqueConfig)}
+    assert tags <= kinds, "one_of_everything has lost a kind"
+    return world.ports
+
+
+def _any_adapters():
+    from uwserver.adapter import installed_adapters
+
+    return installed_adapters()
+
+
+def test_every_field_has_unit_and_text(all_ports):
+    """A number without unit is a guess."""
+    for path, port in all_ports.items():
+        for field in port.fields:
+            assert field.unit in UNITS, f'{path}.{field.name}: unit "{field.unit}"'
+            assert field.doc.strip(), f"{path}.{field.name}"
+
+
+def test_every_vector_has_a_frame(all_ports):
+    """Three components without frame are a guess too. A list of commands, one for each device, has none."""
+    for path, port in all_ports.items():
+        for field in port.fields:
+            lists_devices = port.kind == "thrusters"
+            if field.shape and not lists_devices:
+                assert field.frame, f"{path}.{field.name} has no frame"
+            if not field.shape or lists_devices:
+                assert field.frame == "", f"{path}.{field.name} has a frame"
+
+
+def test_names_of_vectors_end_in_their_frame(all_ports):
+    """Monogram notation: what is seen on the wire says in which frame it is."""
+    for path, port in all_ports.items():
+        for field in port.fields:
+            if field.frame in ("B", "S"):
+                assert field.name.endswith(f"_{field.frame}"), f"{path}.{field.name} in {field.frame}"
+            elif field.frame:
+                assert re.fullmatch(r"[pqv]_N[BS]", field.name), f"{path}.{field.name} in {field.frame}"
+
+
+def test_every_service_and_argument_has_a_text(world):
+    for path, service in world.services.items():
+        assert inspect.cleandoc(service.doc).endswith("."), path
+        for argument in service.arguments:
+            assert argument.doc, f"{path} {argument.name}"
+            assert argument.unit, f"{path} {argument.name}"
