@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-all lint types docs-check wheel-smoke demo bench docs image clean
+.PHONY: help install run test test-all fast-tests all-tests lint types docs-check wheel-smoke demo bench docs image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -25,14 +25,16 @@ $(STAMP): pyproject.toml clients/python/pyproject.toml
 run: install  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
 	@exec $(BIN)/uwserver run $(ARGS)
 
-test: install lint types  ## everything that .ci/run checks
-	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
-	$(MAKE) --no-print-directory docs-check wheel-smoke
+test: lint types fast-tests docs-check wheel-smoke  ## everything that .ci/run checks
 
-test-all: install lint types  ## the same and the slow tests: container, long fuzz, peers built for the test
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
-	$(MAKE) --no-print-directory docs-check
+test-all: lint types all-tests docs-check  ## the same and the slow tests: container, long fuzz, peers built for the test
 	$(BIN)/python tools/wheel_smoke.py --dependencies
+
+fast-tests: install
+	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
+
+all-tests: install
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .
@@ -43,7 +45,8 @@ types: install
 	cd clients/python && ../../$(BIN)/pyright --pythonpath ../../$(BIN)/python
 
 docs-check: install
-	if test -e tools/validation_report.py; then $(BIN)/python tools/validation_report.py --check; fi
+	$(BIN)/python tools/reference_docs.py --check
+	$(BIN)/python tools/validation_report.py --check
 
 wheel-smoke: install
 	$(BIN)/python tools/wheel_smoke.py
@@ -55,6 +58,8 @@ bench: install  ## measure speed and latency beside the peers
 	$(BIN)/uwserver bench $(ARGS)
 
 docs: install  ## regenerate the generated pages of docs/
+	for kind in scenario vehicle device; do $(BIN)/uwserver schema --$$kind > docs/reference/$$kind.schema.json; done
+	$(BIN)/python tools/reference_docs.py
 	$(BIN)/python tools/validation_report.py
 
 image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")

@@ -59,7 +59,8 @@ def _checked_field(field: Field, value: object) -> tuple[float, ...]:
 def _check_range(field: Field | Argument, number: float) -> None:
     low, high = field.minimum, field.maximum
     if (low is not None and number < low) or (high is not None and number > high):
-        limits = " and ".join([f"at least {low:g}"] * (low is not None) + [f"at most {high:g}"] * (high is not None))
+        bounds = (("at least", low), ("at most", high))
+        limits = " and ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None)
         unit = "" if field.unit == "1" else f" {field.unit}"
         raise Refused("out_of_range", f'"{field.name}" must be {limits}{unit}, not {number:.12g}', field.name)
 
@@ -81,7 +82,15 @@ def _flatten(value: object, shape: Sequence[int], name: str) -> tuple[float, ...
 def _kind(value: object) -> str:
     if value is None:
         return "null"
-    names = {bool: "a boolean", str: "a text", dict: "a map", list: "a list", tuple: "a list"}
+    names = {
+        bool: "a boolean",
+        str: "a text",
+        dict: "a map",
+        list: "a list",
+        tuple: "a list",
+        int: "a number",
+        float: "a number",
+    }
     return names.get(type(value), f"a {type(value).__name__}")
 
 

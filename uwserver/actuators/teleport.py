@@ -11,7 +11,7 @@ from uwserver.table import NonNegative
 
 
 class TeleportConfig(ActuatorTable, tag="teleport", kw_only=True, frozen=True):
-    """Has no watchdog: `timeout_s` is 0."""
+    """Sets pose and velocity at once; it has no watchdog."""
 
     timeout_s: NonNegative = 0.0
 

@@ -6,6 +6,7 @@ pybullet and mujoco are optional; a peer that cannot be imported raises ImportEr
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -110,14 +111,15 @@ def _skew(a: FloatArray) -> FloatArray:
 
 
 class MujocoFluid:
-    """MuJoCo's own fluid model: free bodies of ellipsoid fluid shape in water, 2 ms a step, contacts off, a held wrench on each."""
+    """MuJoCo's own fluid model: free bodies of ellipsoid fluid shape in water, Euler steps of 2 ms, contacts off, a held wrench on each."""
 
-    name, dt = "MuJoCo ellipsoid fluid", 0.002
+    name, dt = "MuJoCo ellipsoid fluid, no thrusters", 0.002
+    _thrusters: tuple[tuple[str, str], ...] = ()
 
     def __init__(self, vehicles: int) -> None:
         self.vehicles = vehicles
         self._mujoco: Any = importlib.import_module("mujoco")
-        self._model = self._mujoco.MjModel.from_xml_string(_mujoco_xml(vehicles))
+        self._model = self._mujoco.MjModel.from_xml_string(_mujoco_xml(vehicles, self._thrusters))
         self._state = self._mujoco.MjData(self._model)
 
     def prepare(self) -> None:
@@ -133,14 +135,36 @@ class MujocoFluid:
         """Nothing to end."""
 
 
-def _mujoco_xml(vehicles: int) -> str:
+class MujocoVehicle(MujocoFluid):
+    """The same with eight thrusters where a BlueROV2 Heavy has them: actuators with a first-order lag, which push at sites of the body."""
+
+    name = "MuJoCo ellipsoid fluid + 8 thrusters"
+    _thrusters = (
+        ("0.156 0.111 0.085", "-1 1 0"), ("0.156 -0.111 0.085", "-1 -1 0"),
+        ("-0.156 0.111 0.085", "1 1 0"), ("-0.156 -0.111 0.085", "1 -1 0"),
+        ("0.12 0.218 0", "0 0 1"), ("0.12 -0.218 0", "0 0 1"), ("-0.12 0.218 0", "0 0 1"), ("-0.12 -0.218 0", "0 0 1"),
+    )  # fmt: skip
+
+    def prepare(self) -> None:
+        """Start from rest, thrusters commanded."""
+        self._mujoco.mj_resetData(self._model, self._state)
+        self._state.ctrl[:] = np.random.Generator(np.random.PCG64(1)).uniform(-0.5, 0.5, self._model.nu)
+
+
+def _mujoco_xml(vehicles: int, thrusters: Sequence[tuple[str, str]]) -> str:
     half = " ".join(f"{s / 2:g}" for s in SIZE_M)
     inertia = " ".join(f"{i:g}" for i in INERTIA_KGM2)
-    bodies = "".join(
-        f'<body pos="{SPACING_M * (k % 10):g} {SPACING_M * (k // 10):g} 0"><freejoint/>'
-        f'<inertial pos="0 0 0" mass="{MASS_KG:g}" diaginertia="{inertia}"/>'
-        f'<geom type="box" size="{half}" fluidshape="ellipsoid" contype="0" conaffinity="0"/></body>'
-        for k in range(vehicles)
-    )
+    bodies, actuators = "", ""
+    for k in range(vehicles):
+        sites = "".join(f'<site name="t{k}_{i}" pos="{place}"/>' for i, (place, _) in enumerate(thrusters))
+        bodies += (
+            f'<body pos="{SPACING_M * (k % 10):g} {SPACING_M * (k // 10):g} 0"><freejoint/>'
+            f'<inertial pos="0 0 0" mass="{MASS_KG:g}" diaginertia="{inertia}"/>'
+            f'<geom type="box" size="{half}" fluidshape="ellipsoid" contype="0" conaffinity="0"/>{sites}</body>'
+        )
+        actuators += "".join(
+            f'<general site="t{k}_{i}" gear="{axis} 0 0 0" dyntype="filter" dynprm="0.1" gainprm="30"/>'
+            for i, (_, axis) in enumerate(thrusters)
+        )
     option = f'<option timestep="{MujocoFluid.dt:g}" density="1000" viscosity="0.001" gravity="0 0 0"/>'
-    return f"<mujoco>{option}<worldbody>{bodies}</worldbody></mujoco>"
+    return f"<mujoco>{option}<worldbody>{bodies}</worldbody><actuator>{actuators}</actuator></mujoco>"

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from uwserver.bench.peers import BulletBodies, BulletWithNumpy, MujocoFluid
+from uwserver.bench.peers import BulletBodies, BulletWithNumpy, MujocoFluid, MujocoVehicle
 from uwserver.bench.rows import Row
 from uwserver.clock import SystemTime
 from uwserver.scenario.build import build
@@ -31,6 +31,7 @@ _PEERS: tuple[tuple[type[BulletBodies | MujocoFluid], str], ...] = (
     (BulletBodies, "pybullet"),
     (BulletWithNumpy, "pybullet"),
     (MujocoFluid, "mujoco"),
+    (MujocoVehicle, "mujoco"),
 )
 
 
@@ -70,9 +71,7 @@ class OpenWater:
         }
         scenario = Scenario(schema=1, seed=1, world=WorldTable(rate_hz=RATE_HZ), vehicles=entries)
         self._world = build(load(scenario, adapters={}))
-        if not sensors:
-            for path in self._world.sensors:
-                self._world.call(f"{path}/deactivate")
+        self._sensors = sensors
         self._ports = [f"{name}/thrusters" for name in entries]
         # Zero on average, so that nobody goes far.
         (size,) = self._world.ports[self._ports[0]].fields[0].shape
@@ -80,8 +79,11 @@ class OpenWater:
         self._commands = [[*row.tolist()] for row in np.concatenate([draws, -draws])]
 
     def prepare(self) -> None:
-        """Put the world back to its start (sensors stay as they are), everyone commanded."""
+        """Put the world back to its start, everyone commanded."""
         self._world.call("world/reset")
+        if not self._sensors:
+            for path in self._world.sensors:
+                self._world.call(f"{path}/deactivate")
         for k, port in enumerate(self._ports):
             self._world.command(port, u=self._commands[k % len(self._commands)])
         self._world.step(2)
@@ -198,6 +200,6 @@ def _ratio_rows(timings: Sequence[Timing]) -> list[Row]:
         if peer.name.startswith("uwserver"):
             continue
         values = tuple(theirs / ours for theirs, ours in zip(peer.seconds, own[peer.vehicles].seconds, strict=True))
-        bar = 1.0 if peer.name == MujocoFluid.name and peer.vehicles == 100 else None
+        bar = 1.0 if peer.name == MujocoVehicle.name and peer.vehicles == 100 else None
         rows.append(Row("physics", f"a step of {_title(peer.name, peer.vehicles)} / ours", "ratio", values, bar))
     return rows

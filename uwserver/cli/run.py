@@ -124,7 +124,7 @@ def _announce(resolved: Resolved, addresses: dict[str, str], quiet: bool) -> Non
 
 def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
     host, _, port = address.rpartition(":")
-    at = "" if address == "127.0.0.1:7600" else f" --host {host} --port {port}"
+    at = ("" if host in ("127.0.0.1", "0.0.0.0") else f" --host {host}") + ("" if port == "7600" else f" --port {port}")
     click.echo("In another terminal:")
     click.echo(f"  uwclient{at} topics")
     sensor = "depth" if "depth" in vehicle.vehicle.sensors else "*"

@@ -101,6 +101,12 @@ class Hydrodynamics:
         )  # fmt: skip
         return nu_dot, tau
 
+    def load_kernels(self) -> None:
+        """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
+        nothing = Hydrodynamics((), self.dt)
+        nothing.advance(0.0)
+        nothing.rates_of_change(0.0)
+
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""
         from uwserver.physics.energy import kinetic_energy

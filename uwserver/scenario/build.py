@@ -43,6 +43,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
     hydro = Hydrodynamics((), float(1 / rate))
+    hydro.load_kernels()
     water = _water(scenario.environment)
     seed = scenario.seed if seed is None else seed
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)

@@ -10,6 +10,7 @@ import msgspec
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
 from uwserver.modifiers import ModifierConfig
+from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.ports import Field, Value
 from uwserver.table import Name, NonNegative, Positive, Table
 
@@ -42,6 +43,9 @@ class Pose:
     q: Quat = IDENTITY
 
 
+_OPEN_WATER = OpenWater()
+
+
 @dataclass(slots=True)
 class Scope:
     """Read-only view of one body at the instant of a tick. SI; frames N and B as named.
@@ -53,6 +57,7 @@ class Scope:
         nu_dot: derivative of (v, w) in B; zeros unless a due sensor `needs_rates`.
         tau: applied force and moment about the origin in B; likewise.
         water: the environment.
+        geometry: solid things, for rays.
     """
 
     t_ns: int
@@ -63,6 +68,7 @@ class Scope:
     water: Water
     nu_dot: tuple[float, ...] = field(default=(0.0,) * 6)
     tau: tuple[float, ...] = field(default=(0.0,) * 6)
+    geometry: Geometry = field(default=_OPEN_WATER)
 
     def position(self, p_BS: Vec3) -> Vec3:
         """p_NS (m) of a point fixed to the body at p_BS."""

@@ -53,7 +53,8 @@ class Share:
 
     def __init__(self, subscription: Subscription) -> None:
         self.subscription = subscription
-        self._rate = subscription.rate_hz
+        # Times are whole nanoseconds: no rate above means more, and no product can overflow.
+        self._rate = None if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
         self._start_ns: int | None = None
         self._slot = 0
 

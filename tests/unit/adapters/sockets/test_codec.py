@@ -253,7 +253,7 @@ def test_results_without_encoding_raise(codec: JsonCodec | MsgpackCodec) -> None
 
 def test_selected_fields() -> None:
     assert SampleForm(IMU, ["temperature", "other"]).value(SAMPLE) == {"temperature": 12.0}
-    assert SampleForm(IMU, ["temperature", "f_S"]).value(SAMPLE) == {"f_S": [0.0, 0.5, -9.81], "temperature": 12.0}
+    assert SampleForm(IMU, ["temperature", "f_S"]).value(SAMPLE) == {"f_S": (0.0, 0.5, -9.81), "temperature": 12.0}
 
 
 def test_arrays_of_two_dimensions_are_nested() -> None:

@@ -1,0 +1,192 @@
+"""Every installed adapter passes the conformance suite; so does one that is nothing but a folder and an entry point; faulty ones do not."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uwserver.adapter import AdapterNotFound, adapter_entries, installed_adapters, load_adapter
+from uwserver.testing import TcpPeer, check_adapter
+from uwserver.testing.adapters import CHECKS, Connect
+
+# How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
+KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
+    "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
+}
+
+THIRD_PARTY = '''
+"""Text lines of samples on TCP: a whole adapter of somebody else."""
+
+import asyncio
+
+from uwserver.adapter import AdapterTable
+
+
+class SpyConfig(AdapterTable, tag="spy", kw_only=True, frozen=True):
+    port: int = 0
+
+
+class Spy:
+    Config = SpyConfig
+
+    def __init__(self, config, context):
+        self.config, self.context, self.writers = config, context, set()
+
+    async def run(self, ready):
+        stats = self.context.stats
+        server = await asyncio.get_running_loop().create_server(lambda: Link(self), "127.0.0.1", self.config.port)
+        detach = self.context.attach(self)
+        try:
+            stats.address = "127.0.0.1:%d" % server.sockets[0].getsockname()[1]
+            stats.state = "running"
+            ready.set()
+            await asyncio.Event().wait()
+        finally:
+            detach()
+            server.close()
+            for link in list(self.writers):
+                link.transport.abort()
+            await asyncio.sleep(0)
+            stats.state = "stopped"
+
+    def put_samples(self, samples):
+        for sample in samples:
+            for link in self.writers:
+                if link.ready:
+                    link.transport.write(b"%s %d\\n" % (sample.port.encode(), sample.seq))
+                else:
+                    self.context.stats.dropped += 1
+
+    def put_event(self, event):
+        pass
+
+
+class Link(asyncio.Protocol):
+    def __init__(self, adapter):
+        self.adapter, self.ready = adapter, True
+
+    def connection_made(self, transport):
+        self.transport = transport
+        self.adapter.writers.add(self)
+        self.adapter.context.stats.peers += 1
+
+    def connection_lost(self, error):
+        self.adapter.writers.discard(self)
+        self.adapter.context.stats.peers -= 1
+
+    def pause_writing(self):
+        self.ready = False
+
+    def resume_writing(self):
+        self.ready = True
+'''
+# One fault each: what it replaces in the adapter above, and what the suite must say.
+FAULTS = {
+    "swallows the cancellation": (
+        "            await asyncio.Event().wait()\n",
+        "            while True:\n                try:\n                    await asyncio.sleep(30)\n                except asyncio.CancelledError:\n"
+        "                    await asyncio.sleep(1.5)\n                    raise\n",
+        "has not ended 1 s after it was cancelled",
+    ),
+    "stays attached": ("            detach()\n", "", "still attached"),
+    "leaves its socket": ("            server.close()\n", "            self.config.__class__.kept = server\n", "leaves behind: file"),
+    "leaves a task": ("            ready.set()\n", "            ready.set(); asyncio.create_task(asyncio.sleep(30))\n", "leaves behind: task"),
+    "leaves a thread": (
+        "            ready.set()\n",
+        "            ready.set(); import threading; threading.Thread(target=threading.Event().wait, args=(1,)).start()\n",
+        "leaves behind: thread",
+    ),
+    "dies of an event": ("        pass\n", "        raise RuntimeError(event.event)\n", "paused"),
+    "never ready": ("            ready.set()\n", "", "ready was not set"),
+    "ends by itself": ("            await asyncio.Event().wait()\n", "", "serves until it is cancelled"),
+    "does not say where": ('            stats.address = "127.0.0.1:%d" % server.sockets[0].getsockname()[1]\n', "", "stats.address is empty"),
+    "does not say that it runs": ('            stats.state = "running"\n', "", 'it must be "running"'),
+    "does not say that it ended": ('            stats.state = "stopped"\n', "", 'it must be "stopped"'),
+    "does not count its peers back": ("        self.adapter.context.stats.peers -= 1\n", "        pass\n", "does not return to 0"),
+    "has no kind": (', tag="spy"', "", "Config"),
+}  # fmt: skip
+
+
+def run(check: Callable[[], Awaitable[Any]]) -> Any:
+    async def bounded() -> Any:
+        return await asyncio.wait_for(check(), 60)
+
+    return asyncio.run(bounded())
+
+
+@pytest.mark.parametrize("kind", sorted(adapter_entries()))
+def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+    assert kind in KITS, f'adapter "{kind}" has no row in KITS'
+    table, connect, greeting = KITS[kind]
+    adapter = load_adapter(kind)
+    passed = run(lambda: check_adapter(adapter, adapter.Config(**table), connect=connect, greeting=greeting))
+    assert passed == list(CHECKS)
+
+
+def test_sockets_is_installed() -> None:
+    assert "sockets" in adapter_entries()
+
+
+class Site:
+    """A folder on sys.path, as site-packages is one."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def install(self, kind: str, target: str, source: str | None = None) -> None:
+        module = target.partition(":")[0]
+        if source is not None:
+            (self.folder / module).mkdir()
+            (self.folder / module / "__init__.py").write_text(source)
+        info = self.folder / f"{module}_dist-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}-dist\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[uwserver.adapters]\n{kind} = {target}\n")
+        importlib.invalidate_caches()
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = set(sys.modules)
+    yield Site(tmp_path)
+    for name in set(sys.modules) - before:
+        if name.startswith("spy_of_test"):
+            del sys.modules[name]
+
+
+def test_a_third_party_adapter_is_one_folder(site: Site) -> None:
+    site.install("spy", "spy_of_test:Spy", THIRD_PARTY)
+    assert installed_adapters()["spy"].__struct_config__.tag == "spy"
+    adapter = load_adapter("spy")
+    passed = run(lambda: check_adapter(adapter, adapter.Config(), connect=TcpPeer.connect))
+    assert passed == list(CHECKS)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_suite_sees_a_fault(site: Site, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uwserver.testing.adapters.START_S", 0.3)
+    monkeypatch.setattr("uwserver.testing.adapters.SETTLE_S", 0.5)
+    right, wrong, phrase = FAULTS[fault]
+    assert THIRD_PARTY.count(right) == 1
+    site.install("spy", "spy_of_test:Spy", THIRD_PARTY.replace(right, wrong))
+    adapter = importlib.import_module("spy_of_test").Spy
+    with pytest.raises((AssertionError, RuntimeError), match=phrase):
+        run(lambda: check_adapter(adapter, adapter.Config(), connect=TcpPeer.connect))
+    if hasattr(adapter.Config, "kept"):
+        adapter.Config.kept.close()
+
+
+def test_adapters_that_cannot_be_loaded_name_their_distribution(site: Site) -> None:
+    site.install("spy", "spy_of_test_nowhere:Spy")
+    with pytest.raises(AdapterNotFound, match="spy_of_test_nowhere-dist cannot be imported"):
+        load_adapter("spy")
+    with pytest.raises(AdapterNotFound, match="no adapter"):
+        load_adapter("spi")

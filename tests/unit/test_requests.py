@@ -1,0 +1,241 @@
+"""What a sender is told: code, place and text of every refusal."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uwserver.ports import Argument, Field, Port, Refused, Service
+from uwserver.requests import checked_args, checked_command, find, suggestion
+
+THRUSTERS = Port(
+    "rov/thrusters",
+    "actuator",
+    "thrusters",
+    (Field("u", "1", "part of full command", shape=(3,), minimum=-1.0, maximum=1.0),),
+    "",
+)
+PUSH = Port(
+    "rov/push",
+    "actuator",
+    "push",
+    (
+        Field("force_B", "N", "force", "B", (3,), minimum=-100.0),
+        Field("gain", "1", "gain", maximum=2.0),
+        Field("matrix", "m", "matrix", "B", (2, 3)),
+    ),
+    "",
+)
+IMU = Port("rov/imu", "sensor", "imu", (Field("f_S", "m/s^2", "f", "S", (3,)),), "")
+NAN, INF = float("nan"), float("inf")
+
+
+def refusal(action, *args):
+    with pytest.raises(Refused) as caught:
+        action(*args)
+    return caught.value.fault
+
+
+def test_a_good_command():
+    assert checked_command(THRUSTERS, {"u": [0, 0.5, -1]}) == ((0.0, 0.5, -1.0),)
+    assert all(type(number) is float for number in checked_command(THRUSTERS, {"u": (0, 1, -1)})[0])
+
+
+def test_a_field_that_is_left_out_is_none():
+    assert checked_command(PUSH, {"gain": 1}) == (None, (1.0,), None)
+
+
+def test_nested_lists_become_row_major():
+    assert checked_command(PUSH, {"matrix": [[1, 2, 3], [4, 5, 6]]}) == (None, None, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+
+
+@pytest.mark.parametrize(
+    ("port", "value", "code", "where", "text"),
+    [
+        (IMU, {"f_S": [0, 0, 0]}, "bad_argument", "rov/imu", 'rov/imu" is a sensor.*subscribe'),
+        (THRUSTERS, [0, 0, 0], "bad_argument", "rov/thrusters", r'"value" must be a map like \{"u"'),
+        (THRUSTERS, None, "bad_argument", "rov/thrusters", "must be a map"),
+        (THRUSTERS, {}, "bad_argument", "rov/thrusters", "no field given.*it takes: u$"),
+        (THRUSTERS, {"U": [0, 0, 0]}, "bad_argument", "U", 'no field "U".*it takes: u$'),
+        (
+            PUSH,
+            {"forceB": [0, 0, 0]},
+            "bad_argument",
+            "forceB",
+            r'\(did you mean "force_B"\?\); it takes: force_B, gain, matrix$',
+        ),
+        (PUSH, {5: 1}, "bad_argument", "5", 'no field "5"'),
+        (THRUSTERS, {"u": [0, 0]}, "bad_shape", "u", "a list of 3, not a list of 2"),
+        (THRUSTERS, {"u": [0, 0, 0, 0]}, "bad_shape", "u", "a list of 3, not a list of 4"),
+        (THRUSTERS, {"u": 0.5}, "bad_shape", "u", "a list of 3, not a number"),
+        (THRUSTERS, {"u": None}, "bad_shape", "u", "a list of 3, not null"),
+        (THRUSTERS, {"u": "abc"}, "bad_shape", "u", "a list of 3, not a text"),
+        (THRUSTERS, {"u": {"0": 1}}, "bad_shape", "u", "a list of 3, not a map"),
+        (THRUSTERS, {"u": [0, [0], 0]}, "bad_shape", "u", "must be a number, not a list"),
+        (THRUSTERS, {"u": [0, None, 0]}, "bad_shape", "u", "must be a number, not null"),
+        (THRUSTERS, {"u": [0, "1", 0]}, "bad_shape", "u", "must be a number, not a text"),
+        (THRUSTERS, {"u": [True, 0, 0]}, "bad_shape", "u", "must be a number, not a boolean"),
+        (THRUSTERS, {"u": [b"1", 0, 0]}, "bad_shape", "u", "must be a number, not a bytes"),
+        (THRUSTERS, {"u": [1j, 0, 0]}, "bad_shape", "u", "must be a number, not a complex"),
+        (THRUSTERS, {"u": [NAN, 0, 0]}, "not_finite", "u", "no finite number"),
+        (THRUSTERS, {"u": [0, 0, INF]}, "not_finite", "u", "no finite number"),
+        (THRUSTERS, {"u": [0, 0, -INF]}, "not_finite", "u", "no finite number"),
+        (THRUSTERS, {"u": [10**400, 0, 0]}, "not_finite", "u", "too large"),
+        (THRUSTERS, {"u": [0, 1.5, 0]}, "out_of_range", "u", "at least -1 and at most 1, not 1.5"),
+        (THRUSTERS, {"u": [0, 1.0000001, 0]}, "out_of_range", "u", "at most 1, not 1.0000001"),
+        (THRUSTERS, {"u": [10**300, 0, 0]}, "out_of_range", "u", r"not 1e\+300"),
+        (PUSH, {"force_B": [0, -101, 0]}, "out_of_range", "force_B", "at least -100 N, not -101"),
+        (PUSH, {"gain": 3}, "out_of_range", "gain", "at most 2, not 3"),
+        (PUSH, {"gain": [1]}, "bad_shape", "gain", "must be a number, not a list"),
+        (PUSH, {"matrix": [1, 2, 3, 4, 5, 6]}, "bad_shape", "matrix", "a list of 2, not a list of 6"),
+        (PUSH, {"matrix": [[1, 2, 3], [4, 5]]}, "bad_shape", "matrix", "a list of 3, not a list of 2"),
+        (PUSH, {"matrix": [[1, 2, 3], 4]}, "bad_shape", "matrix", "a list of 3, not a number"),
+        (PUSH, {"gain": 1, "force_B": [0, 0, NAN]}, "not_finite", "force_B", "no finite number"),
+    ],
+)
+def test_a_refused_command(port, value, code, where, text):
+    fault = refusal(checked_command, port, value)
+    assert (fault.code, fault.where) == (code, where)
+    assert re.search(text, fault.text), fault.text
+
+
+LIMITS = (-1.0, 1.0)
+
+
+@pytest.mark.parametrize("number", LIMITS)
+def test_limits_themselves_are_allowed(number):
+    assert checked_command(THRUSTERS, {"u": [number] * 3}) == ((number,) * 3,)
+
+
+json = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=3),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5) | st.integers(), inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@given(json | st.dictionaries(st.sampled_from(["u", "force_B", "gain", "matrix", "x"]), json))
+def test_whatever_comes_is_refused_or_fits(value):
+    for port in (THRUSTERS, PUSH):
+        try:
+            checked = checked_command(port, value)
+        except Refused:
+            continue
+        else:
+            for field, part in zip(port.fields, checked, strict=True):
+                assert part is None or (len(part) == field.size and all(map(math.isfinite, part)))
+
+
+# -- paths ------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_known_path_is_found():
+    find("port", "rov/imu", {"rov/imu": IMU})
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "code", "text"),
+    [
+        ("port", "rov/imo", "unknown_port", 'no port "rov/imo" (did you mean "rov/imu"?); "describe" lists them all'),
+        (
+            "service",
+            "rov/imo",
+            "unknown_service",
+            'no service "rov/imo" (did you mean "rov/imu"?); "describe" lists them all',
+        ),
+        ("port", "xyz", "unknown_port", 'no port "xyz"; "describe" lists them all'),
+        ("port", "", "unknown_port", 'no port ""; "describe" lists them all'),
+    ],
+)
+def test_an_unknown_path(kind, path, code, text):
+    fault = refusal(find, kind, path, {"rov/imu": IMU})
+    assert (fault.code, fault.where, fault.text) == (code, path, text)
+
+
+def test_suggestion_of_nothing():
+    assert suggestion("x", []) == ""
+
+
+# -- calls ------------------------------------------------------------------------------------------------------------------------------
+
+SERVICE = Service(
+    "world/do",
+    "",
+    (
+        Argument("count", "int", "how often", minimum=1, maximum=10),
+        Argument("speed", "float", "how fast", "m/s", required=False, default=1.5, maximum=3.0),
+        Argument("goal", "float", "where to", "m", required=False, shape=(3,)),
+        Argument("mode", "str", "which way", required=False, default="fast", choices=("fast", "slow")),
+        Argument("dry", "bool", "do nothing", required=False, default=False),
+        Argument("extra", "json", "anything", required=False),
+        Argument("t_ns", "int", "when", required=False),
+    ),
+)
+
+
+def test_defaults_are_filled_in():
+    assert checked_args(SERVICE, {"count": 2}) == {
+        "count": 2, "speed": 1.5, "goal": None, "mode": "fast", "dry": False, "extra": None, "t_ns": None,
+    }  # fmt: skip
+
+
+def test_types_of_what_a_service_gets():
+    args = checked_args(
+        SERVICE, {"count": 3.0, "speed": 2, "goal": (1, 2, 3), "dry": True, "mode": "slow", "extra": {"a": [1]}}
+    )
+    assert args["count"] == 3
+    assert type(args["count"]) is int
+    assert type(args["speed"]) is float
+    assert args["goal"] == [1.0, 2.0, 3.0]
+    assert args["extra"] == {"a": [1]}
+    assert args["dry"] is True
+
+
+@pytest.mark.parametrize("t_ns", [2**53 + 1, 2**63 - 1, -(2**60) - 1])
+def test_a_large_whole_number_stays_exact(t_ns):
+    assert checked_args(SERVICE, {"count": 1, "t_ns": t_ns})["t_ns"] == t_ns
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "where", "text"),
+    [
+        ([], "bad_argument", "world/do", '"args" must be a map'),
+        (None, "bad_argument", "world/do", '"args" must be a map'),
+        ({}, "bad_argument", "count", '"world/do" needs "count": how often'),
+        ({"count": 1, "sped": 1}, "bad_argument", "sped", r'\(did you mean "speed"\?\); it takes: count, speed'),
+        ({"count": 1, 7: 1}, "bad_argument", "7", 'no argument "7"'),
+        ({"count": None}, "bad_shape", "count", "must be a number, not null"),
+        ({"count": True}, "bad_shape", "count", "must be a number, not a boolean"),
+        ({"count": "1"}, "bad_shape", "count", "must be a number, not a text"),
+        ({"count": 1.5}, "bad_argument", "count", "must be a whole number, not 1.5"),
+        ({"count": 0}, "out_of_range", "count", "at least 1 and at most 10, not 0"),
+        ({"count": 11}, "out_of_range", "count", "at least 1 and at most 10, not 11"),
+        ({"count": NAN}, "not_finite", "count", "no finite number"),
+        ({"count": INF}, "not_finite", "count", "no finite number"),
+        ({"count": 10**400}, "not_finite", "count", "too large"),
+        ({"count": 1, "speed": 4}, "out_of_range", "speed", "at most 3 m/s, not 4"),
+        ({"count": 1, "goal": [1, 2]}, "bad_shape", "goal", "a list of 3, not a list of 2"),
+        ({"count": 1, "goal": [1, 2, [3]]}, "bad_shape", "goal", "must be a number, not a list"),
+        (
+            {"count": 1, "mode": "fas"},
+            "bad_argument",
+            "mode",
+            r'one of fast, slow, not "fas" \(did you mean "fast"\?\)',
+        ),
+        ({"count": 1, "mode": 1}, "bad_argument", "mode", "must be a text, not a number"),
+        ({"count": 1, "dry": 1}, "bad_argument", "dry", "must be true or false, not a number"),
+        ({"count": 1, "dry": "true"}, "bad_argument", "dry", "must be true or false, not a text"),
+    ],
+)
+def test_a_refused_call(args, code, where, text):
+    fault = refusal(checked_args, SERVICE, args)
+    assert (fault.code, fault.where) == (code, where)
+    assert re.search(text, fault.text), fault.text
+
+
+def test_a_service_without_arguments_says_so():
+    assert refusal(checked_args, Service("world/reset", ""), {"x": 1}).text.endswith("it takes: none")

@@ -1,0 +1,106 @@
+"""The sensor suite passes all shipped sensors and sees the faults it is there for."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, get_args
+
+import pytest
+
+from uwserver.ports import Field, Value
+from uwserver.sensors import Pose, Scope, SensorConfig, SensorTable
+from uwserver.testing import check_sensor
+
+KINDS = get_args(SensorConfig)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.__struct_config__.tag))
+def test_shipped_sensors(kind: type[Any]) -> None:
+    check_sensor(kind(rate_hz=10.0))
+
+
+class Odd:
+    """A right sensor of one vector and one scalar, which the tests spoil."""
+
+    doc = "A sensor of the test."
+    needs_rates = False
+    fields: tuple[Field, ...] = (Field("v_S", "m/s", "velocity", "S", (3,)), Field("n", "1", "count", type="int"))
+
+    def __init__(self, fault: str) -> None:
+        self.fault = fault
+        self.calls = 0
+        self.list: list[Value] = []
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        self.calls += 1
+        x, y, z = scope.v_NB_B
+        values: list[Value] = [(x, y, z), 3]
+        if self.fault == "remembers":
+            values[0] = (float(self.calls), y, z)
+        elif self.fault == "scope":
+            scope.v_NB_B = (0.0, 1.0, z + 1.0)
+        elif self.fault == "few":
+            values.pop()
+        elif self.fault == "shape":
+            values[0] = (x, y)
+        elif self.fault == "list":
+            values[0] = [x, y, z]  # type: ignore[call-overload]
+        elif self.fault == "type":
+            values[1] = 3.0
+        elif self.fault == "bool":
+            values[1] = True
+        elif self.fault == "nan":
+            values[0] = (math.nan, y, z)
+        elif self.fault == "scalar":
+            values[1] = (3,)
+        elif self.fault == "shared":
+            self.list[:] = values
+            values = self.list
+        elif self.fault == "never":
+            return False, [None, None]
+        return True, values
+
+
+class OddConfig(SensorTable, tag="odd", kw_only=True, frozen=True):
+    fault: str = ""
+
+    def build(self, mount: Pose) -> Odd:
+        return Odd(self.fault)
+
+
+def test_right() -> None:
+    check_sensor(OddConfig(rate_hz=1.0))
+
+
+@pytest.mark.parametrize(
+    ("fault", "phrase"),
+    [
+        ("remembers", "stateless"), ("scope", "changed its scope"), ("few", "1 values for 2 fields"), ("shape", "2 components"),
+        ("list", "an array is a tuple"), ("type", "declared int"), ("bool", "declared int"), ("nan", "valid reading"),
+        ("scalar", "says scalar"), ("shared", "one list twice"), ("never", "valid at none"),
+    ],
+)  # fmt: skip
+def test_faults_are_seen(fault: str, phrase: str) -> None:
+    with pytest.raises(AssertionError, match=phrase):
+        check_sensor(OddConfig(rate_hz=1.0, fault=fault))
+
+
+@pytest.mark.parametrize(
+    ("fields", "phrase"),
+    [
+        ((), "no fields"),
+        ((Field("v_S", "m/s", "", "S", (3,)), Field("n", "1", "count", type="int")), "no doc"),
+        ((Field("v_S", "", "velocity", "S", (3,)), Field("n", "1", "count", type="int")), "no unit"),
+        ((Field("v_S", "m/s", "velocity", "", (3,)), Field("n", "1", "count", type="int")), "needs a frame"),
+        ((Field("n", "m/s", "velocity", "S", (3,)), Field("n", "1", "count", type="int")), "one name"),
+    ],
+)
+def test_bad_fields_are_seen(monkeypatch: pytest.MonkeyPatch, fields: tuple[Field, ...], phrase: str) -> None:
+    monkeypatch.setattr(Odd, "fields", fields)
+    with pytest.raises(AssertionError, match=phrase):
+        check_sensor(OddConfig(rate_hz=1.0))
+
+
+def test_a_config_that_builds_nothing_is_seen() -> None:
+    with pytest.raises(AssertionError, match=r"build\(mount\)"):
+        check_sensor(SensorTable(rate_hz=1.0))

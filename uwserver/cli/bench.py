@@ -1,0 +1,50 @@
+"""`uwserver bench`: how fast this machine steps, serves and starts, against the bars and beside the peers."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+PARTS = ("physics", "server", "start")
+
+
+@click.command()
+@click.argument("part", required=False, type=click.Choice(PARTS))
+@click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
+@click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
+def bench(part: str | None, file: Path | None, quick: bool) -> None:
+    """Measure physics, server and start (or one PART) on an idle machine; about three minutes.
+
+    Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
+    take part when they are installed: pip install "uwserver[bench]".
+    """
+    from uwserver.bench.physics import bench_physics
+    from uwserver.bench.processes import BenchFailed
+    from uwserver.bench.report import Report, machine_facts
+    from uwserver.bench.rows import Row
+    from uwserver.bench.server import bench_server
+    from uwserver.bench.start import bench_start
+
+    parts: dict[str, Callable[[bool, Callable[[str], None]], list[Row]]] = {
+        "physics": bench_physics,
+        "server": bench_server,
+        "start": bench_start,
+    }
+    machine, rows = machine_facts(), list[Row]()
+    try:
+        for name in (part,) if part else PARTS:
+            rows += parts[name](quick, lambda line: click.echo(line, err=True))
+    except BenchFailed as error:
+        click.echo(f"uwserver bench: {error}", err=True)
+        sys.exit(1)
+    report = Report(quick, machine, tuple(rows))
+    if file is not None:
+        file.write_text(json.dumps(report.as_json(), indent=2) + "\n", encoding="utf-8")
+    click.echo(report.table())
+
+
+COMMANDS = (bench,)

@@ -1,0 +1,67 @@
+"""Planes and spheres in closed form: solid things for tests of ranging sensors, exact and without an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwserver.physics.geometry import FloatArray, Hits
+
+Vec3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Plane:
+    """All points p of N with normal . (p - point) = 0; solid below, so only rays against the normal hit it."""
+
+    point: Vec3
+    normal: Vec3
+
+    def hit(self, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n) distances, inf for none, and (n, 3) normals."""
+        normal = np.array(self.normal) / np.linalg.norm(self.normal)
+        approach = direction @ normal
+        height = (origin - self.point) @ normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.where((approach < 0.0) & (height >= 0.0), -height / approach, np.inf)
+        return distance, np.broadcast_to(normal, origin.shape)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball in N; rays that start inside do not hit it."""
+
+    center: Vec3
+    radius: float
+
+    def hit(self, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n) distances, inf for none, and (n, 3) normals."""
+        to_center = origin - np.array(self.center)
+        b = np.einsum("ij,ij->i", to_center, direction)
+        c = np.einsum("ij,ij->i", to_center, to_center) - self.radius**2
+        discriminant = b * b - c
+        near = -b - np.sqrt(np.maximum(discriminant, 0.0))
+        distance = np.where((discriminant >= 0.0) & (near >= 0.0) & (c >= 0.0), near, np.inf)
+        reached = np.where(np.isfinite(distance), distance, 0.0)
+        return distance, (to_center + reached[:, None] * direction) / self.radius
+
+
+class FakeGeometry:
+    """A `uwserver.physics.geometry.Geometry` of analytic shapes; a shape's id is its place in the list."""
+
+    def __init__(self, shapes: Sequence[Plane | Sphere]) -> None:
+        self._shapes = tuple(shapes)
+
+    def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+        """The nearest shape that each ray meets."""
+        n = len(origin)
+        best, normal, body = np.full(n, np.inf), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64)
+        for k, shape in enumerate(self._shapes):
+            distance, normals = shape.hit(origin, direction)
+            nearer = (distance < best) & (distance <= max_range)
+            best = np.where(nearer, distance, best)
+            normal = np.where(nearer[:, None], normals, normal)
+            body = np.where(nearer, k, body)
+        return Hits(best, normal, body)
