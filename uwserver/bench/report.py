@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -44,6 +43,8 @@ class Report:
         for group in dict.fromkeys(row.group for row in self.rows):
             lines += ["", f"{group:{width}}  {'median':>10}  {'':10}  {'bar':>9}  verdict  (smallest .. largest)"]
             lines += [_line(row, width) for row in self.rows if row.group == group]
+        missed = [f"{row.group}: {row.name}" for row in self.rows if row.verdict == "miss"]
+        lines += ["", *(f"missed its bar: {name}" for name in missed)] if missed else ["", "every bar is met"]
         return "\n".join(lines)
 
 
@@ -102,7 +103,3 @@ def _line(row: Row, width: int) -> str:
 def _figures(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
-
-def failed(rows: Sequence[Row]) -> list[Row]:
-    """Rows that miss their bar."""
-    return [row for row in rows if row.verdict == "miss"]

@@ -22,7 +22,7 @@ from uwserver.units import NANOSECONDS
 Level = Literal["ok", "warning", "fault"]
 
 DEFAULT_PORT = 7600
-_REQUIRED = {"numpy": "numpy", "numba": "numba", "scipy": "scipy", "msgspec": "msgspec", "mcap": "mcap"}
+_REQUIRED = {"numpy": "numpy", "numba": "numba", "msgspec": "msgspec", "mcap": "mcap"}
 _OPTIONAL = {"pybullet": ("pybullet", "scenarios with something solid", "solid")}
 
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000

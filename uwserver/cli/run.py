@@ -25,6 +25,7 @@ DEFAULT_SCENARIO = "bluerov2_pool"
 @click.argument("scenario", default=DEFAULT_SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
+@click.option("--metrics-bind", help="Address of /health and /metrics.")
 @click.option("--seed", type=click.IntRange(0), help="Instead of the scenario's.")
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
 @click.option("--speed", type=click.FloatRange(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
@@ -39,6 +40,7 @@ def run(
     scenario: str,
     port: int | None,
     bind: str | None,
+    metrics_bind: str | None,
     seed: int | None,
     mode: str | None,
     speed: float | None,
@@ -63,7 +65,7 @@ def run(
         sys.exit(1)
     for warning in resolved.warnings:
         logging.getLogger(__name__).warning("%s", warning)
-    resolved = _with_address(resolved, port, bind)
+    resolved = _with_metrics(_with_address(resolved, port, bind), metrics_bind)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
@@ -95,6 +97,13 @@ def _with_address(resolved: Resolved, port: int | None, bind: str | None) -> Res
             adapters[name] = msgspec.structs.replace(config, **changes)
             return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters))
     raise click.UsageError("--port and --bind need a sockets adapter in the scenario")
+
+
+def _with_metrics(resolved: Resolved, bind: str | None) -> Resolved:
+    if bind is None:
+        return resolved
+    server = msgspec.structs.replace(resolved.scenario.server, metrics_bind=bind)
+    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, server=server))
 
 
 def _announce_compilation() -> None:

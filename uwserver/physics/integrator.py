@@ -16,6 +16,7 @@ from uwserver.physics.compiled import compiled
 from uwserver.physics.fossen import EXTERNAL, NU_R, SCRATCH_ROWS, derivative, rotation
 from uwserver.physics.immersion import immersion
 from uwserver.physics.layout import STATE_SIZE
+from uwserver.physics.linear import solve
 from uwserver.physics.thrust import advance_lag, lagged, set_demand
 
 Array = Any  # numpy array inside compiled code
@@ -64,7 +65,11 @@ def _hold_inertia(body: Any, shapes: Array, x: Array, dt: float, R: Array, scrat
             for j in range(6):
                 M_inv[i, j] = body.M_inv[i, j]
     else:
-        M_inv[:, :] = np.linalg.inv(body.M_RB + fraction * body.M_A)
+        M = body.M_RB + fraction * body.M_A
+        for i in range(6):
+            for j in range(6):
+                M_inv[i, j] = 1.0 if i == j else 0.0
+        solve(M, M_inv)
     return fraction
 
 
@@ -124,18 +129,21 @@ def _implicit(
     derivative(body, s, STATE, K1, t + 0.5 * h, current, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
     speed = abs(work[NU_R, 0])
     A = body.M_RB + held * body.M_A
-    tau = A @ s[K1, 7:13]
+    delta = np.zeros((6, 1))
+    for i in range(6):
+        for j in range(6):
+            delta[i, 0] += A[i, j] * s[K1, 7 + j]
     for i in range(6):
         for j in range(6):
             slope = body.D_L[i, j] + 2.0 * body.D_Q[i, j] * abs(work[NU_R, j]) + body.D_S[i, j] * speed
             A[i, j] += h * held * slope
     # d(|u| D u)/du = 2 D |u|; the other derivatives by u are left out, they could make A singular.
     A[0, 0] += h * held * body.D_S[0, 0] * speed
-    delta = np.linalg.solve(A, tau)
+    solve(A, delta)
     for i in range(STATE_SIZE):
         s[STAGE, i] = s[STATE, i]
     for i in range(6):
-        s[STAGE, 7 + i] += h * delta[i]
+        s[STAGE, 7 + i] += h * delta[i, 0]
     derivative(body, s, STAGE, K2, t + h, current, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
     for i in range(7):
         s[STATE, i] += h * s[K2, i]

@@ -7,6 +7,7 @@
 - `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
 - `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
+- `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
 - `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads when the test says so.
 - `MockTime` (`uwserver.testing.mock_time`): wall time that a test owns.
 
@@ -16,10 +17,11 @@ All checks raise AssertionError with a text that says what the contract wants; n
 from uwserver.testing.adapters import TcpPeer, check_adapter
 from uwserver.testing.codecs import CodecCase, check_codec
 from uwserver.testing.fake_context import FakeContext, sample_of
+from uwserver.testing.fake_geometry import FakeGeometry
 from uwserver.testing.loopback import Loopback
 from uwserver.testing.mock_time import MockTime
 from uwserver.testing.sensors import check_sensor
 
 __all__ = [
-    "CodecCase", "FakeContext", "Loopback", "MockTime", "TcpPeer", "check_adapter", "check_codec", "check_sensor", "sample_of",
+    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "TcpPeer", "check_adapter", "check_codec", "check_sensor", "sample_of",
 ]  # fmt: skip

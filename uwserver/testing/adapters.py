@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import socket
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
@@ -15,7 +14,7 @@ from typing import Any, Protocol, get_args, get_type_hints
 import msgspec
 
 from uwserver.adapter import AdapterTable
-from uwserver.ports import Event, Sample
+from uwserver.ports import Event, Port, Sample
 from uwserver.testing.fake_context import TICK_NS, FakeContext, sample_of
 
 START_S = 10.0
@@ -78,8 +77,23 @@ class AdapterKit:
 class Running:
     """A started adapter."""
 
+    kit: AdapterKit
     context: FakeContext
     task: asyncio.Task[None]
+    peers: list[Peer] = field(default_factory=list)
+
+    async def connect(self) -> Peer:
+        """A peer; closed after the adapter has ended, if the check has not done so."""
+        peer = await asyncio.wait_for(self.kit.connect(self.context), SETTLE_S)
+        self.peers.append(peer)
+        return peer
+
+    async def subscriber(self) -> Peer:
+        """A peer that has asked for samples."""
+        peer = await self.connect()
+        await _send(peer, self.kit.greeting)
+        await asyncio.sleep(0.05)
+        return peer
 
     def assert_alive(self, after: str) -> None:
         """It still runs."""
@@ -160,7 +174,7 @@ async def running(kit: AdapterKit) -> AsyncIterator[Running]:
     context = kit.make_context()
     ready = asyncio.Event()
     task: asyncio.Task[None] = asyncio.get_running_loop().create_task(kit.adapter_class(kit.config, context).run(ready))
-    started = Running(context, task)
+    started = Running(kit, context, task)
     try:
         waiting = asyncio.ensure_future(ready.wait())
         await asyncio.wait([task, waiting], timeout=START_S, return_when=asyncio.FIRST_COMPLETED)
@@ -170,7 +184,11 @@ async def running(kit: AdapterKit) -> AsyncIterator[Running]:
         yield started
         started.assert_alive("the check")
     finally:
-        await _cancelled(task)
+        try:
+            await _cancelled(task)
+        finally:
+            for peer in started.peers:
+                await peer.close()
 
 
 async def _cancelled(task: asyncio.Task[None]) -> None:
@@ -194,7 +212,6 @@ class Traces:
     @classmethod
     def now(cls) -> Traces:
         """As it is now."""
-        gc.collect()
         threads = frozenset(f"{thread.name} ({thread.ident})" for thread in threading.enumerate())
         return cls(frozenset(asyncio.all_tasks()), threads, _open_files())
 
@@ -266,23 +283,17 @@ async def check_starts_and_reports(kit: AdapterKit) -> None:
         assert stats.state == "running", f'stats.state is "{stats.state}" after ready was set, it must be "running"'
         assert stats.address, "stats.address is empty after ready was set: say where a peer finds the adapter"
         assert len(adapter.context.subscribers) == 1, "attach to the context exactly once, before ready is set"
-        peer = await kit.connect(adapter.context)
-        await _send(peer, kit.greeting)
-        await peer.close()
+        await adapter.subscriber()
     assert stats.state == "stopped", f'stats.state is "{stats.state}" after run() ended, it must be "stopped"'
     assert not adapter.context.subscribers, "the subscriber is still attached after run() ended"
 
 
 async def check_cancelled_with_peers(kit: AdapterKit) -> None:
     """Peers that stay connected do not hold it up."""
-    peers = []
     async with running(kit) as adapter:
         for _ in range(3):
-            peers.append(await kit.connect(adapter.context))
-            await _send(peers[-1], kit.greeting)
+            await adapter.subscriber()
         adapter.context.emit()
-    for peer in peers:
-        await peer.close()
 
 
 async def check_cancelled_at_once(kit: AdapterKit) -> None:
@@ -300,7 +311,7 @@ async def check_flickering_peer(kit: AdapterKit) -> None:
     """A peer that connects and goes at once, many times."""
     async with running(kit) as adapter:
         for _ in range(20):
-            await (await kit.connect(adapter.context)).close()
+            await (await adapter.connect()).close()
         await until(lambda: adapter.context.stats.peers == 0, "stats.peers does not return to 0 after all peers left")
 
 
@@ -308,20 +319,20 @@ async def check_garbage(kit: AdapterKit) -> None:
     """Bytes that are no message end neither the adapter nor the next peer's chances."""
     async with running(kit) as adapter:
         for junk in GARBAGE:
-            peer = await kit.connect(adapter.context)
+            peer = await adapter.connect()
             await _send(peer, junk)
             adapter.context.emit()
             await peer.close()
             adapter.assert_alive(f"the garbage {junk[:20]!r}")
         await until(lambda: adapter.context.stats.peers == 0, "stats.peers does not return to 0 after garbage")
-        await (await kit.connect(adapter.context)).close()
+        await adapter.connect()
 
 
 async def check_half_message(kit: AdapterKit) -> None:
     """A peer that dies within a message."""
     async with running(kit) as adapter:
         for cut in range(1, max(2, len(kit.greeting)), 7):
-            peer = await kit.connect(adapter.context)
+            peer = await adapter.connect()
             await _send(peer, kit.greeting[:cut] or b"x")
             await peer.close()
         await until(lambda: adapter.context.stats.peers == 0, "stats.peers does not return to 0 after half messages")
@@ -330,9 +341,7 @@ async def check_half_message(kit: AdapterKit) -> None:
 async def check_slow_reader(kit: AdapterKit) -> None:
     """A peer that asks for samples and reads none costs others nothing: `put_samples` returns, another peer connects, the end is in time."""
     async with running(kit) as adapter:
-        slow = await kit.connect(adapter.context)
-        await _send(slow, kit.greeting)
-        await asyncio.sleep(0.05)
+        await adapter.subscriber()
         noticed = 0
         for count in range(_TICKS_TO_SLOW_PEER):
             adapter.context.emit()
@@ -343,43 +352,33 @@ async def check_slow_reader(kit: AdapterKit) -> None:
             if noticed > _TICKS_ONCE_SLOW:
                 break
         adapter.assert_alive("a peer that does not read")
-        other = await asyncio.wait_for(kit.connect(adapter.context), SETTLE_S)
-        await other.close()
-    await slow.close()
+        await adapter.connect()
 
 
 async def check_strange_samples(kit: AdapterKit) -> None:
     """Invalid samples, values that are not finite, and ports it has never heard of."""
     async with running(kit) as adapter:
         context = adapter.context
-        peer = await kit.connect(context)
-        await _send(peer, kit.greeting)
-        await asyncio.sleep(0.05)
+        await adapter.subscriber()
         sensors = [port for port in context.ports.values() if port.direction == "sensor"]
         context.put([sample_of(port, valid=False) for port in sensors])
         for bad in (float("nan"), float("inf"), -0.0, 1e308):
-            values = [tuple([bad] * f.size if f.shape else bad for f in port.fields) for port in sensors]
-            context.put(
-                [
-                    Sample(
-                        port.path, 1, TICK_NS, TICK_NS, True, tuple(tuple(v) if isinstance(v, list) else v for v in row)
-                    )
-                    for port, row in zip(sensors, values, strict=True)
-                ]
-            )
+            context.put([_filled(port, bad) for port in sensors])
         context.put([Sample("nobody/knows", 0, 0, 0, True, (1.0,))])
         context.put([])
         await asyncio.sleep(0.05)
-        await peer.close()
+
+
+def _filled(port: Port, number: float) -> Sample:
+    values = tuple((number,) * field.size if field.shape else number for field in port.fields)
+    return Sample(port.path, 1, TICK_NS, TICK_NS, True, values)
 
 
 async def check_events(kit: AdapterKit) -> None:
     """Every event there is, and ports that go and come back."""
     async with running(kit) as adapter:
         context = adapter.context
-        peer = await kit.connect(context)
-        await _send(peer, kit.greeting)
-        await asyncio.sleep(0.05)
+        await adapter.subscriber()
         everything = list(context.ports.values())
         for name in get_args(get_type_hints(Event)["event"]):
             context.say(Event(name, context.tick, context.tick * TICK_NS, f"the suite says {name}"))
@@ -390,16 +389,13 @@ async def check_events(kit: AdapterKit) -> None:
         context.set_ports(everything)
         context.emit()
         await asyncio.sleep(0.05)
-        await peer.close()
 
 
 async def check_restarts(kit: AdapterKit) -> None:
     """Again and again on the same config, with a peer that outlives it."""
     for _ in range(3):
         async with running(kit) as adapter:
-            peer = await kit.connect(adapter.context)
-            await _send(peer, kit.greeting)
-        await peer.close()
+            await adapter.subscriber()
 
 
 CHECKS: Mapping[str, Callable[[AdapterKit], Awaitable[None]]] = {

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,10 +14,13 @@ from uwserver.frames import Quat, Vec3, quat_from_rpy
 from uwserver.modifiers import Bias, GaussMarkov, Measurement, ModifierConfig, Quantise, RandomWalk, Stream, WhiteNoise
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
 """A mount with a lever arm and an attitude, so that neither can be forgotten unseen."""
 WATER = Water(density=1025.0, gravity=9.81, temperature=12.0, atmospheric_pressure=101325.0, current=(0.3, -0.1, 0.05))
+BOTTOM = FakeGeometry([Plane((0.0, 0.0, 30.0), (0.0, 0.0, -1.0))])
+"""A flat bottom in 30 m."""
 _TYPES: dict[str, type | tuple[type, ...]] = {"float": (float, int), "int": int, "bool": bool, "str": str}
 
 
@@ -36,9 +39,8 @@ def scopes() -> list[Scope]:
     for number, (p, rpy, v) in enumerate(itertools.product(positions, angles, rates)):
         q: Quat = quat_from_rpy(*rpy)
         w = (v[2] / 10, v[0] / 10, v[1] / 10)
-        made.append(
-            Scope(number * 4_000_000, p, q, v, w, WATER, nu_dot=(0.1, 0.2, -0.3, 0.01, -0.02, 0.03), tau=(1.0,) * 6)
-        )
+        scope = Scope(number * 4_000_000, p, q, v, w, WATER, (0.1, 0.2, -0.3, 0.01, -0.02, 0.03), (1.0,) * 6, BOTTOM)
+        made.append(scope)
     return made
 
 
@@ -112,7 +114,7 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
 
 def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> None:
     where = f'sensor "{kind}" at p_NB = {scope.p_NB}, q_NB = {scope.q_NB}, v = {scope.v_NB_B}'
-    before = copy.deepcopy(scope)
+    before = replace(scope, water=replace(scope.water))
     valid, values = sensor.measure(scope)
     check_values(where, sensor.fields, values, valid)
     assert scope == before, f"{where}: measure changed its scope"

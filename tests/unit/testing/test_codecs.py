@@ -54,7 +54,13 @@ def test_right() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "phrase"),
-    [("forgets pieces", "byte by byte"), ("endless", "without end"), ("hasty", "byte by byte"), ("one a piece", "two"), ("lost", "after garbage")],
+    [
+        ("forgets pieces", "byte by byte"),
+        ("endless", "without end"),
+        ("hasty", "byte by byte"),
+        ("one a piece", "two"),
+        ("lost", "after garbage"),
+    ],
 )
 def test_faults_are_seen(fault: str, phrase: str) -> None:
     with pytest.raises(AssertionError, match=phrase):

@@ -24,7 +24,9 @@ async def serving(**config: Any) -> AsyncIterator[FakeContext]:
     context = FakeContext()
     ready = asyncio.Event()
     task = asyncio.create_task(SocketsAdapter(SocketsConfig(**({"port": 0} | config)), context).run(ready))
-    done, _ = await asyncio.wait([task, asyncio.create_task(ready.wait())], timeout=5, return_when=asyncio.FIRST_COMPLETED)
+    done, _ = await asyncio.wait(
+        [task, asyncio.create_task(ready.wait())], timeout=5, return_when=asyncio.FIRST_COMPLETED
+    )
     assert done
     if task.done():
         task.result()
@@ -140,7 +142,8 @@ def test_a_port_in_use_says_which_and_what_to_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "phrase"), [(errno.EACCES, "above 1023"), (errno.EADDRNOTAVAIL, "no such address"), (errno.EIO, "cannot listen")]
+    ("code", "phrase"),
+    [(errno.EACCES, "above 1023"), (errno.EADDRNOTAVAIL, "no such address"), (errno.EIO, "cannot listen")],
 )
 def test_other_faults_of_the_address(monkeypatch: pytest.MonkeyPatch, code: int, phrase: str) -> None:
     async def scene() -> None:
@@ -172,7 +175,15 @@ def test_an_open_address_makes_a_token_and_says_how_to_connect(caplog: pytest.Lo
 
 @pytest.mark.parametrize(
     ("bind", "is_open"),
-    [("127.0.0.1", False), ("127.1.2.3", False), ("::1", False), ("localhost", False), ("0.0.0.0", True), ("::", True), ("example", True)],
+    [
+        ("127.0.0.1", False),
+        ("127.1.2.3", False),
+        ("::1", False),
+        ("localhost", False),
+        ("0.0.0.0", True),
+        ("::", True),
+        ("example", True),
+    ],
 )
 def test_what_needs_a_token(bind: str, is_open: bool) -> None:
     async def scene() -> None:
@@ -193,7 +204,16 @@ def test_a_given_token_is_not_printed(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.mark.parametrize(
     "table",
-    [{"port": -1}, {"port": 65536}, {"bind": ""}, {"token": ""}, {"queue_samples": 0}, {"max_clients": 0}, {"hello_timeout_s": 0}, {"prt": 1}],
+    [
+        {"port": -1},
+        {"port": 65536},
+        {"bind": ""},
+        {"token": ""},
+        {"queue_samples": 0},
+        {"max_clients": 0},
+        {"hello_timeout_s": 0},
+        {"prt": 1},
+    ],
 )
 def test_bad_tables_are_refused(table: dict[str, object]) -> None:
     with pytest.raises(msgspec.ValidationError):

@@ -66,12 +66,24 @@ INVALID: list[tuple[str, Any, object, str]] = [
     ("no method", {"id": 3}, 3, 'names its "method"'),
     ("method no text", {"id": 3, "method": 7}, 3, 'names its "method"'),
 ]
+SAMPLE_LINE = (
+    b'{"jsonrpc":"2.0","method":"sample","params":{"port":"rov/imu","seq":12,"t_ns":50000000,"t_sent_ns":54000000,'
+    b'"valid":true,"value":{"f_S":[0.0,0.5,-9.81],"temperature":12.0}}}\n'
+)
 # What we say: exact bytes of the JSON encoding.
 WRITTEN = [
     ("reply", lambda c: c.reply(5, {"a": [1, None]}), b'{"jsonrpc":"2.0","id":5,"result":{"a":[1,null]}}\n'),
-    ("falsy results", lambda c: c.reply("a", [0, False, [], None, ""]), b'{"jsonrpc":"2.0","id":"a","result":[0,false,[],null,""]}\n'),
+    (
+        "falsy results",
+        lambda c: c.reply("a", [0, False, [], None, ""]),
+        b'{"jsonrpc":"2.0","id":"a","result":[0,false,[],null,""]}\n',
+    ),
     ("raw reply", lambda c: c.reply(5, c.raw({"a": 1})), b'{"jsonrpc":"2.0","id":5,"result":{"a":1}}\n'),
-    ("not finite", lambda c: c.reply(1, [math.nan, math.inf, -math.inf]), b'{"jsonrpc":"2.0","id":1,"result":[null,null,null]}\n'),
+    (
+        "not finite",
+        lambda c: c.reply(1, [math.nan, math.inf, -math.inf]),
+        b'{"jsonrpc":"2.0","id":1,"result":[null,null,null]}\n',
+    ),
     (
         "error",
         lambda c: c.error(None, FAULT),
@@ -80,8 +92,7 @@ WRITTEN = [
     (
         "sample",
         lambda c: c.sample(SampleForm(IMU), SAMPLE),
-        b'{"jsonrpc":"2.0","method":"sample","params":{"port":"rov/imu","seq":12,"t_ns":50000000,"t_sent_ns":54000000,'
-        b'"valid":true,"value":{"f_S":[0.0,0.5,-9.81],"temperature":12.0}}}\n',
+        SAMPLE_LINE,
     ),
     (
         "event",
@@ -111,7 +122,14 @@ def test_msgpack_table() -> None:
     writing = [
         CodecCase(name, frame(json.loads(data)), write=write) for name, write, data in WRITTEN if name != "not finite"
     ]
-    garbage = [frame(b""), frame(b"\xc1"), frame(b"\x81"), frame(b"\xa2\xff\xff"), frame(b"\x91" * 100), frame(b"\x01\x02")]
+    garbage = [
+        frame(b""),
+        frame(b"\xc1"),
+        frame(b"\x81"),
+        frame(b"\xa2\xff\xff"),
+        frame(b"\x91" * 100),
+        frame(b"\x01\x02"),
+    ]
     check_codec(MsgpackCodec, [*reading, *writing], need_data=NEED_DATA, garbage=garbage, resynchronises=True)
     check_codec(MsgpackCodec, [], need_data=NEED_DATA, garbage=[b"\xff" * 50, b"\x00" * 50])
 
@@ -120,7 +138,9 @@ def test_not_finite_stays_in_msgpack() -> None:
     assert math.isnan(msgpack.unpackb(MsgpackCodec().reply(1, math.nan)[4:])["result"])
 
 
-@pytest.mark.parametrize(("message", "identity", "phrase"), [row[1:] for row in INVALID], ids=[row[0] for row in INVALID])
+@pytest.mark.parametrize(
+    ("message", "identity", "phrase"), [row[1:] for row in INVALID], ids=[row[0] for row in INVALID]
+)
 def test_what_is_no_request(message: object, identity: object, phrase: str) -> None:
     for codec, data in ((JsonCodec(), json.dumps(message).encode() + b"\n"), (MsgpackCodec(), frame(message))):
         (event,) = read_all(codec, [data], NEED_DATA)
@@ -133,7 +153,19 @@ def test_what_is_no_request(message: object, identity: object, phrase: str) -> N
 
 @pytest.mark.parametrize(
     "line",
-    [b"hello", b"{", b"\xff", b"[NaN]", b'{"a":Infinity}', b"[1e999]", b"1 2", b'"\\ud800"', b"1" * 5000, b"\x00", b'{"a":1,}'],
+    [
+        b"hello",
+        b"{",
+        b"\xff",
+        b"[NaN]",
+        b'{"a":Infinity}',
+        b"[1e999]",
+        b"1 2",
+        b'"\\ud800"',
+        b"1" * 5000,
+        b"\x00",
+        b'{"a":1,}',
+    ],
 )
 def test_a_line_that_is_no_json_shows_an_example(line: bytes) -> None:
     (event,) = read_all(JsonCodec(), [line + b"\n"], NEED_DATA)
@@ -257,7 +289,9 @@ def test_selected_fields() -> None:
 
 
 def test_arrays_of_two_dimensions_are_nested() -> None:
-    port = Port("a/b", "sensor", "k", (Field("m", "1", "matrix", shape=(2, 3)), Field("t", "1", "tensor", shape=(2, 1, 2))), "")
+    port = Port(
+        "a/b", "sensor", "k", (Field("m", "1", "matrix", shape=(2, 3)), Field("t", "1", "tensor", shape=(2, 1, 2))), ""
+    )
     sample = Sample("a/b", 0, 0, 0, False, ((1, 2, 3, 4, 5, None), None))
     assert SampleForm(port).value(sample) == {"m": [[1, 2, 3], [4, 5, None]], "t": None}
     sample = Sample("a/b", 0, 0, 0, True, (None, (1, 2, 3, 4)))

@@ -100,7 +100,15 @@ def test_a_long_piece_is_worked_off_in_turns(stage: Stage, pack: Any, monkeypatc
 def test_garbage_gets_errors_and_the_connection_goes_on(stage: Stage) -> None:
     async def scene() -> None:
         talker = stage().talker()
-        for garbage in (b"hello\n", b"\xff\xfe\n", b"[" * 4096 + b"\n", b"{}\n", b"[]\n", b"x" * 4096 + b"\n", b"NaN\n"):
+        for garbage in (
+            b"hello\n",
+            b"\xff\xfe\n",
+            b"[" * 4096 + b"\n",
+            b"{}\n",
+            b"[]\n",
+            b"x" * 4096 + b"\n",
+            b"NaN\n",
+        ):
             talker.transport.feed(garbage)
             (message,) = talker.heard()
             assert message["id"] is None
@@ -150,7 +158,9 @@ def test_a_browser_is_told(stage: Stage) -> None:
     asyncio.run(scene())
 
 
-@pytest.mark.parametrize("half", [b"", b"G", b"\x00", b"\x00\x00\x10\x00abc", b'{"id":1,"me', b'{"id":1,"method":"step"}'])
+@pytest.mark.parametrize(
+    "half", [b"", b"G", b"\x00", b"\x00\x00\x10\x00abc", b'{"id":1,"me', b'{"id":1,"method":"step"}']
+)
 def test_dying_mid_message(stage: Stage, half: bytes) -> None:
     async def scene() -> None:
         theatre = stage()
@@ -200,7 +210,10 @@ def test_latest_for_a_peer_that_does_not_read(stage: Stage) -> None:
             theatre.context.put([sample_of(IMU, seq), sample_of(DEPTH, seq)])
         talker.connection.resume_writing()
         talker.transport.drain()
-        assert [(sample["port"], sample["seq"]) for sample in talker.samples()] == [("rov/imu", 999), ("rov/depth", 999)]
+        assert [(sample["port"], sample["seq"]) for sample in talker.samples()] == [
+            ("rov/imu", 999),
+            ("rov/depth", 999),
+        ]
         assert theatre.context.stats.dropped == 2 * 999
 
     asyncio.run(scene())
@@ -323,7 +336,10 @@ def test_too_many_clients(stage: Stage) -> None:
     async def scene() -> None:
         theatre = stage(max_clients=2)
         first, second, third = (theatre.talker() for _ in range(3))
-        assert last_error(third) == ("overload", "2 clients are connected: close some, or raise max_clients of the adapter")
+        assert last_error(third) == (
+            "overload",
+            "2 clients are connected: close some, or raise max_clients of the adapter",
+        )
         third.send(PING)
         assert third.heard() == []
         await asyncio.sleep(0.1)

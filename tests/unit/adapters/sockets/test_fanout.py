@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -34,7 +35,7 @@ def test_every_twelfth_of_120_hz_at_10_hz_without_drift() -> None:
 def test_rate_is_kept_where_it_does_not_divide(rate: float) -> None:
     numbers = passed(rate, ticks(120.0, 120 * 1000))
     assert abs(len(numbers) - rate * 1000) <= 1
-    gaps = [b - a for a, b in zip(numbers, numbers[1:], strict=False)]
+    gaps = [b - a for a, b in itertools.pairwise(numbers)]
     assert max(gaps) - min(gaps) <= 1
 
 
@@ -46,7 +47,11 @@ def test_all_pass_at_the_own_rate_and_above(rate: float | None) -> None:
 def test_a_gap_does_not_shift_the_phase() -> None:
     times = ticks(120.0, 121)
     del times[12:30]  # the samples of slots 1 and half of 2 are lost
-    assert [times[number] for number in passed(10.0, times)] == [0, *ticks(120.0, 121)[30:31], *ticks(120.0, 121)[36::12]]
+    assert [times[number] for number in passed(10.0, times)] == [
+        0,
+        *ticks(120.0, 121)[30:31],
+        *ticks(120.0, 121)[36::12],
+    ]
 
 
 def test_a_late_sample_is_no_new_beginning() -> None:
@@ -144,7 +149,10 @@ def test_ports_that_change(stage: Callable[..., Any]) -> None:
         context = theatre.context
         talkers = [theatre.talker(), theatre.talker()]
         for talker in talkers:
-            assert await talker.result("subscribe", {"pattern": "rov/*"}) == {"subscription": 1, "ports": ["rov/imu", "rov/depth"]}
+            assert await talker.result("subscribe", {"pattern": "rov/*"}) == {
+                "subscription": 1,
+                "ports": ["rov/imu", "rov/depth"],
+            }
         new = Port("rov/new", "sensor", "new", (Field("x", "m", "new"),), "", 10.0)
         other_imu = Port("rov/imu", "sensor", "imu", (Field("q_NS", "1", "attitude", "NS", (4,)),), "", 10.0)
         context.set_ports([other_imu, new, THRUSTERS])
@@ -178,7 +186,9 @@ def test_reset_restarts_the_rates(stage: Callable[..., Any]) -> None:
     asyncio.run(scene())
 
 
-def test_a_sample_that_cannot_be_encoded_harms_no_other(stage: Callable[..., Any], caplog: pytest.LogCaptureFixture) -> None:
+def test_a_sample_that_cannot_be_encoded_harms_no_other(
+    stage: Callable[..., Any], caplog: pytest.LogCaptureFixture
+) -> None:
     async def scene() -> None:
         theatre = stage()
         talker = theatre.talker()

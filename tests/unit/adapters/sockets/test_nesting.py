@@ -85,7 +85,10 @@ def test_types_outside_the_schema(frame: bytes) -> None:
     assert "not part of the schema" in str(msgpack_fault(frame))
 
 
-@pytest.mark.parametrize("header", [b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xdc\xff\xff", b"\xde\x80\x00", b"\xdb\xff\xff\xff\xff"])
+@pytest.mark.parametrize(
+    "header",
+    [b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xdc\xff\xff", b"\xde\x80\x00", b"\xdb\xff\xff\xff\xff"],
+)
 def test_claimed_length_allocates_nothing(header: bytes) -> None:
     tracemalloc.start()
     try:

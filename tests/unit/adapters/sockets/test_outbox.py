@@ -1,8 +1,8 @@
 from __future__ import annotations
 
-from uwserver.adapter import AdapterStats
-
 from uwserver_adapters.sockets.outbox import BATCH_BYTES, REPLIES, REPLY_BYTES, Outbox
+
+from uwserver.adapter import AdapterStats
 
 
 class Peer:

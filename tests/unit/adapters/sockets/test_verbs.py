@@ -24,9 +24,18 @@ def test_hello(stage: Stage, encoding: str) -> None:
         theatre.talker(encoding).send({"method": "ping"})
         talker = theatre.talker(encoding)
         result = await talker.result("hello", {"version": 1, "name": "pilot"})
-        assert result == {"version": 1, "server": "uwserver test", "scenario": "fake", "session": 2, "encoding": encoding}
+        assert result == {
+            "version": 1,
+            "server": "uwserver test",
+            "scenario": "fake",
+            "session": 2,
+            "encoding": encoding,
+        }
         assert theatre.context.joined == ["pilot"]
-        assert await talker.fault("hello", {"version": 1}) == ("invalid_request", '"hello" was said before: once is enough')
+        assert await talker.fault("hello", {"version": 1}) == (
+            "invalid_request",
+            '"hello" was said before: once is enough',
+        )
         talker.transport.die()
         await asyncio.sleep(0)
         assert theatre.context.joined == []
@@ -73,8 +82,14 @@ def test_subscribe_and_unsubscribe(stage: Stage, encoding: str) -> None:
         theatre = stage()
         talker = theatre.talker(encoding)
         assert await talker.result("subscribe", {"pattern": "rov/imu"}) == {"subscription": 1, "ports": ["rov/imu"]}
-        assert await talker.result("subscribe", {"pattern": "**", "fields": ["depth"]}) == {"subscription": 2, "ports": ["rov/depth"]}
-        assert await talker.result("subscribe", {"pattern": "later/*", "rate_hz": 1, "delivery": "latest"}) == {"subscription": 3, "ports": []}
+        assert await talker.result("subscribe", {"pattern": "**", "fields": ["depth"]}) == {
+            "subscription": 2,
+            "ports": ["rov/depth"],
+        }
+        assert await talker.result("subscribe", {"pattern": "later/*", "rate_hz": 1, "delivery": "latest"}) == {
+            "subscription": 3,
+            "ports": [],
+        }
         theatre.context.emit()
         imu, depth = talker.samples()
         assert imu == {
@@ -141,7 +156,10 @@ def test_step(stage: Stage, encoding: str) -> None:
         talker = theatre.talker(encoding)
         assert await talker.result("step") == {"tick": 0, "t_ns": 0}
         assert await talker.result("step", {"n": 5}) == {"tick": 0, "t_ns": 0}
-        assert [(call.service, call.args) for call in theatre.context.calls] == [("world/step", {"n": 1}), ("world/step", {"n": 5})]
+        assert [(call.service, call.args) for call in theatre.context.calls] == [
+            ("world/step", {"n": 1}),
+            ("world/step", {"n": 5}),
+        ]
         assert (await talker.fault("step", {"n": 0}))[0] == "out_of_range"
 
     asyncio.run(scene())
@@ -338,7 +356,10 @@ def test_events_reach_every_client(stage: Stage) -> None:
         theatre.context.say(Event("paused", 5, 20, "by the test"))
         for talker in talkers:
             (message,) = talker.heard()
-            assert (message["method"], message["params"]) == ("event", {"event": "paused", "tick": 5, "t_ns": 20, "text": "by the test"})
+            assert (message["method"], message["params"]) == (
+                "event",
+                {"event": "paused", "tick": 5, "t_ns": 20, "text": "by the test"},
+            )
         assert silent.heard() == [], "its encoding is not known yet"
 
     asyncio.run(scene())
