@@ -41,6 +41,11 @@ class Field(Struct, frozen=True):
     maximum: float | None = None
 
     @property
+    def is_rotation(self) -> bool:
+        """Whether it is a quaternion w x y z between the two frames of its `frame`."""
+        return self.shape == (4,) and len(self.frame) == 2
+
+    @property
     def size(self) -> int:
         """Number of components."""
         size = 1

@@ -11,12 +11,21 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from uwserver.ports import Argument, ErrorCode, Field, Json, Port, Refused, Service
 
+SHOWN = 80
+
 
 def find(kind: str, path: str, known: Mapping[str, object]) -> None:
     """Refuse an unknown port or service path, with the nearest known ones."""
     if path not in known:
         code: ErrorCode = "unknown_service" if kind == "service" else "unknown_port"
-        raise Refused(code, f'no {kind} "{path}"{suggestion(path, known)}; "describe" lists them all', path)
+        word = shown(path)
+        raise Refused(code, f'no {kind} "{word}"{suggestion(word, known)}; "describe" lists them all', word)
+
+
+def shown(word: object) -> str:
+    """A foreign name as it may be shown and compared: cut at 80 characters, so that a long one costs neither time nor log."""
+    text = str(word)
+    return text if len(text) <= SHOWN else text[:SHOWN] + "..."
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
@@ -38,10 +47,9 @@ def checked_command(port: Port, value: Mapping[str, object]) -> tuple[tuple[floa
     names = [field.name for field in port.fields]
     for key in value:
         if key not in names:
-            hint = suggestion(str(key), names)
-            raise Refused(
-                "bad_argument", f'"{port.path}" has no field "{key}"{hint}; it takes: {", ".join(names)}', str(key)
-            )
+            word = shown(key)
+            text = f'"{port.path}" has no field "{word}"{suggestion(word, names)}; it takes: {", ".join(names)}'
+            raise Refused("bad_argument", text, word)
     if not value:
         raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
     return tuple(_checked_field(field, value[field.name]) if field.name in value else None for field in port.fields)
@@ -53,6 +61,8 @@ def _checked_field(field: Field, value: object) -> tuple[float, ...]:
         if not math.isfinite(number):
             raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
         _check_range(field, number)
+    if field.is_rotation and math.hypot(*flat) < 1e-6:
+        raise Refused("out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name)
     return flat
 
 
@@ -106,10 +116,9 @@ def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json
     for key in args:
         if key not in known:
             takes = ", ".join(known) or "none"
-            hint = suggestion(str(key), known)
-            raise Refused(
-                "bad_argument", f'"{service.path}" has no argument "{key}"{hint}; it takes: {takes}', str(key)
-            )
+            word = shown(key)
+            text = f'"{service.path}" has no argument "{word}"{suggestion(word, known)}; it takes: {takes}'
+            raise Refused("bad_argument", text, word)
     checked: dict[str, Json] = {}
     for name, argument in known.items():
         if name in args:
@@ -133,10 +142,9 @@ def _checked_argument(argument: Argument, value: object) -> Json:
         if not isinstance(value, str):
             raise Refused("bad_argument", f'"{name}" must be a text, not {_kind(value)}', name)
         if argument.choices and value not in argument.choices:
-            hint = suggestion(value, argument.choices)
-            raise Refused(
-                "bad_argument", f'"{name}" is one of {", ".join(argument.choices)}, not "{value}"{hint}', name
-            )
+            word = shown(value)
+            hint = suggestion(word, argument.choices)
+            raise Refused("bad_argument", f'"{name}" is one of {", ".join(argument.choices)}, not "{word}"{hint}', name)
         return value
     flat = _checked_field(Field(name, argument.unit, argument.doc, "", argument.shape), value)
     for number in flat:

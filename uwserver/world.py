@@ -151,13 +151,14 @@ class World:
         self._posted.append(Posted(item, on_reply))
 
     def command(self, port: str, **value: object) -> None:
-        """Check and post a command: ``world.command("rov/thrusters", u=[...])``. It acts from the next `step` on.
+        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays. It acts from the next `step` on.
 
         Raises:
             Refused: unknown port or field, wrong shape, not finite, out of range.
         """
         find("port", port, self.ports)
-        self.submit(Command(port, checked_command(self.ports[port], value), "in-process"))
+        plain = {name: given.tolist() if hasattr(given, "tolist") else given for name, given in value.items()}
+        self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
         """Carry out a service at once, between two ticks, and return its result.
@@ -199,8 +200,8 @@ class World:
         1. what was posted, so that a command acts in the tick that its reply names;
         2. watchdogs, after the commands that may feed them;
         3. actuators and bodies together in the kernel, from t to t + dt;
-        4. sensors that are due at t + dt, with their errors, from the new state;
-        5. delivery of every sample whose time has come, oldest first.
+        4. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
+        5. sensors that are due at t + dt, with their errors, from the new state.
         """
         output = TickOutput(self.tick, self.t_ns, [])
         if self._posted:
@@ -211,11 +212,11 @@ class World:
         self.tick += 1
         if diverged >= 0:
             raise Diverged(self._report(diverged))
+        if self.pending:
+            self._deliver(output.samples)
         for divisor, slots in self._due:
             if self.tick % divisor == 0:
                 self._measure(slots, output.samples)
-        if self.pending:
-            self._deliver(output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
         if self._events:

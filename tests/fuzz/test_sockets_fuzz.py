@@ -108,9 +108,8 @@ def check_codec_input(make: Callable[[], Codec], inputs: Inputs, follower: bytes
     data = inputs.next()
     events = read_all(make(), [data], NEED_DATA)
     assert all(isinstance(event, Request | Malformed) for event in events)
-    assert read_all(make(), list(inputs.pieces(data)), NEED_DATA) == events or b"\xcb\x7f" in data, (
-        f"pieces matter for {data!r}"
-    )
+    in_pieces = read_all(make(), list(inputs.pieces(data)), NEED_DATA)
+    assert repr(in_pieces) == repr(events), f"pieces matter for {data!r}"  # texts, because NaN is not equal to itself
     if make is JsonCodec:
         assert read_all(make(), [data, b"\n", follower], NEED_DATA)[-1] == Request(
             2, "describe", {"pattern": "rov/*"}

@@ -8,8 +8,11 @@ from uwserver.table import NonNegative
 
 
 class ForceTorqueConfig(ActuatorTable, tag="force_torque", kw_only=True, frozen=True):
-    """Attributes:
-    max_force_N, max_torque_Nm: limits of each component; 0 for none.
+    """An external wrench on the vehicle.
+
+    Attributes:
+        max_force_N, max_torque_Nm: limits of each component; 0 for what accelerates the dry vehicle by 100 m/s2 or 100 rad/s2, beyond
+            which one mistaken command would end the run for everybody.
     """
 
     max_force_N: NonNegative = 0.0
@@ -17,7 +20,9 @@ class ForceTorqueConfig(ActuatorTable, tag="force_torque", kw_only=True, frozen=
 
     def build(self, body: Body) -> ForceTorque:
         """The actuator."""
-        return ForceTorque(body, self.max_force_N or None, self.max_torque_Nm or None)
+        inertia = body.hydro.bodies["M_RB"][body.row].diagonal()
+        force = self.max_force_N or 100.0 * float(inertia[0])
+        return ForceTorque(body, force, self.max_torque_Nm or 100.0 * float(inertia[3:].max()))
 
 
 class ForceTorque:
@@ -25,7 +30,7 @@ class ForceTorque:
 
     doc = "External force and moment about the body origin, in B; a field that is left out is zero."
 
-    def __init__(self, body: Body, max_force: float | None, max_torque: float | None) -> None:
+    def __init__(self, body: Body, max_force: float, max_torque: float) -> None:
         self._hydro, self._row = body.hydro, body.wrench
         self.fields = (
             _limited("force_B", "N", "force", max_force),
@@ -42,6 +47,5 @@ class ForceTorque:
         self._hydro.wrenches["bias"][self._row] = 0.0
 
 
-def _limited(name: str, unit: str, doc: str, limit: float | None) -> Field:
-    low = None if limit is None else -limit
-    return Field(name, unit, doc, "B", (3,), minimum=low, maximum=limit)
+def _limited(name: str, unit: str, doc: str, limit: float) -> Field:
+    return Field(name, unit, doc, "B", (3,), minimum=-limit, maximum=limit)

@@ -35,7 +35,7 @@ class Served:
     pid: int
 
     def ask(self, request: str) -> Any:
-        """One JSON-RPC request (a line without `id`'s value at fault) on a connection of its own; returns its result.
+        """One JSON-RPC request on a connection of its own; returns its result.
 
         Raises:
             BenchFailed: the server refused it.
@@ -75,19 +75,17 @@ class Load:
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
 
-    def begin(self, task: str, **arguments: object) -> None:
-        """Let it start a task."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps({"task": task, **arguments}).encode() + b"\n")
-        self._process.stdin.flush()
-
-    def result(self) -> dict[str, Any]:
-        """Wait for the end of the task.
+    def do(self, task: str, served: Served, **arguments: object) -> dict[str, Any]:
+        """Let it carry out a task against a server, and wait for the result.
 
         Raises:
             BenchFailed: it broke off.
         """
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
+        order = {"task": task, "host": served.host, "port": served.port, **arguments}
+        self._process.stdin.write(json.dumps(order).encode() + b"\n")
+        self._process.stdin.flush()
         line = self._process.stdout.readline()
         if not line:
             raise BenchFailed("the load process ended: see its message above")
@@ -95,11 +93,6 @@ class Load:
         if "failed" in answer:
             raise BenchFailed(str(answer["failed"]))
         return answer
-
-    def do(self, task: str, **arguments: object) -> dict[str, Any]:
-        """Start a task and wait for its end; BenchFailed as `result`."""
-        self.begin(task, **arguments)
-        return self.result()
 
 
 @contextlib.contextmanager

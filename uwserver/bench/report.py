@@ -102,4 +102,3 @@ def _line(row: Row, width: int) -> str:
 
 def _figures(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
-

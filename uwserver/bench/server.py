@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import tempfile
-from threading import Event
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 
+from uwserver.bench.idleness import Bystanders
 from uwserver.bench.processes import BenchFailed, Load, Served, loading, serving
 from uwserver.bench.rows import Row
 from uwserver.clock import SystemTime
@@ -18,6 +19,8 @@ ACTIVE, SILENT, CONNECTIONS = 10, 10, 10
 LATENESS_BAR_MS, ADDED_LATENESS_BAR_MS = 1.0, 0.3
 READING_P99_BAR_MS, READING_RATE_BAR = 2.0, 10_000.0
 CHANGING_P99_BAR_MS = 1000.0 / RATE_HZ + 2.0
+
+UNKNOWN = "not measured: this system has no /proc"
 
 _TRIES = 50
 
@@ -86,26 +89,32 @@ def _lateness(scenario: Path, load: Load, pairs: int, seconds: float, say: Calla
     """A fresh server a phase, so that phases do not mix; with and without clients in turns."""
     without: list[float] = []
     crowded: list[float] = []
+    busy: list[float] = []
     results = []
     for pair in range(pairs):
         say(f"server: lateness with and without clients, pair {pair + 1} of {pairs}")
         with serving(scenario) as served:
+            bystanders = Bystanders(served.pid)
             SystemTime().wait(seconds, Event())
             without.append(_p99_ms(served))
+            busy += [cores] if (cores := bystanders.cores()) is not None else []
         with serving(scenario) as served:
-            results.append(
-                load.do(
-                    "clients", host=served.host, port=served.port, active=ACTIVE, silent=SILENT, seconds=seconds,
-                    request=COMMAND,
-                )  # fmt: skip
-            )
+            crowd = load.do("clients", served, active=ACTIVE, silent=SILENT, seconds=seconds, request=COMMAND)
+            results.append(crowd)
             crowded.append(_p99_ms(served))
     added = tuple(there - alone for there, alone in zip(crowded, without, strict=True))
     who = f"{ACTIVE} active clients, {SILENT} that never read"
     return [
-        Row("server", f"tick lateness p99 at {RATE_HZ} Hz, no client", "ms", tuple(without), note="idle machine"),
+        Row("server", f"tick lateness p99 at {RATE_HZ} Hz, no client", "ms", tuple(without)),
         Row("server", f"tick lateness p99 at {RATE_HZ} Hz, {who}", "ms", tuple(crowded), at_most=LATENESS_BAR_MS),
         Row("server", "what the clients add to it", "ms", added, at_most=ADDED_LATENESS_BAR_MS),
+        Row(
+            "server",
+            "other work on this machine meanwhile (none: idle)",
+            "cores",
+            tuple(busy),
+            note="" if busy else UNKNOWN,
+        ),
         Row("server", f"samples received by the {ACTIVE}", "1/s", tuple(r["samples_per_s"] for r in results)),
         Row("server", f"their commands, {ACTIVE} x 50 Hz", "1/s", tuple(r["commands_per_s"] for r in results)),
     ]
@@ -133,10 +142,7 @@ def _answers(scenario: Path, load: Load, repeats: int, seconds: float, say: Call
         for repeat in range(repeats):
             say(f"server: answers, repeat {repeat + 1} of {repeats}")
             for name, request in requests.items():
-                result = load.do(
-                    "calls", host=served.host, port=served.port, connections=CONNECTIONS, seconds=seconds,
-                    request=request,
-                )  # fmt: skip
+                result = load.do("calls", served, connections=CONNECTIONS, seconds=seconds, request=request)
                 rates[name].append(result["per_s"])
                 late[name].append(result["p99_s"] * 1e3)
     rows = []

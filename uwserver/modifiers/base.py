@@ -37,12 +37,13 @@ class Stream:
     rng: np.random.Generator
 
     def index(self, name: str) -> int:
-        """Position of a float field.
+        """Position of a field that errors may be added to.
 
         Raises:
-            ValueError: no such field, or it holds no floats; the text lists those that do.
+            ValueError: no such field, or it holds no floats, or a rotation, which no error of components leaves one; the text lists those
+                that can be modified.
         """
-        floats = [field.name for field in self.fields if field.type == "float"]
+        floats = [field.name for field in self.fields if field.type == "float" and not field.is_rotation]
         if name not in floats:
             raise ValueError(f'no field "{name}" to modify here, there are: {", ".join(floats)}')
         return next(i for i, field in enumerate(self.fields) if field.name == name)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol, get_args, get_type_hints
 
 import msgspec
@@ -16,6 +14,7 @@ import msgspec
 from uwserver.adapter import AdapterTable
 from uwserver.ports import Event, Port, Sample
 from uwserver.testing.fake_context import TICK_NS, FakeContext, sample_of
+from uwserver.testing.traces import Traces, assert_no_traces
 
 START_S = 10.0
 """Wall time to become ready."""
@@ -164,7 +163,7 @@ async def check_adapter(
             await check(kit)
         except AssertionError as error:
             raise AssertionError(f'adapter "{kit.kind}", {name}: {error}') from error
-        await _assert_no_traces(before, f'adapter "{kit.kind}", {name}')
+        await assert_no_traces(before, f'adapter "{kit.kind}", {name}')
     return list(CHECKS)
 
 
@@ -199,50 +198,6 @@ async def _cancelled(task: asyncio.Task[None]) -> None:
     )
     if not task.cancelled():
         task.exception()  # marks it as seen; `assert_alive` has told of it
-
-
-@dataclass(frozen=True)
-class Traces:
-    """What a part of a program holds of its process."""
-
-    tasks: frozenset[asyncio.Task[Any]]
-    threads: frozenset[str]
-    files: Mapping[str, str]
-
-    @classmethod
-    def now(cls) -> Traces:
-        """As it is now."""
-        threads = frozenset(f"{thread.name} ({thread.ident})" for thread in threading.enumerate())
-        return cls(frozenset(asyncio.all_tasks()), threads, _open_files())
-
-    def new_since(self, before: Traces) -> list[str]:
-        """Descriptions of what is there and was not."""
-        files = [
-            f"file {number}: {target}" for number, target in self.files.items() if before.files.get(number) != target
-        ]
-        tasks = [f"task {task.get_name()}: {task.get_coro()}" for task in self.tasks - before.tasks]
-        return [*tasks, *(f"thread {name}" for name in sorted(self.threads - before.threads)), *files]
-
-
-def _open_files() -> dict[str, str]:
-    folder = Path("/proc/self/fd")
-    found = {}
-    for entry in folder.iterdir() if folder.exists() else ():
-        with contextlib.suppress(OSError):  # the descriptor of the listing itself
-            found[entry.name] = str(entry.readlink())
-    return found
-
-
-async def _assert_no_traces(before: Traces, after: str) -> None:
-    left: list[str] = []
-    for _ in range(
-        20
-    ):  # transports are freed in the next turns of the loop, threads end a moment after their last work
-        await asyncio.sleep(0.01)
-        left = Traces.now().new_since(before)
-        if not left:
-            return
-    raise AssertionError(f"{after} leaves behind: {'; '.join(left)}; close it in the finally of run()")
 
 
 async def until(condition: Callable[[], object], what: str) -> None:

@@ -64,7 +64,7 @@ def check_sensor(config: SensorTable, *, mount: Pose = MOUNT, instants: Sequence
     for scope in scopes() if instants is None else instants:
         _check_instant(kind, sensor, build(mount), scope)
     for field in sensor.fields:
-        if field.type == "float":
+        if field.type == "float" and not field.is_rotation:
             _check_modifiers(kind, sensor, field)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from uwserver_adapters.sockets import SocketsAdapter
+from uwserver_adapters.sockets import SocketsAdapter, connection
 from uwserver_adapters.sockets.connection import Connection
 
 from uwserver.testing import FakeContext, Loopback
@@ -95,6 +95,12 @@ class Stage:
 @pytest.fixture(autouse=True)
 def _no_token(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _no_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine must not split a test's requests over several turns; the tests of turns set their own."""
+    monkeypatch.setattr(connection, "TURN_S", 1000.0)
 
 
 @pytest.fixture

@@ -214,6 +214,7 @@ def test_caches_are_bounded_and_emptied(stage: Callable[..., Any]) -> None:
             await talker.result("subscribe", {"pattern": f"{number}/*"})
         assert len(theatre.adapter.fanout._described) <= fanout.CACHED_PATTERNS
         assert len(theatre.adapter.fanout._covered) <= fanout.CACHED_PATTERNS
+        assert len((await talker.result("describe"))["ports"]) == 3
         theatre.context.set_ports([DEPTH])
         assert [port["path"] for port in (await talker.result("describe"))["ports"]] == ["rov/depth"]
 

@@ -1,0 +1,5 @@
+"""Ports and services on a zenoh network (README.md beside this file has the keys and the bytes)."""
+
+from uwserver_adapters.zenoh_bus.adapter import ZenohAdapter
+
+__all__ = ["ZenohAdapter"]

@@ -1,0 +1,265 @@
+"""The `zenoh` adapter: a session, and what crosses between its threads and the loop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from uwserver.adapter import AdapterContext
+from uwserver_adapters.zenoh_bus.codec import Codec, EncodingName
+from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
+from uwserver_adapters.zenoh_bus.keys import KeyScheme
+from uwserver_adapters.zenoh_bus.publications import Publications
+from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
+from uwserver_adapters.zenoh_bus.sender import Inbox, Sender
+
+if TYPE_CHECKING:
+    import zenoh
+
+_log = logging.getLogger(__name__)
+
+RETRY_S = 0.5
+"""Wall time between two attempts to open a session that must connect first."""
+TAKEN_S = 0.8
+"""Wall time to wait for the answer whether the name is taken; peers that have nothing to say answer at once."""
+PEERS_S = 0.5
+"""Wall time between two counts of the peers."""
+
+
+class CannotOpen(Exception):
+    """No session can be had; the text says why and what to do."""
+
+
+class ZenohAdapter:
+    """Serves ports and services on a zenoh network, as README.md says."""
+
+    Config = ZenohConfig
+
+    def __init__(self, config: ZenohConfig, context: AdapterContext) -> None:
+        self.config = config
+        self.context = context
+        server = config.server or _server_name(context)
+        self.keys = KeyScheme(config.prefix, server)
+        self._zid = ""
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled.
+
+        Raises:
+            CannotOpen: zenoh is not installed, a setting is wrong, an endpoint cannot be had, or the server's name is taken.
+        """
+        stats = self.context.stats
+        sender = Sender(stats)
+        held: list[Any] = []  # the session, once it is open; also if the opening was cancelled meanwhile
+        try:
+            session = await self._open(sender, held)
+            await sender.run(lambda: self._check_name(session))
+            await self._serve(session, sender, ready)
+        finally:
+            await sender.close(lambda: [session.close() for session in held])
+            stats.state = "stopped"
+            stats.peers = 0
+
+    async def _open(self, sender: Sender, held: list[Any]) -> zenoh.Session:
+        stats = self.context.stats
+        while True:
+            listen = _free(self.config)
+            try:
+                await sender.run(partial(_open_into, held, self.config, listen))
+            except _NobodyThere as error:
+                stats.state, stats.last_error = "retrying", str(error)
+                await asyncio.sleep(RETRY_S)
+                continue
+            stats.address = ", ".join(listen or self.config.connect) or "multicast scouting"
+            if is_exposed(self.config, listen):
+                _log.warning(
+                    "%s listens at %s, which others can reach, unrestricted: set access_control or TLS in `config`, or listen on loopback",
+                    self.context.name, stats.address,
+                )  # fmt: skip
+            session: zenoh.Session = held[-1]
+            return session
+
+    def _check_name(self, session: zenoh.Session) -> None:
+        """Whether another server has our name. Not on the loop."""
+        own = self.keys.identity(str(session.zid()))
+        for reply in session.liveliness().get(self.keys.identities, timeout=TAKEN_S):
+            if reply.ok is not None and str(reply.ok.key_expr) != own:
+                raise CannotOpen(_taken(self.keys))
+
+    async def _serve(self, session: zenoh.Session, sender: Sender, ready: asyncio.Event) -> None:
+        import zenoh
+
+        stats = self.context.stats
+        self._zid = str(session.zid())
+        codecs: dict[EncodingName, Codec] = {"json": Codec("json"), "msgpack": Codec("msgpack")}
+        publications = Publications(self.context, session, self.keys, codecs[self.config.encoding], sender)
+        requests = Requests(
+            self.context, self.keys, codecs, self.config.encoding, self.config.call_timeout_s, publications.tell
+        )
+        puts: Inbox[zenoh.Sample] = Inbox(
+            lambda sample: requests.take_put(_put(sample)), self.config.queue_requests, self._drop
+        )
+        gets: Inbox[zenoh.Query] = Inbox(
+            lambda query: requests.take_question(_question(query, sender)), self.config.queue_requests, self._drop
+        )
+        others: Inbox[zenoh.Sample] = Inbox(self._other_server, self.config.queue_requests, self._drop)
+        leaving: Inbox[zenoh.Sample] = Inbox(
+            lambda sample: _left(sample, requests), self.config.queue_requests, self._drop
+        )
+        # Sessions tell nobody of what they put themselves: our own samples do not come back as commands.
+        session.declare_subscriber(self.keys.everything, puts.put, allowed_origin=zenoh.Locality.REMOTE)
+        for key in self.keys.requests:
+            session.declare_queryable(key, gets.put)
+        liveliness = session.liveliness()
+        liveliness.declare_subscriber(self.keys.clients, leaving.put)
+        liveliness.declare_subscriber(self.keys.identities, others.put, history=True)
+        identity = liveliness.declare_token(self.keys.identity(self._zid))
+        publications.open()
+        detach = self.context.attach(publications)
+        try:
+            alive = liveliness.declare_token(self.keys.alive())
+            stats.state = "running"
+            ready.set()
+            while True:
+                info = session.info
+                stats.peers = len(info.peers_zid()) + len(info.routers_zid())
+                await asyncio.sleep(PEERS_S)
+        finally:
+            detach()
+            requests.close()
+            alive.undeclare()
+            identity.undeclare()
+
+    def _drop(self, item: zenoh.Sample | zenoh.Query) -> None:
+        """Too much waits for the loop. A zenoh thread."""
+        self.context.stats.dropped += 1
+
+    def _other_server(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        zid = str(sample.key_expr).rsplit("/", 1)[-1]
+        if sample.kind == zenoh.SampleKind.PUT and zid != self._zid:
+            self.context.stats.errors += 1
+            self.context.stats.last_error = _taken(self.keys)
+            _log.error("%s", _taken(self.keys))
+
+
+class _NobodyThere(Exception):
+    """The session needs a connection, and nobody answers yet."""
+
+
+def _open_into(held: list[Any], config: ZenohConfig, listen: tuple[str, ...]) -> None:
+    held.append(_opened(config, listen))
+
+
+def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
+    """Open a session. Not on the loop: it may take half a second."""
+    try:
+        import msgpack  # noqa: F401  # of the same extra
+        import zenoh
+    except ImportError as error:
+        raise CannotOpen(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error
+    made = _zenoh_config(config, listen)
+    try:
+        return zenoh.open(made)
+    except zenoh.ZError as error:
+        reason = str(error).split(" at /")[0].strip()
+        if "nable to connect" in reason:
+            raise _NobodyThere(
+                f"{reason} It is tried again; start what should be there, or correct `connect`."
+            ) from None
+        hint = "stop what uses it, or change `listen`" if "in use" in reason else "correct the adapter's table"
+        raise CannotOpen(f"zenoh cannot open a session: {reason}: {hint}") from None
+
+
+def _zenoh_config(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Config:
+    import zenoh
+
+    try:
+        made = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
+    except zenoh.ZError as error:
+        raise CannotOpen(f"config_file {config.config_file}: {str(error).split(' at /')[0]}") from None
+    for path, value in settings(config, listen):
+        try:
+            made.insert_json5(path, value)
+        except zenoh.ZError as error:
+            reason = str(error).split(" at /")[0]
+            raise CannotOpen(f'zenoh refuses the setting "{path}" = {value[:200]}: {reason}') from None
+    return made
+
+
+def _free(config: ZenohConfig) -> tuple[str, ...]:
+    try:
+        return endpoints(config)
+    except OSError as error:
+        raise CannotOpen(
+            f"cannot listen at {', '.join(config.listen or ())}: {error}; 127.0.0.1 is always there, 0.0.0.0 means all"
+        ) from None
+
+
+def _server_name(context: AdapterContext) -> str:
+    server = context.describe("world/describe")["server"]
+    return str(server["name"]) if isinstance(server, dict) else ""
+
+
+def _taken(keys: KeyScheme) -> str:
+    name = keys.root.rsplit("/", 1)[-1]
+    return (
+        f'another server named "{name}" is in this zenoh network: give one of them another name (`server` of this adapter, or [server] name), '
+        "another `prefix`, or a network of its own (scouting = false and other endpoints)"
+    )
+
+
+def _put(sample: zenoh.Sample) -> Put:
+    import zenoh
+
+    attachment = sample.attachment
+    return Put(
+        str(sample.key_expr),
+        sample.payload.to_bytes(),
+        str(sample.encoding),
+        None if attachment is None else attachment.to_bytes(),
+        sample.kind == zenoh.SampleKind.DELETE,
+    )
+
+
+def _left(sample: zenoh.Sample, requests: Requests) -> None:
+    import zenoh
+
+    if sample.kind == zenoh.SampleKind.DELETE:
+        requests.client_left(str(sample.key_expr).rsplit("/", 1)[-1])
+
+
+class _Reply:
+    """The `Answer` to a query, given by the sender's thread: a reply is never dropped, so it may wait for a slow peer."""
+
+    def __init__(self, query: zenoh.Query, sender: Sender) -> None:
+        self._query = query
+        self._sender = sender
+
+    def reply(self, key: str, payload: bytes, media: str, attachment: bytes | None = None) -> None:
+        self._sender.send(lambda: self._query.reply(key, payload, encoding=media, attachment=attachment, express=True))
+
+    def refuse(self, payload: bytes, media: str) -> None:
+        self._sender.send(lambda: self._query.reply_err(payload, encoding=media))
+
+    def end(self) -> None:
+        self._sender.send(self._query.drop)
+
+
+def _question(query: zenoh.Query, sender: Sender) -> Question:
+    payload, encoding, attachment = query.payload, query.encoding, query.attachment
+    key = query.key_expr
+    intersects: Callable[[str], bool] = key.intersects
+    return Question(
+        str(key),
+        query.parameters,
+        None if payload is None else payload.to_bytes(),
+        "" if payload is None or encoding is None else str(encoding),
+        None if attachment is None else attachment.to_bytes(),
+        _Reply(query, sender),
+        intersects,
+    )

@@ -1,0 +1,193 @@
+"""Bytes of payloads and attachments, without a session. README.md has the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import msgspec
+from msgspec import Struct
+
+from uwserver.ports import Fault, Field, Port, Refused, Sample, Value
+
+EncodingName = Literal["json", "msgpack"]
+
+PAYLOAD_LIMIT = 1 << 20
+"""Longest payload of a command or call, bytes."""
+ATTACHMENT_LIMIT = 1024
+"""Longest attachment taken, bytes."""
+MAX_DEPTH = 32
+"""Maps and lists within each other."""
+TEXT_LIMIT = 2000
+CLIENT_LIMIT = 64
+"""Longest client id, characters."""
+
+_MEDIA: dict[EncodingName, str] = {"json": "application/json", "msgpack": "application/msgpack"}
+_UNSAID = ("", "zenoh/bytes", "zenoh/string", "text/plain", "text/json")
+"""What a client that says nothing of its encoding sends: taken as JSON."""
+
+
+class SampleMeta(Struct):
+    """Attachment of a sample: all of it but the value."""
+
+    port: str
+    seq: int
+    t_ns: int
+    t_sent_ns: int
+    valid: bool
+
+
+class Caller(Struct, forbid_unknown_fields=True):
+    """Attachment of a command or call: who asks, and the number under which it can be cancelled and hears of progress."""
+
+    client: str = ""
+    id: int | None = None
+
+
+class FaultText(Struct):
+    """What a refusal says."""
+
+    code: str
+    message: str
+    where: str
+
+
+class Codec:
+    """One encoding.
+
+    Attributes:
+        name: json or msgpack.
+        media: as zenoh's Encoding says it.
+        encode: any value of ours to bytes; JSON has no NaN, msgspec writes null.
+    """
+
+    def __init__(self, name: EncodingName) -> None:
+        self.name = name
+        self.media = _MEDIA[name]
+        self.encode: Callable[[object], bytes] = (
+            msgspec.json.Encoder().encode if name == "json" else msgspec.msgpack.Encoder().encode
+        )
+
+    def fault(self, fault: Fault) -> bytes:
+        """A refusal. What the peer sent does not come back at full length."""
+        return self.encode(FaultText(fault.code, fault.text[:TEXT_LIMIT], fault.where[:TEXT_LIMIT]))
+
+    def attachment(self, sample: Sample) -> bytes:
+        """What goes with the payload of a sample."""
+        return self.encode(SampleMeta(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid))
+
+
+class SampleForm:
+    """How the samples of a port become the payload's map."""
+
+    def __init__(self, port: Port) -> None:
+        self._fields = port.fields
+        self._names = [field.name for field in port.fields]
+        self._is_plain = all(len(field.shape) < 2 for field in port.fields)
+
+    def value(self, sample: Sample) -> dict[str, object]:
+        """Field name -> number, list, or lists in lists where the field has more than one dimension."""
+        if self._is_plain:
+            return dict(zip(self._names, sample.value, strict=True))
+        return {field.name: _nested(field, value) for field, value in zip(self._fields, sample.value, strict=True)}
+
+
+def _nested(field: Field, value: Value) -> object:
+    if not isinstance(value, tuple):
+        return value
+    rows: list[object] = list(value)
+    for extent in reversed(field.shape[1:]):
+        rows = [rows[i : i + extent] for i in range(0, len(rows), extent)]
+    return rows
+
+
+def encoding_of(media: str, default: EncodingName) -> EncodingName:
+    """The encoding in which a request came, and in which it is answered; `default` where it brought no payload.
+
+    Raises:
+        Refused: something else than JSON or msgpack.
+    """
+    kind = media.partition(";")[0].strip().lower()
+    if kind in _UNSAID:
+        return default if not kind else "json"
+    for name, known in _MEDIA.items():
+        if kind == known:
+            return name
+    raise Refused(
+        "bad_argument", f'encoding "{media[:80]}" is not served: send {" or ".join(_MEDIA.values())}', "encoding"
+    )
+
+
+def decode_map(payload: bytes | None, encoding: EncodingName) -> dict[str, object]:
+    """The map in a payload; none at all is an empty map.
+
+    Raises:
+        Refused: too large, undecodable, too deep, or no map.
+    """
+    if not payload:
+        return {}
+    value = _decode(payload, encoding, PAYLOAD_LIMIT, "payload")
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        raise Refused(
+            "invalid_request", 'the payload must be a map from names to values, like {"u": [0.1, 0.1]}', "payload"
+        )
+    return value
+
+
+def decode_caller(attachment: bytes | None) -> Caller:
+    """Who asks; its first byte tells JSON from msgpack. None at all is an unnamed caller.
+
+    Raises:
+        Refused: the attachment is not as README.md says.
+    """
+    if not attachment:
+        return Caller()
+    value = _decode(attachment, "json" if attachment[:1] == b"{" else "msgpack", ATTACHMENT_LIMIT, "attachment")
+    try:
+        caller = msgspec.convert(value, Caller)
+    except msgspec.ValidationError as error:
+        raise Refused(
+            "bad_argument",
+            f'the attachment must be empty or a map {{"client": text, "id": number}}: {error}',
+            "attachment",
+        ) from None
+    if len(caller.client) > CLIENT_LIMIT or set(caller.client) & set("/*$?#@"):
+        raise Refused(
+            "bad_argument", f'"client" is a text of at most {CLIENT_LIMIT} characters without / * $ ? # @', "client"
+        )
+    return caller
+
+
+def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> object:
+    if len(data) > limit:
+        raise Refused("too_large", f"the {what} holds at most {limit} bytes, this one has {len(data)}", what)
+    try:
+        value = msgspec.json.decode(data) if encoding == "json" else _unpacked(data)
+    except (ValueError, TypeError, RecursionError) as error:  # msgspec's and msgpack's own errors are ValueErrors
+        raise Refused(
+            "parse_error", f"the {what} is no {encoding} ({str(error) or type(error).__name__})", what
+        ) from None
+    if not _is_plain(value, MAX_DEPTH):
+        raise Refused(
+            "invalid_request",
+            f"the {what} holds more than maps, lists, texts, numbers, booleans and null, or nests deeper than {MAX_DEPTH}",
+            what,
+        )
+    return value
+
+
+def _unpacked(data: bytes) -> object:
+    # Not msgspec: that one makes a list as long as a header claims; this one refuses more entries than the message has bytes.
+    import msgpack
+
+    return msgpack.unpackb(data, max_ext_len=0, max_bin_len=0)
+
+
+def _is_plain(value: object, depth: int) -> bool:
+    if depth < 0:
+        return False
+    if isinstance(value, dict):
+        return all(_is_plain(entry, depth - 1) for entry in value.values())
+    if isinstance(value, list):
+        return all(_is_plain(entry, depth - 1) for entry in value)
+    return value is None or isinstance(value, bool | int | float | str)

@@ -1,0 +1,141 @@
+"""Samples, events and liveliness tokens: what the world says, each encoded once whatever the number of subscribers."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Event, Port, Sample
+from uwserver_adapters.zenoh_bus.codec import Codec, SampleForm
+from uwserver_adapters.zenoh_bus.keys import KeyScheme
+from uwserver_adapters.zenoh_bus.sender import Sender
+
+if TYPE_CHECKING:
+    from zenoh import LivelinessToken, Publisher, Session
+
+_log = logging.getLogger(__name__)
+
+LARGE_BYTES = 1 << 15
+"""A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
+
+
+class _Outlet:
+    """One sensor's way out."""
+
+    __slots__ = ("form", "is_busy", "is_large", "port", "publisher", "token")
+
+    def __init__(self, port: Port, publisher: Publisher | None, token: LivelinessToken) -> None:
+        self.port = port
+        self.form = SampleForm(port)
+        self.publisher = publisher
+        self.token = token
+        self.is_large = False
+        self.is_busy = False
+
+
+class Publications:
+    """The adapter's `Subscriber`. Loop thread.
+
+    Attributes:
+        tokens: keys of the liveliness tokens declared now.
+    """
+
+    def __init__(
+        self, context: AdapterContext, session: Session, keys: KeyScheme, codec: Codec, sender: Sender
+    ) -> None:
+        self._context = context
+        self._session = session
+        self._keys = keys
+        self._codec = codec
+        self._sender = sender
+        self._outlets: dict[str, _Outlet] = {}
+        self._vehicles: dict[str, LivelinessToken] = {}
+
+    def open(self) -> None:
+        """Declare publishers and tokens of all ports; again after they changed."""
+        liveliness = self._session.liveliness()
+        ports = self._context.ports
+        for path, outlet in list(self._outlets.items()):
+            if ports.get(path) != outlet.port:
+                outlet.token.undeclare()
+                if outlet.publisher is not None:
+                    outlet.publisher.undeclare()
+                del self._outlets[path]
+        for path, port in ports.items():
+            if path not in self._outlets:
+                token = liveliness.declare_token(self._keys.alive(path))
+                self._outlets[path] = _Outlet(port, self._publisher(port), token)
+        vehicles = {path.split("/")[0] for path in ports}
+        for name in self._vehicles.keys() - vehicles:
+            self._vehicles.pop(name).undeclare()
+        for name in vehicles - self._vehicles.keys():
+            self._vehicles[name] = liveliness.declare_token(self._keys.alive(name))
+
+    def _publisher(self, port: Port) -> Publisher | None:
+        from zenoh import CongestionControl, Priority
+
+        if port.direction != "sensor":
+            return None
+        return self._session.declare_publisher(
+            self._keys.of(port.path),
+            encoding=self._codec.media,
+            congestion_control=CongestionControl.DROP,
+            priority=Priority.DATA,
+        )
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Give each sample to zenoh, which drops it for a peer that is too slow."""
+        stats = self._context.stats
+        for sample in samples:
+            outlet = self._outlets.get(sample.port)
+            if outlet is None or outlet.publisher is None:
+                continue
+            try:
+                payload = self._codec.encode(outlet.form.value(sample))
+                attachment = self._codec.attachment(sample)
+                if len(payload) > LARGE_BYTES or outlet.is_large:
+                    self._put_large(outlet, outlet.publisher, payload, attachment)
+                else:
+                    outlet.publisher.put(payload, attachment=attachment)
+            except Exception as error:  # noqa: BLE001  # a fault of ours, or of a closing session, must not end the adapter
+                stats.errors += 1
+                stats.last_error = f"a sample of {sample.port} could not be sent: {error}"
+                _log.debug("%s", stats.last_error, exc_info=True)
+                continue
+            stats.samples_sent += 1
+            stats.bytes_sent += len(payload)
+
+    def _put_large(self, outlet: _Outlet, publisher: Publisher, payload: bytes, attachment: bytes) -> None:
+        outlet.is_large = True  # from now on always, so that samples do not overtake each other
+        if outlet.is_busy:
+            self._context.stats.dropped += 1
+            return
+
+        def put() -> None:
+            try:
+                publisher.put(payload, attachment=attachment)
+            finally:
+                outlet.is_busy = False
+
+        outlet.is_busy = self._sender.send(put)
+
+    def put_event(self, event: Event) -> None:
+        """Tell everybody; renew the ports if it says that they changed."""
+        if event.event == "ports_changed":
+            self.open()
+        self.tell(self._keys.event, event)
+
+    def tell(self, key: str, message: object) -> None:
+        """Publish a message that may be lost like a sample, ahead of them."""
+        from zenoh import CongestionControl, Priority
+
+        self._session.put(
+            key,
+            self._codec.encode(message),
+            encoding=self._codec.media,
+            congestion_control=CongestionControl.DROP,
+            priority=Priority.INTERACTIVE_HIGH,
+            express=True,
+        )

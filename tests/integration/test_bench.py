@@ -1,0 +1,74 @@
+"""`uwserver bench --quick` runs physics, real servers and their clients to the end. Speed is never judged here."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+PATIENCE_S = 240
+MAY_BE_ZERO = {"what the clients add to it", "other work on this machine meanwhile (none: idle)"}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, str]:
+    file = tmp_path_factory.mktemp("bench") / "bench.json"
+    command = [sys.executable, "-m", "uwserver", "bench", "--quick", "--json", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(file.read_text()), done.stdout
+
+
+def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) -> None:
+    report, _ = run
+    assert report["format"] == "uwserver-bench-1"
+    assert report["quick"] is True
+    assert [row["group"] for row in report["rows"]] == sorted(
+        (row["group"] for row in report["rows"]), key=("physics", "server", "start").index
+    )
+    for row in report["rows"]:
+        if row["verdict"] == "absent":
+            assert row["note"]
+        elif row["name"] not in MAY_BE_ZERO:
+            assert min(row["values"]) > 0.0, row["name"]
+
+
+def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
+    report, _ = run
+    bars = {row["name"]: row["at_least"] or row["at_most"] for row in report["rows"]}
+    assert bars["uwserver, physics + thrusters: 1 vehicle"] == 200.0
+    assert bars["uwserver, physics + thrusters + sensors: 1 vehicle"] == 100.0
+    assert bars["uwserver, physics + thrusters: 10 vehicles"] == 80.0
+    assert bars["uwserver, physics + thrusters: 100 vehicles"] == 10.0
+    assert bars["what the clients add to it"] == 0.3
+    assert bars["command, 10 connections: p99"] == 6.0
+    assert bars["`uwserver run` to the first sample at a client"] == 3.0
+
+
+def test_no_sample_or_command_is_counted_twice(run: tuple[dict, str]) -> None:
+    report, _ = run
+    medians = {row["name"]: row["median"] for row in report["rows"]}
+    assert medians["samples received by the 10"] < 1.5 * 10 * (125 + 50 + 50)
+    assert medians["their commands, 10 x 50 Hz"] < 1.1 * 10 * 50
+
+
+def test_peers_have_ratios_or_a_reason(run: tuple[dict, str]) -> None:
+    report, _ = run
+    names = [row["name"] for row in report["rows"] if row["unit"] == "ratio"]
+    absent = {row["name"] for row in report["rows"] if row["verdict"] == "absent"}
+    for peer in ("pybullet, bare step", "pybullet + numpy a vehicle", "MuJoCo ellipsoid fluid + 8 thrusters"):
+        assert peer in absent or sum(peer in name for name in names) == 3
+
+
+def test_the_table_shows_every_row(run: tuple[dict, str]) -> None:
+    report, printed = run
+    assert all(any(line.startswith(row["name"]) for line in printed.splitlines()) for row in report["rows"])
+
+
+def test_an_unknown_part_is_refused() -> None:
+    command = [sys.executable, "-m", "uwserver", "bench", "physiks"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 2
+    assert "physics" in done.stderr
