@@ -4,6 +4,7 @@ ARGS ?=
 IMAGE ?= uwserver
 BUILDER ?= docker
 WORKERS ?= 2
+FUZZ_SECONDS ?= 60
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -31,7 +32,7 @@ test-all: lint types all-tests docs-check  ## the same and the slow tests: conta
 	$(BIN)/python tools/wheel_smoke.py --dependencies
 
 fast-tests: install
-	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
+	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
 
 all-tests: install
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Callable, Iterable
 from typing import TYPE_CHECKING
 
 from uwserver.context import Hub
-from uwserver.lateness import BUCKETS_S
+from uwserver.lateness import BUCKETS_S, Lateness
 from uwserver.ports import Json
 from uwserver.units import NANOSECONDS
 
@@ -34,7 +34,7 @@ class Monitor:
         self._hub = hub
         self._now_ns = now_ns
         self.real_time_factor = 0.0
-        self.lateness: dict[str, float] = {}
+        self.lateness = Lateness().quantiles()
 
     async def run(self) -> None:
         """Measure until cancelled."""

@@ -6,7 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from uwserver.adapter import AdapterContext
 from uwserver_adapters.zenoh_bus.codec import Codec, EncodingName
@@ -18,6 +18,8 @@ from uwserver_adapters.zenoh_bus.sender import Inbox, Sender
 
 if TYPE_CHECKING:
     import zenoh
+
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -110,12 +112,12 @@ class ZenohAdapter:
             lambda sample: _left(sample, requests), self.config.queue_requests, self._drop
         )
         # Sessions tell nobody of what they put themselves: our own samples do not come back as commands.
-        session.declare_subscriber(self.keys.everything, puts.put, allowed_origin=zenoh.Locality.REMOTE)
+        session.declare_subscriber(self.keys.everything, _direct(puts.put), allowed_origin=zenoh.Locality.REMOTE)
         for key in self.keys.requests:
-            session.declare_queryable(key, gets.put)
+            session.declare_queryable(key, _direct(gets.put))
         liveliness = session.liveliness()
-        liveliness.declare_subscriber(self.keys.clients, leaving.put)
-        liveliness.declare_subscriber(self.keys.identities, others.put, history=True)
+        liveliness.declare_subscriber(self.keys.clients, _direct(leaving.put))
+        liveliness.declare_subscriber(self.keys.identities, _direct(others.put), history=True)
         identity = liveliness.declare_token(self.keys.identity(self._zid))
         publications.open()
         detach = self.context.attach(publications)
@@ -145,6 +147,13 @@ class ZenohAdapter:
             self.context.stats.errors += 1
             self.context.stats.last_error = _taken(self.keys)
             _log.error("%s", _taken(self.keys))
+
+
+def _direct(callback: Callable[[T], None]) -> Callable[[T], None]:
+    """A callback that only queues: zenoh needs to start no thread of Python for it."""
+    import zenoh
+
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class _NobodyThere(Exception):

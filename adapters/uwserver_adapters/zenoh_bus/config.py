@@ -67,6 +67,8 @@ def settings(config: ZenohConfig, listen: tuple[str, ...]) -> Iterator[tuple[str
         "transport/shared_memory/enabled": False,
         # A sample that finds the queue full is dropped at once: to wait would stop the loop.
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+        # Room for a megabyte of samples, the most zenoh allows: a busy tick or a 1 MB sample is no reason to drop.
+        "transport/link/tx/queue/size/data": 16,
         # Within two seconds after a router is back (zenoh's own default is up to four).
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
     }

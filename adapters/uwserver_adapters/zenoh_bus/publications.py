@@ -128,14 +128,17 @@ class Publications:
         self.tell(self._keys.event, event)
 
     def tell(self, key: str, message: object) -> None:
-        """Publish a message that may be lost like a sample, ahead of them."""
+        """Publish a message that is not lost, ahead of samples."""
         from zenoh import CongestionControl, Priority
 
-        self._session.put(
-            key,
-            self._codec.encode(message),
-            encoding=self._codec.media,
-            congestion_control=CongestionControl.DROP,
-            priority=Priority.INTERACTIVE_HIGH,
-            express=True,
+        payload = self._codec.encode(message)
+        self._sender.send(
+            lambda: self._session.put(
+                key,
+                payload,
+                encoding=self._codec.media,
+                congestion_control=CongestionControl.BLOCK,
+                priority=Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
         )

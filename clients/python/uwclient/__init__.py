@@ -1,9 +1,10 @@
-"""Client of uwserver: sensors, actuators and services of a simulated underwater vehicle over one TCP connection."""
+"""Client of uwserver: sensors, actuators and services of a simulated underwater vehicle over one TCP connection or zenoh."""
 
 from __future__ import annotations
 
 from uwclient.aio import AsyncClient
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout, UwError
+from uwclient.over_zenoh import connect_zenoh
 from uwclient.ports import Ack, Argument, Description, Event, Field, Port, Progress, Sample, Service, Subscription
 from uwclient.sync import Client
 
@@ -30,4 +31,5 @@ __all__ = [
     "Timeout",
     "UwError",
     "connect",
+    "connect_zenoh",
 ]

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 from uwclient import cli_verbs
 from uwclient.errors import UwError
+from uwclient.over_zenoh import connect_zenoh
 from uwclient.sync import Client
 
 _INTERRUPTED = 130
@@ -23,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; return the exit code."""
     options = _parser().parse_args(arguments)
     try:
-        with Client.connect(options.host, options.port, token=options.token, timeout=options.timeout) as client:
+        with _connected(options) as client:
             options.run(client, options)
             sys.stdout.flush()
     except BrokenPipeError:
@@ -38,6 +39,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _connected(options: argparse.Namespace) -> Client:
+    if options.zenoh:
+        return connect_zenoh(options.server, options.connect or (), prefix=options.prefix, timeout=options.timeout)
+    return Client.connect(options.host, options.port, token=options.token, timeout=options.timeout)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="uwclient",
@@ -47,6 +54,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
     parser.add_argument("--port", type=int, default=7600, help="its TCP port (default %(default)s)")
     parser.add_argument("--token", help="the token it asks for (default: UWSERVER_TOKEN)")
+    parser.add_argument("--zenoh", action="store_true", help="over zenoh instead of TCP (needs eclipse-zenoh)")
+    parser.add_argument("--server", default="uwserver", help="with --zenoh: the server's name (default %(default)s)")
+    parser.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help="with --zenoh: tcp/127.0.0.1:7447 (default: by multicast)",
+    )
+    parser.add_argument("--prefix", default="uw", help="with --zenoh: first level of the keys (default %(default)s)")
     parser.add_argument(
         "--timeout", type=_positive, default=5.0, metavar="S", help="wall seconds to wait for an answer (default 5)"
     )

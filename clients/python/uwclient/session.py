@@ -29,7 +29,7 @@ OnProgress = Callable[[Progress], object]
 
 @dataclass(frozen=True)
 class Settings:
-    """Where and how to connect; `timeout` is wall s."""
+    """Where and how to connect; `timeout` is wall s, `via` says where for people if it is not TCP."""
 
     host: str
     port: int
@@ -38,6 +38,7 @@ class Settings:
     encoding: str
     timeout: float
     reconnect: bool
+    via: str = ""
 
     def with_token_from_environment(self) -> Settings:
         """Return these settings with the token of UWSERVER_TOKEN when none was given."""
@@ -45,8 +46,8 @@ class Settings:
 
     @property
     def address(self) -> str:
-        """host:port for people."""
-        return f"{self.host}:{self.port}"
+        """Where the server is, for people."""
+        return self.via or f"{self.host}:{self.port}"
 
 
 def pauses() -> Iterator[float]:
@@ -203,9 +204,12 @@ class Session:
     def unreachable(self, reason: object) -> ConnectionLost:
         """Return the error for a server that did not answer within the timeout."""
         settings = self.settings
+        hint = "the host and port it printed (port=..., on the command line --port)"
+        if settings.via:
+            hint = "its name and endpoint (server=, connect=; on the command line --server, --connect)"
         return ConnectionLost(
             f"no uwserver answers at {settings.address} ({reason}; tried for {settings.timeout:g} s): start one with "
-            "`uwserver run`, or give the host and port it printed (port=..., on the command line --port)",
+            f"`uwserver run`, or give {hint}",
             code="unreachable",
             where=settings.address,
         )

@@ -1,17 +1,18 @@
-"""The blocking client. It has no thread: it reads the socket while it waits, and at the start of every operation."""
+"""The blocking client. It has no thread: it takes in what came while it waits, and at the start of every operation."""
 
 from __future__ import annotations
 
 import math
-import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from types import TracebackType
 from typing import TypeVar
 
 from uwclient import verbs
 from uwclient.base import SessionView
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout
+from uwclient.link import Dial, Link, dial_tcp
 from uwclient.ports import Ack, Description, Sample, Subscription
 from uwclient.session import (
     POLL_S,
@@ -29,7 +30,6 @@ from uwclient.wire import RequestId
 
 T = TypeVar("T")
 
-_CHUNK = 1 << 16
 _DRAIN_CHUNKS = 128
 
 
@@ -40,9 +40,10 @@ class Client(SessionView):
     connection is renewed by the next operation, together with the subscriptions; `reconnects` counts that.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, dial: Dial) -> None:
         super().__init__(settings)
-        self._socket: socket.socket | None = None
+        self._dial = dial
+        self._link: Link | None = None
 
     @classmethod
     def connect(
@@ -72,8 +73,14 @@ class Client(SessionView):
             CallRefused: wrong token (`denied`) or version.
             ProtocolError: something else answers there.
         """
-        client = cls(Settings(host, port, name, token, encoding, timeout, reconnect).with_token_from_environment())
-        client._open(time.monotonic() + timeout)
+        settings = Settings(host, port, name, token, encoding, timeout, reconnect).with_token_from_environment()
+        return cls.over(partial(dial_tcp, host, port), settings)
+
+    @classmethod
+    def over(cls, dial: Dial, settings: Settings) -> Client:
+        """Connect by what `dial` makes, as `connect` does by TCP."""
+        client = cls(settings, dial)
+        client._open(time.monotonic() + settings.timeout)
         return client
 
     def __enter__(self) -> Client:
@@ -137,14 +144,14 @@ class Client(SessionView):
             self._session.require_subscription(port)
             if time.monotonic() >= deadline:
                 raise Timeout(f"no sample of {port or 'any port'} within {limit:g} s", code="timeout", where=port or "")
-            if self._socket is None:
+            if self._link is None:
                 self._ensure(deadline)
             else:
                 self._pump(deadline)
 
     def latest(self, port: str) -> Sample | None:
         """Return the newest sample of a port that has arrived, None before the first; it does not wait."""
-        if self._socket is not None:
+        if self._link is not None:
             self._drain()
         return self._session.latest(port)
 
@@ -249,7 +256,7 @@ class Client(SessionView):
     # The shell around the session
 
     def _command(self, port: str, fields: Mapping[str, object]) -> Verb[Ack]:
-        if self._socket is not None:
+        if self._link is not None:
             self._drain()
         if self._session.stale or port not in self.ports:
             self.describe()
@@ -275,16 +282,16 @@ class Client(SessionView):
 
     def _give_up(self, pending: Pending[T]) -> None:
         data = self._session.give_up(pending)
-        if data and self._socket is not None:
+        if data and self._link is not None:
             self._write(data, time.monotonic() + self._timeout)
 
     def _ensure(self, deadline: float) -> None:
         if self._closed:
             raise self._session.unsent("the client is closed")
-        if self._socket is not None:
+        if self._link is not None:
             # A connection the server ended meanwhile shows here, before a request is risked on it.
             self._drain()
-        if self._socket is None:
+        if self._link is None:
             if not self._session.settings.reconnect:
                 raise self._session.unsent("the connection was lost and reconnect is off")
             self._open(min(deadline, time.monotonic() + self._timeout))
@@ -303,10 +310,8 @@ class Client(SessionView):
             time.sleep(pause)
 
     def _attempt(self, deadline: float) -> None:
-        settings = self._session.settings
         left = max(deadline - time.monotonic(), 0.001)
-        self._socket = socket.create_connection((settings.host, settings.port), timeout=left)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._link = self._dial(left)
         self._session.restart()
         try:
             self._exchange(self._session.hello(), left, deadline)
@@ -321,19 +326,18 @@ class Client(SessionView):
             raise
 
     def _disconnect(self, reason: str, fault: ProtocolError | None = None) -> None:
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        if self._link is not None:
+            self._link.close()
+            self._link = None
         self._session.lost(reason, fault)
 
     def _write(self, data: bytes, deadline: float) -> bool:
         """Send all of `data`; False when the connection was lost. A half-sent message ends the connection."""
-        if self._socket is None:
+        if self._link is None:
             self._session.lost("it was closed")
             return False
         try:
-            self._socket.settimeout(_socket_timeout(deadline))
-            self._socket.sendall(data)
+            self._link.send(data, _left(deadline))
         except OSError as error:
             self._disconnect(str(error) or "it failed")
             return False
@@ -344,15 +348,14 @@ class Client(SessionView):
 
     def _pump(self, deadline: float) -> bool:
         """Take in what comes until `deadline` at most, one chunk; False when nothing came."""
-        if self._socket is None:
+        if self._link is None:
             return False
         try:
-            self._socket.settimeout(_socket_timeout(deadline))
-            data = self._socket.recv(_CHUNK)
-        except (BlockingIOError, socket.timeout):
-            return False
+            data = self._link.receive(_left(deadline))
         except OSError as error:
             self._disconnect(str(error) or "it failed")
+            return False
+        if data is None:
             return False
         if not data:
             self._disconnect("the server ended it")
@@ -376,10 +379,10 @@ class Client(SessionView):
         """Let wall time pass and keep taking samples in."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
-            if not self._pump(deadline) and self._socket is None:
+            if not self._pump(deadline) and self._link is None:
                 time.sleep(max(deadline - time.monotonic(), 0.0))
 
 
-def _socket_timeout(deadline: float) -> float | None:
-    """Return what `settimeout` takes: None to wait for ever, 0 not to wait."""
+def _left(deadline: float) -> float | None:
+    """Return the time a link may take: None for ever, 0 not to wait."""
     return None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)

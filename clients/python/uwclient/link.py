@@ -1,0 +1,60 @@
+"""What carries bytes between a `Client` and a server. The bytes are those of docs/reference/protocol.md, whatever the network."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from typing import Protocol
+
+_CHUNK = 1 << 16
+
+
+class Link(Protocol):
+    """One connection, used from one thread. A timeout is in wall s: None waits for ever, 0 not at all."""
+
+    def send(self, data: bytes, timeout: float | None) -> None:
+        """Send whole framed requests; raises OSError."""
+        ...
+
+    def receive(self, timeout: float | None) -> bytes | None:
+        """Return what came: None for nothing, b"" when the server ended the connection; raises OSError."""
+        ...
+
+    def close(self) -> None:
+        """End it; more than once does no harm."""
+        ...
+
+
+Dial = Callable[[float], Link]
+"""Makes a connection within so many wall s; raises OSError when nobody answers."""
+
+
+class TcpLink:
+    """A connected TCP socket."""
+
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
+
+    def send(self, data: bytes, timeout: float | None) -> None:
+        """Send all of `data`; raises OSError."""
+        self._socket.settimeout(timeout)
+        self._socket.sendall(data)
+
+    def receive(self, timeout: float | None) -> bytes | None:
+        """Return the next chunk; see `Link.receive`."""
+        try:
+            self._socket.settimeout(timeout)
+            return self._socket.recv(_CHUNK)
+        except (BlockingIOError, socket.timeout):
+            return None
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+def dial_tcp(host: str, port: int, timeout: float) -> Link:
+    """Connect; raises OSError."""
+    connected = socket.create_connection((host, port), timeout=timeout)
+    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return TcpLink(connected)

@@ -1,0 +1,44 @@
+"""A `Client` over zenoh instead of TCP."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+from uwclient.session import Settings
+from uwclient.sync import Client
+from uwclient.zenoh_link import ZenohPlace, dial_zenoh
+
+
+def connect_zenoh(
+    server: str = "uwserver",
+    connect: Sequence[str] = (),
+    *,
+    prefix: str = "uw",
+    mode: str = "peer",
+    config: Mapping[str, object] | None = None,
+    name: str | None = None,
+    encoding: str = "json",
+    timeout: float = 5.0,
+    reconnect: bool = True,
+) -> Client:
+    """Connect over zenoh; everything else is as with `Client.connect`. Needs the eclipse-zenoh package.
+
+    Args:
+        server: the server's name in the keys.
+        connect: endpoints such as "tcp/127.0.0.1:7447"; without any, servers are found by multicast.
+        prefix: first levels of the keys, as in the server's adapter.
+        mode: of the zenoh session, "peer" or "client".
+        config: zenoh settings by path, such as {"transport/link/tls/root_ca_certificate": "ca.pem"}.
+        name: what this client is called; needed to take part in a lockstep barrier.
+        encoding: "json", or "msgpack" (needs the msgpack package); best the one of the server's adapter.
+        timeout: wall s, for connecting and for every operation that gives none.
+        reconnect: renew a lost connection.
+
+    Raises:
+        ConnectionLost: no such server in the network; the text names those that are.
+        UwError: eclipse-zenoh is missing (`missing_package`), or a setting is wrong (`bad_argument`).
+    """
+    place = ZenohPlace(server, tuple(connect), prefix, mode, dict(config or {}), encoding)
+    settings = Settings("", 0, name, None, encoding, timeout, reconnect, via=place.address)
+    return Client.over(partial(dial_zenoh, place), settings)

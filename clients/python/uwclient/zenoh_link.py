@@ -1,0 +1,365 @@
+"""A link over zenoh: takes the requests of the native wire, asks for them by key, and gives back frames of the native wire."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import queue
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+from uwclient import wire
+from uwclient.errors import UwError
+from uwclient.zenoh_frames import Frames, RequestId
+
+_EVER_S = 1e9
+"""Timeout of a query that may take long: the caller has its own."""
+_QUEUE = 1 << 16
+"""Samples that may wait for a program that does not read; more are lost, as their `seq` shows."""
+_BATCH = 256
+_ROUNDING_NS = 1000
+
+
+@dataclass(frozen=True)
+class ZenohPlace:
+    """Which server, and how its network is reached."""
+
+    server: str
+    connect: tuple[str, ...]
+    prefix: str
+    mode: str
+    config: Mapping[str, object]
+    encoding: str
+
+    @property
+    def root(self) -> str:
+        """First levels of the server's keys."""
+        return f"{self.prefix}/{self.server}"
+
+    @property
+    def address(self) -> str:
+        """For people."""
+        return f"zenoh {self.root} ({', '.join(self.connect) or 'multicast'})"
+
+
+def dial_zenoh(place: ZenohPlace, timeout: float) -> ZenohLink:
+    """Open a session and wait until the server is seen; raises OSError when it is not, UwError for a wrong setting."""
+    try:
+        zenoh: Any = importlib.import_module("zenoh")
+    except ImportError:
+        raise UwError(
+            "zenoh needs the eclipse-zenoh package: pip install 'uwclient[zenoh]'", code="missing_package"
+        ) from None
+    frames = Frames(place.encoding)
+    config = _config(zenoh, place)
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise OSError(str(error).split(" at /")[0]) from None
+    try:
+        link = ZenohLink(zenoh, session, place, frames)
+        link.wait_alive(timeout)
+    except BaseException:
+        session.close()
+        raise
+    return link
+
+
+def _config(zenoh: Any, place: ZenohPlace) -> Any:
+    config = zenoh.Config()
+    settings: dict[str, object] = {
+        "mode": place.mode,
+        "listen/endpoints": [],
+        "connect/endpoints": list(place.connect),
+        "scouting/multicast/enabled": not place.connect,
+        "transport/shared_memory/enabled": False,
+        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
+        **place.config,
+    }
+    for path, value in settings.items():
+        try:
+            config.insert_json5(path, json.dumps(value))
+        except zenoh.ZError as error:
+            text = f'zenoh refuses the setting "{path}": {str(error).split(" at /")[0]}'
+            raise UwError(text, code="bad_argument", where=path) from None
+    return config
+
+
+@dataclass(frozen=True)
+class _Arrived:
+    """Something from a zenoh thread, still to be made a frame: `read` does it, in the client's thread."""
+
+    read: Callable[[], bytes]
+
+
+class _Gone:
+    """The server's token vanished."""
+
+
+class _Subscription:
+    """One `subscribe`: zenoh delivers every sample, this thins out and selects what was asked for."""
+
+    def __init__(self, params: Mapping[str, object]) -> None:
+        rate_hz = params.get("rate_hz")
+        self.pattern = str(params["pattern"])
+        self.rate_hz = float(rate_hz) if isinstance(rate_hz, (int, float)) else None
+        fields = params.get("fields")
+        self.fields = [str(name) for name in cast("list[object]", fields)] if isinstance(fields, list) else None
+        self.declared: Any = None
+        self._slots: dict[str, tuple[int, int]] = {}
+
+    def passes(self, port: str, t_ns: int) -> bool:
+        """Tell whether a sample is the first one in its slot of 1/rate_hz, counted from the first one seen."""
+        if self.rate_hz is None:
+            return True
+        start, last = self._slots.get(port, (t_ns, -1))
+        slot = int((t_ns - start + _ROUNDING_NS) * self.rate_hz // 1e9)
+        if slot < 0:  # time was set back
+            start, last, slot = t_ns, -1, 0
+        if slot <= last:
+            return False
+        self._slots[port] = (start, slot)
+        return True
+
+
+class ZenohLink:
+    """One zenoh session with one server. Callbacks of zenoh's threads only queue; all else is done in the client's thread."""
+
+    def __init__(self, zenoh: Any, session: Any, place: ZenohPlace, frames: Frames) -> None:
+        self._zenoh = zenoh
+        self._session = session
+        self._root = place.root
+        self._prefix = place.prefix
+        self._frames = frames
+        self._client = uuid.uuid4().hex[:16]
+        self._queue: queue.SimpleQueue[_Arrived | _Gone] = queue.SimpleQueue()
+        self._subscriptions: dict[int, _Subscription] = {}
+        self._subscribed = 0
+        self._last: dict[str, bytes] = {}
+        self._alive: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        session.liveliness().declare_subscriber(f"{self._root}/@alive", self._direct(self._on_alive), history=True)
+        self._listen(f"{self._root}/@event", "event")
+        self._listen(f"{self._root}/@progress/{self._client}/*", "progress")
+        session.liveliness().declare_token(f"{self._root}/@client/{self._client}")
+
+    def wait_alive(self, timeout: float) -> None:
+        """Wait for the server's token; raises OSError with the servers that are there."""
+        try:
+            self._alive.get(timeout=timeout)
+        except queue.Empty:
+            replies = self._session.liveliness().get(f"{self._prefix}/*/@alive", timeout=1.0)
+            names = sorted(str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None)
+            there = ", ".join(names) or "none; is its zenoh adapter on, and reachable?"
+            raise OSError(f"no such server in the zenoh network, there are: {there}") from None
+
+    # The link
+
+    def send(self, data: bytes, timeout: float | None) -> None:
+        """Begin the requests in `data`; raises OSError."""
+        for request in self._frames.requests(data):
+            identity = wire.request_id(request)
+            params = wire.as_map(request.get("params") or {}, "params")
+            method = str(request.get("method"))
+            try:
+                self._begin(method, params, identity)
+            except self._zenoh.ZError as error:
+                if self._session.is_closed():
+                    raise OSError(str(error)) from None
+                self._frame(self._frames.refusal(identity, "bad_argument", str(error).split(" at /")[0], method))
+
+    def receive(self, timeout: float | None) -> bytes | None:
+        """Return what came, as frames; see `Link.receive`."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        frames: list[bytes] = []
+        while not frames:
+            try:
+                left = None if deadline is None else max(deadline - time.monotonic(), 0.0)
+                first = self._queue.get(timeout=left) if left != 0.0 else self._queue.get_nowait()
+            except queue.Empty:
+                return None
+            if isinstance(first, _Gone):
+                return b""
+            frames += filter(None, [first.read()])
+            for _ in range(min(self._queue.qsize(), _BATCH)):
+                arrived = self._queue.get()
+                if isinstance(arrived, _Gone):
+                    self._queue.put(arrived)
+                    break
+                frames += filter(None, [arrived.read()])
+        return b"".join(frames)
+
+    def close(self) -> None:
+        """Close the session, which ends everything declared in it."""
+        self._session.close()
+
+    # Requests
+
+    def _begin(self, method: str, params: Mapping[str, object], identity: RequestId | None) -> None:
+        if method == "command":
+            key, value = f"{self._root}/{params['port']}", params["value"]
+            if identity is None:
+                self._put(key, value)
+            else:
+                self._ask(identity, key, value)
+        elif method == "call":
+            self._ask(identity, f"{self._root}/{params['service']}", params.get("args") or {})
+        elif method == "step":
+            self._ask(identity, f"{self._root}/world/step", params)
+        elif method == "hello":
+            value = {"client": self._client, **{k: v for k, v in params.items() if k != "token"}}
+            self._ask(identity, f"{self._root}/@hello", value)
+        elif method == "describe":
+            self._ask(identity, f"{self._root}/@describe?pattern={params.get('pattern', '**')}")
+        elif method == "cancel":
+            self._ask(identity, f"{self._root}/@cancel", caller=params["id"])
+        elif method == "subscribe" and identity is not None:
+            subscription = _Subscription(params)
+            key = f"{self._root}/@describe?pattern={subscription.pattern}"
+            self._ask(identity, key, then=lambda value: self._subscribe(identity, subscription, params, value))
+        elif method == "unsubscribe" and identity is not None:
+            self._unsubscribe(identity, str(params["pattern"]))
+        else:
+            self._frame(
+                self._frames.refusal(identity, "unknown_method", f'"{method}" is not served over zenoh', method)
+            )
+
+    def _put(self, key: str, value: object) -> None:
+        zenoh = self._zenoh
+        self._session.put(
+            key,
+            self._frames.payload(value),
+            encoding=self._frames.media,
+            attachment=self._caller(None),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+
+    def _ask(
+        self,
+        identity: RequestId | None,
+        selector: str,
+        value: object = None,
+        *,
+        caller: object = None,
+        then: Callable[[object], bytes] | None = None,
+    ) -> None:
+        """Begin a query; its one answer becomes a reply to `identity`, made by `then` if given."""
+        zenoh = self._zenoh
+        answered: list[bool] = []
+
+        def on_reply(reply: Any) -> None:
+            answered.append(True)
+            self._queue.put(_Arrived(lambda: self._reply(identity, reply, then)))
+
+        def on_end() -> None:
+            if not answered:
+                text = "the server went away, or access is denied"
+                frame = self._frames.refusal(identity, "unreachable", f"nobody answers {selector}: {text}")
+                self._frame(frame)
+
+        self._session.get(
+            selector,
+            self._direct(on_reply, on_end),
+            timeout=_EVER_S,
+            payload=None if value is None else self._frames.payload(value),
+            encoding=None if value is None else self._frames.media,
+            attachment=self._caller(identity if caller is None else caller),
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+
+    def _reply(self, identity: RequestId | None, reply: Any, then: Callable[[object], bytes] | None) -> bytes:
+        if identity is None:
+            return b""
+        if reply.ok is None:
+            return self._frames.refused(identity, reply.err.payload.to_bytes(), str(reply.err.encoding))
+        value = self._frames.decoded(reply.ok.payload.to_bytes(), str(reply.ok.encoding))
+        return self._frames.result(identity, value) if then is None else then(value)
+
+    def _caller(self, identity: object) -> bytes:
+        caller: dict[str, object] = {"client": self._client}
+        if isinstance(identity, int):
+            caller["id"] = identity
+        return json.dumps(caller, separators=(",", ":")).encode("ascii")
+
+    # Samples
+
+    def _subscribe(
+        self, identity: RequestId, subscription: _Subscription, params: Mapping[str, object], described: object
+    ) -> bytes:
+        pattern = subscription.pattern
+        if params.get("delivery") == "reliable":
+            text = 'over zenoh samples go by "ring" or "latest": what a slow receiver has no room for is dropped'
+            return self._frames.refusal(identity, "bad_argument", text, "delivery")
+        ports = [
+            wire.as_map(port, "a port")
+            for port in wire.as_list(wire.as_map(described, "a description").get("ports"), "ports")
+        ]
+        paths = [str(port["path"]) for port in ports if port.get("direction") == "sensor"]
+        if not paths and "*" not in pattern:
+            code, text = (
+                ("bad_argument", "is an actuator: it gives no samples") if ports else ("unknown_port", "is no port")
+            )
+            return self._frames.refusal(identity, code, f'"{pattern}" {text}; describe() lists all', pattern)
+        self._subscribed += 1
+        serial = self._subscribed
+
+        def on_sample(sample: Any) -> None:
+            if self._queue.qsize() < _QUEUE:
+                self._queue.put(_Arrived(lambda: self._sample(subscription, sample)))
+
+        subscription.declared = self._session.declare_subscriber(
+            f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
+        )
+        self._subscriptions[serial] = subscription
+        return self._frames.result(identity, {"subscription": serial, "ports": paths})
+
+    def _unsubscribe(self, identity: RequestId, pattern: str) -> None:
+        ended = [serial for serial, entry in self._subscriptions.items() if entry.pattern == pattern]
+        for serial in ended:
+            self._subscriptions.pop(serial).declared.undeclare()
+        self._frame(self._frames.result(identity, {"removed": len(ended)}))
+
+    def _sample(self, subscription: _Subscription, sample: Any) -> bytes:
+        if sample.attachment is None:
+            return b""  # a command of another client
+        payload, attachment, media = sample.payload.to_bytes(), sample.attachment.to_bytes(), str(sample.encoding)
+        key = str(sample.key_expr)
+        if len(self._subscriptions) > 1 and self._last.get(key) == attachment:
+            return b""  # came by another subscription already
+        if subscription.rate_hz is not None:
+            meta = self._frames.meta(attachment, media)
+            if not meta or not subscription.passes(key, wire.integer(meta, "t_ns")):
+                return b""
+        self._last[key] = attachment
+        if subscription.fields is not None:
+            return self._frames.selected(payload, attachment, media, subscription.fields)
+        return self._frames.sample(payload, attachment, media)
+
+    # From zenoh's threads
+
+    def _direct(self, callback: Callable[[Any], None], ended: Callable[[], None] | None = None) -> Any:
+        """Wrap a callback that only queues, so that zenoh starts no thread of Python for it."""
+        return self._zenoh.handlers.Callback(callback, ended, indirect=False)
+
+    def _frame(self, frame: bytes) -> None:
+        self._queue.put(_Arrived(lambda: frame))
+
+    def _listen(self, key: str, method: str) -> None:
+        def on_sample(sample: Any) -> None:
+            payload, media = sample.payload.to_bytes(), str(sample.encoding)
+            self._queue.put(_Arrived(lambda: self._frames.notice(method, payload, media)))
+
+        self._session.declare_subscriber(key, self._direct(on_sample))
+
+    def _on_alive(self, sample: Any) -> None:
+        if sample.kind == self._zenoh.SampleKind.PUT:
+            self._alive.put(True)
+        else:
+            self._queue.put(_Gone())
