@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import pytest
 
+from uwserver.modifiers import Delay, WhiteNoise
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.resolved import Resolved
 from uwserver.scenario.schema import Scenario, Server, Truth, VehicleEntry, WorldTable
 from uwserver.sensors import ImuConfig
-from uwserver.modifiers import Delay, WhiteNoise
 from uwserver.world import World
 
 

@@ -62,7 +62,9 @@ def _checked_field(field: Field, value: object) -> tuple[float, ...]:
             raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
         _check_range(field, number)
     if field.is_rotation and math.hypot(*flat) < 1e-6:
-        raise Refused("out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name)
+        raise Refused(
+            "out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name
+        )
     return flat
 
 

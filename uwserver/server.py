@@ -233,9 +233,14 @@ class Server:
     def _signals(self) -> Iterator[None]:
         """SIGINT and SIGTERM end the server in order; a second one ends it at once."""
 
+        first: list[float] = []
+
         def received(name: str) -> None:
-            if self._ending.is_set():
+            now = self._loop.time()
+            # A supervisor may signal both the process and its group: a second signal counts only when it comes later.
+            if first and now - first[0] > STOP_TIMEOUT_S:
                 os._exit(130)
+            first.append(now)
             self.shutdown(name)
 
         if threading.current_thread() is not threading.main_thread():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -131,17 +133,26 @@ def _announce(resolved: Resolved, addresses: dict[str, str], quiet: bool) -> Non
     click.echo("Ctrl-C ends it.")
 
 
+def _client() -> str:
+    """What to type for the client: its name, or its path when it stands beside this Python but not on PATH."""
+    beside = Path(sys.executable).parent / "uwclient"
+    if shutil.which("uwclient") or not beside.exists():
+        return "uwclient"
+    return os.path.relpath(beside)
+
+
 def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
     host, _, port = address.rpartition(":")
     at = ("" if host in ("127.0.0.1", "0.0.0.0") else f" --host {host}") + ("" if port == "7600" else f" --port {port}")
+    client = _client() + at
     click.echo("In another terminal:")
-    click.echo(f"  uwclient{at} topics")
+    click.echo(f"  {client} topics")
     sensor = "depth" if "depth" in vehicle.vehicle.sensors else "*"
-    click.echo(f"  uwclient{at} echo '{vehicle.name}/{sensor}' -n 5")
+    click.echo(f"  {client} echo '{vehicle.name}/{sensor}' -n 5")
     for name, actuator in vehicle.vehicle.actuators.items():
         if isinstance(actuator, ThrustersConfig) and actuator.input == "u":
             n = len(actuator.members or vehicle.vehicle.thrusters)
-            click.echo(f"  uwclient{at} send {vehicle.name}/{name} u='[{','.join(['0.3'] * n)}]' --rate 10 --seconds 3")
+            click.echo(f"  {client} send {vehicle.name}/{name} u='[{','.join(['0.3'] * n)}]' --rate 10 --seconds 3")
             return
 
 

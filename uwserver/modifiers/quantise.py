@@ -21,8 +21,14 @@ class _Quantise:
     def __init__(self, config: Quantise, stream: Stream) -> None:
         self.stream, self.memory = stream, list[float]()
         self._index = stream.index(config.field)
-        self._step = config.step
+        # k / 500 prints as 0.142 where k * 0.002 does not.
+        steps = round(1.0 / config.step)
+        self._step, self._per_unit = config.step, steps if steps and abs(steps * config.step - 1.0) < 1e-12 else 0
 
     def apply(self, reading: Measurement) -> None:
-        step = self._step
-        reading.values[self._index] = mapped(reading.values[self._index], lambda v: round(v / step) * step)
+        reading.values[self._index] = mapped(reading.values[self._index], self._rounded)
+
+    def _rounded(self, value: float) -> float:
+        if self._per_unit:
+            return round(value * self._per_unit) / self._per_unit
+        return round(value / self._step) * self._step

@@ -44,12 +44,13 @@ class Caller(Struct, forbid_unknown_fields=True):
     id: int | None = None
 
 
-class FaultText(Struct):
-    """What a refusal says."""
+class FaultText(Struct, omit_defaults=True):
+    """What a refusal says; `path` only where a put was refused."""
 
     code: str
     message: str
     where: str
+    path: str = ""
 
 
 class Codec:

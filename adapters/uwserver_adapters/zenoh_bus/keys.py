@@ -54,9 +54,9 @@ class KeyScheme:
         """Token that tells apart two servers of one name."""
         return f"{self.root}/@id/{zid}"
 
-    def error(self, path: str) -> str:
+    def error(self, client: str, path: str) -> str:
         """Where the refusal of a put is told."""
-        return f"{self.root}/@error/{path}"
+        return f"{self.root}/@error/{client}/{path}"
 
     def progress(self, client: str, request: int) -> str:
         """Where a client hears how far its call is."""

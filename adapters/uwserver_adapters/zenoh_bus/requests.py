@@ -15,6 +15,7 @@ from uwserver_adapters.zenoh_bus.codec import (
     Caller,
     Codec,
     EncodingName,
+    FaultText,
     SampleForm,
     decode_caller,
     decode_map,
@@ -24,6 +25,8 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 
 _log = logging.getLogger(__name__)
 
+UNNAMED = "unnamed"
+"""Who sends without an attachment; two such are not told apart."""
 UNANSWERED = 1024
 """Commands and calls that may wait for the world."""
 CAUSES = 256
@@ -116,34 +119,33 @@ class Requests:
         path = self._keys.path(put.key)
         if path is None:
             return
+        client = UNNAMED
         try:
+            client = decode_caller(put.attachment).client or UNNAMED
             if put.is_delete:
                 raise Refused("bad_argument", f'"{path}" cannot be deleted: put a value to command an actuator', path)
             self._check_port(path)
             value = decode_map(put.payload, encoding_of(put.media, self._default))
-            caller = decode_caller(put.attachment)
             self._context.stats.commands += 1
-            self._context.command(path, value, caller.client or "unnamed", self._put_refused(path))
+            self._context.command(path, value, client, self._put_refused(client, path))
         except Refused as refused:
-            self._refused_put(path, refused.fault)
+            self._refused_put(client, path, refused.fault)
         except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
             _log.exception("a put to %s failed", path[:200])
             self._context.stats.errors += 1
 
-    def _put_refused(self, path: str) -> Callable[[Reply | Progress], None]:
+    def _put_refused(self, client: str, path: str) -> Callable[[Reply | Progress], None]:
         def on_reply(outcome: Reply | Progress) -> None:
             if isinstance(outcome, Reply) and outcome.fault is not None:
-                self._refused_put(path, outcome.fault)
+                self._refused_put(client, path, outcome.fault)
 
         return on_reply
 
-    def _refused_put(self, path: str, fault: Fault) -> None:
+    def _refused_put(self, client: str, path: str, fault: Fault) -> None:
         self._count(path, fault)
-        known = path if path in self._context.ports else "unknown"
-        self._tell(
-            self._keys.error(known),
-            {"key": path[:256], "code": fault.code, "message": fault.text[:2000], "where": fault.where[:256]},
-        )
+        known = path if path in self._context.ports else "@unknown"
+        told = FaultText(fault.code, fault.text[:2000], fault.where[:256], path[:256])
+        self._tell(self._keys.error(client, known), told)
 
     def _check_port(self, path: str) -> None:
         if path not in self._context.ports:
@@ -215,7 +217,7 @@ class Requests:
         value = decode_map(question.payload, codec.name)
         if port is not None:
             self._context.stats.commands += 1
-            source = caller.client or "unnamed"
+            source = caller.client or UNNAMED
             shape = lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}  # noqa: E731
             self._context.command(path, value, source, self._expect(question, codec, shape))
             return False
@@ -265,7 +267,7 @@ class Requests:
             answer(outcome)
 
         timeout_s = self._timeout(question)
-        source = caller.client or "unnamed"
+        source = caller.client or UNNAMED
         name = self._names.get(caller.client, "")
         try:
             running.cancel = self._context.call(path, args, source, on_reply, name)

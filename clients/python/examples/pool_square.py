@@ -143,14 +143,26 @@ def picture(log: Log, path: str) -> None:
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplot_mosaic(
-        [["track", "depth"], ["track", "heading"], ["track", "u"]], figsize=(12, 7), layout="constrained", width_ratios=[1.1, 1]
+        [["track", "depth"], ["track", "heading"], ["track", "u"]],
+        figsize=(12, 7),
+        layout="constrained",
+        width_ratios=[1.1, 1],
     )
     track = axes["track"]
-    track.plot([w[1] for w in log.wanted], [w[0] for w in log.wanted], color="0.75", lw=6, solid_capstyle="round", label="wanted")
+    track.plot(
+        [w[1] for w in log.wanted],
+        [w[0] for w in log.wanted],
+        color="0.75",
+        lw=6,
+        solid_capstyle="round",
+        label="wanted",
+    )
     dots = track.scatter(log.east, log.north, c=log.t, s=6, cmap="viridis", label="motion capture", zorder=3)
     track.plot(log.east[0], log.north[0], "o", ms=10, mfc="none", mec="tab:red", mew=2, label="start")
     figure.colorbar(dots, ax=track, label="time / s", shrink=0.7)
-    track.set(xlabel="east / m", ylabel="north / m", title=f"BlueROV2 Heavy: {SIDE_M:g} m square at {DEPTH_M:g} m depth")
+    track.set(
+        xlabel="east / m", ylabel="north / m", title=f"BlueROV2 Heavy: {SIDE_M:g} m square at {DEPTH_M:g} m depth"
+    )
     track.set_aspect("equal")
     track.legend(loc="center")
     axes["depth"].plot(log.t, log.depth, lw=1, label="depth sensor")
@@ -178,7 +190,9 @@ def main() -> None:
     options = parser.parse_args()
     with uwclient.connect(options.host, options.port, name="pool_square") as client:
         log = drive(client)
-    print(f"track error at most {log.largest_track_error():.3f} m, depth error at most {log.largest_depth_error():.3f} m")
+    print(
+        f"track error at most {log.largest_track_error():.3f} m, depth error at most {log.largest_depth_error():.3f} m"
+    )
     if options.out:
         picture(log, options.out)
         print(f"wrote {options.out}")

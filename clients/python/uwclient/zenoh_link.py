@@ -143,6 +143,7 @@ class ZenohLink:
         session.liveliness().declare_subscriber(f"{self._root}/@alive", self._direct(self._on_alive), history=True)
         self._listen(f"{self._root}/@event", "event")
         self._listen(f"{self._root}/@progress/{self._client}/*", "progress")
+        session.declare_subscriber(f"{self._root}/@error/{self._client}/**", self._direct(self._on_error))
         session.liveliness().declare_token(f"{self._root}/@client/{self._client}")
 
     def wait_alive(self, timeout: float) -> None:
@@ -314,9 +315,12 @@ class ZenohLink:
             if self._queue.qsize() < _QUEUE:
                 self._queue.put(_Arrived(lambda: self._sample(subscription, sample)))
 
-        subscription.declared = self._session.declare_subscriber(
-            f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
-        )
+        try:
+            subscription.declared = self._session.declare_subscriber(
+                f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
+            )
+        except self._zenoh.ZError as error:
+            return self._frames.refusal(identity, "bad_argument", str(error).split(" at /")[0], pattern)
         self._subscriptions[serial] = subscription
         return self._frames.result(identity, {"subscription": serial, "ports": paths})
 
@@ -357,6 +361,11 @@ class ZenohLink:
             self._queue.put(_Arrived(lambda: self._frames.notice(method, payload, media)))
 
         self._session.declare_subscriber(key, self._direct(on_sample))
+
+    def _on_error(self, sample: Any) -> None:
+        """A put of ours was refused."""
+        payload, media = sample.payload.to_bytes(), str(sample.encoding)
+        self._queue.put(_Arrived(lambda: self._frames.refused(None, payload, media)))
 
     def _on_alive(self, sample: Any) -> None:
         if sample.kind == self._zenoh.SampleKind.PUT:
