@@ -44,8 +44,7 @@ def ports_page() -> str:
         HEAD,
         "# Ports and services",
         "",
-        "SI, radians, nanoseconds of simulation time; N is NED, B the FRD body, S the sensor's own frame. `describe` serves all of this over every "
-        "adapter. Sensors and actuators are at `<vehicle>/<component>`, truth at `<vehicle>/truth/...` for adapters with `truth = true`.",
+        PORTS_INTRODUCTION,
         "",
     ]
     for direction in ("sensor", "actuator"):
