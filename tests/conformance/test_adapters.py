@@ -4,20 +4,45 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import socket
 import sys
 from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from uwserver.adapter import AdapterNotFound, adapter_entries, installed_adapters, load_adapter
-from uwserver.testing import TcpPeer, check_adapter
+from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
+from uwserver.testing import FakeContext, TcpPeer, check_adapter
 from uwserver.testing.adapters import CHECKS, Connect
+
+
+async def _zenoh_transport(context: FakeContext) -> TcpPeer:
+    """A connection to the endpoint at which the session listens, of somebody who does not speak zenoh."""
+    return await TcpPeer.connect(
+        replace(context, stats=AdapterStats(address=context.stats.address.removeprefix("tcp/")))
+    )
+
+
+def _warm_zenoh() -> None:
+    """The first connected sessions of a process start threads and open files that stay for all later ones."""
+    zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    text = '{{{0}: {{endpoints: ["{1}"]}}, {2}: {{endpoints: []}}, scouting: {{multicast: {{enabled: false}}}}}}'
+    listening = zenoh.open(zenoh.Config.from_json5(text.format("listen", endpoint, "connect")))
+    connected = zenoh.open(zenoh.Config.from_json5(text.format("connect", endpoint, "listen")))
+    list(connected.get("uw/nothing", timeout=5))
+    connected.close()
+    listening.close()
+
 
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
+    "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }
 
 THIRD_PARTY = '''
@@ -132,6 +157,8 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert kind in KITS, f'adapter "{kind}" has no row in KITS'
     table, connect, greeting = KITS[kind]
     adapter = load_adapter(kind)
+    if kind == "zenoh":
+        _warm_zenoh()
     passed = run(lambda: check_adapter(adapter, adapter.Config(**table), connect=connect, greeting=greeting))
     assert passed == list(CHECKS)
 

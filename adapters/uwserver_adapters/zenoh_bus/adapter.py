@@ -120,9 +120,9 @@ class ZenohAdapter:
         liveliness.declare_subscriber(self.keys.identities, _direct(others.put), history=True)
         identity = liveliness.declare_token(self.keys.identity(self._zid))
         publications.open()
+        alive = liveliness.declare_token(self.keys.alive())
         detach = self.context.attach(publications)
         try:
-            alive = liveliness.declare_token(self.keys.alive())
             stats.state = "running"
             ready.set()
             while True:

@@ -63,8 +63,8 @@ class Codec:
     """
 
     def __init__(self, name: EncodingName) -> None:
-        self.name = name
-        self.media = _MEDIA[name]
+        self.name: EncodingName = name
+        self.media: str = _MEDIA[name]
         self.encode: Callable[[object], bytes] = (
             msgspec.json.Encoder().encode if name == "json" else msgspec.msgpack.Encoder().encode
         )

@@ -69,6 +69,10 @@ def settings(config: ZenohConfig, listen: tuple[str, ...]) -> Iterator[tuple[str
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         # Room for a megabyte of samples, the most zenoh allows: a busy tick or a 1 MB sample is no reason to drop.
         "transport/link/tx/queue/size/data": 16,
+        # Closing a session waits for handshakes with peers that do not speak: for ten seconds, were it not for these. For slow
+        # links `config` can allow more.
+        "transport/unicast/accept_timeout": 700,
+        "transport/unicast/open_timeout": 700,
         # Within two seconds after a router is back (zenoh's own default is up to four).
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
     }

@@ -103,7 +103,7 @@ class Requests:
         self._context = context
         self._keys = keys
         self._codecs = codecs
-        self._default = default
+        self._default: EncodingName = default
         self._call_timeout_s = call_timeout_s
         self._tell = tell
         self._unanswered = 0
@@ -143,7 +143,7 @@ class Requests:
 
     def _refused_put(self, client: str, path: str, fault: Fault) -> None:
         self._count(path, fault)
-        known = path if path in self._context.ports else "@unknown"
+        known = path if path in self._context.ports else "unknown"
         told = FaultText(fault.code, fault.text[:2000], fault.where[:256], path[:256])
         self._tell(self._keys.error(client, known), told)
 
@@ -245,6 +245,7 @@ class Requests:
 
     def _call(self, question: Question, codec: Codec, path: str, args: dict[str, object], caller: Caller) -> None:
         self._context.stats.calls += 1
+        timeout_s = self._timeout(question)
         running = _Running(lambda: False, caller.client, caller.id)
         shape = lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result}  # noqa: E731
         answer = self._expect(question, codec, shape)
@@ -266,7 +267,6 @@ class Requests:
                 outcome = Reply(outcome.tick, outcome.t_ns, fault=Fault("timeout", text, path))
             answer(outcome)
 
-        timeout_s = self._timeout(question)
         source = caller.client or UNNAMED
         name = self._names.get(caller.client, "")
         try:

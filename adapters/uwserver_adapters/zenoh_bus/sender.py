@@ -63,9 +63,13 @@ class Sender:
 
     async def close(self, last: Callable[[], object]) -> None:
         """End it; `last` (closing the session) runs beside what is stuck, and frees it."""
-        with ThreadPoolExecutor(1, "zenoh close") as closing:
-            await asyncio.shield(asyncio.get_running_loop().run_in_executor(closing, last))
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        closing = ThreadPoolExecutor(1, "zenoh close")
+        future = asyncio.get_running_loop().run_in_executor(closing, last)
+        try:
+            await asyncio.shield(future)
+        finally:
+            closing.shutdown(wait=False)
+            self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Inbox(Generic[T]):

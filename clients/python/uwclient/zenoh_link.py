@@ -144,7 +144,8 @@ class ZenohLink:
         self._listen(f"{self._root}/@event", "event")
         self._listen(f"{self._root}/@progress/{self._client}/*", "progress")
         session.declare_subscriber(f"{self._root}/@error/{self._client}/**", self._direct(self._on_error))
-        session.liveliness().declare_token(f"{self._root}/@client/{self._client}")
+        # Kept, as a token that nobody holds is undeclared: by it the server learns that this client has gone.
+        self._token = session.liveliness().declare_token(f"{self._root}/@client/{self._client}")
 
     def wait_alive(self, timeout: float) -> None:
         """Wait for the server's token; raises OSError with the servers that are there."""
