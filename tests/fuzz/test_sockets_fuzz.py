@@ -17,8 +17,9 @@ import msgpack
 import numpy as np
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter, connection
-from uwserver_adapters.sockets.codec import NEED_DATA, Codec, JsonCodec, Malformed, MsgpackCodec, Request
+from uwserver_adapters.sockets.codec import NEED_DATA, Codec, JsonCodec, MsgpackCodec
 from uwserver_adapters.sockets.connection import Connection
+from uwserver_adapters.sockets.requests import Malformed, Request
 
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all

@@ -296,3 +296,18 @@ def test_lockstep_with_two_clients(tmp_path):
         assert ticks == [10]
         with server.connect(name="c") as stranger, pytest.raises(uwclient.CallRefused, match="barrier"):
             stranger.step(1)
+
+
+def test_it_serves_on_uvloop_too(tmp_path):
+    pytest.importorskip("uvloop")
+    scenario = tmp_path / "tank.toml"
+    scenario.write_text(
+        'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n'
+        '[adapters.tcp]\nkind = "sockets"\n[server]\nmetrics = false\nuvloop = true\n'
+    )
+    with serving(str(scenario)) as server:
+        with server.connect(reconnect=False) as client:
+            client.subscribe("rov/imu")
+            assert client.read("rov/imu").valid
+        status, errors = server.end()
+        assert status == 0, errors

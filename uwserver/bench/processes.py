@@ -75,17 +75,37 @@ class Load:
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
 
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
     def do(self, task: str, served: Served, **arguments: object) -> dict[str, Any]:
         """Let it carry out a task against a server, and wait for the result.
 
         Raises:
             BenchFailed: it broke off.
         """
+        return self.ask(task, host=served.host, port=served.port, **arguments)
+
+    def ask(self, task: str, **arguments: object) -> dict[str, Any]:
+        """As `do`, for a task that is told by its arguments where the server is."""
+        self.begin(task, **arguments)
+        return self.result()
+
+    def begin(self, task: str, **arguments: object) -> None:
+        """Start a task without waiting for it."""
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        order = {"task": task, "host": served.host, "port": served.port, **arguments}
-        self._process.stdin.write(json.dumps(order).encode() + b"\n")
+        self._process.stdin.write(json.dumps({"task": task, **arguments}).encode() + b"\n")
         self._process.stdin.flush()
+
+    def result(self) -> dict[str, Any]:
+        """Wait for what it says next.
+
+        Raises:
+            BenchFailed: it broke off.
+        """
+        assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
             raise BenchFailed("the load process ended: see its message above")
@@ -96,9 +116,9 @@ class Load:
 
 
 @contextlib.contextmanager
-def loading() -> Iterator[Load]:
-    """The load process, for as long as the context is open."""
-    command = [sys.executable, "-m", "uwserver.bench.load"]
+def loading(module: str = "uwserver.bench.load") -> Iterator[Load]:
+    """The load process, for as long as the context is open; `module` carries out its tasks."""
+    command = [sys.executable, "-m", module]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         try:
             yield Load(process)

@@ -75,11 +75,21 @@ def run(
     _announce_compilation()
     options = Options(seed, timing, record, until_s, lambda addresses: _announce(resolved, addresses, log_json))
     try:
-        status = asyncio.run(_serve(resolved, options))
+        status = _run_loop(resolved, options)
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)
         sys.exit(1)
     sys.exit(status)
+
+
+def _run_loop(resolved: Resolved, options: Options) -> int:
+    if not resolved.scenario.server.uvloop:
+        return asyncio.run(_serve(resolved, options))
+    try:
+        import uvloop
+    except ImportError:
+        raise click.UsageError("[server] uvloop = true needs it: pip install 'uwserver[uvloop]'") from None
+    return uvloop.run(_serve(resolved, options))
 
 
 async def _serve(resolved: Resolved, options: Options) -> int:

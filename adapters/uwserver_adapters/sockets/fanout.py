@@ -1,17 +1,18 @@
-"""Samples to clients: who gets what, encoded once a codec and selection of fields, whatever the number of clients."""
+"""Samples to clients: who gets what, encoded once an encoding and selection of fields, whatever the number of clients."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Json, Port, Sample, matches
-from uwserver_adapters.sockets.codec import Codec, JsonCodec, MsgpackCodec, SampleForm
-from uwserver_adapters.sockets.outbox import Delivery, Outbox
+from uwserver_adapters.sockets.codec import Codec
+from uwserver_adapters.sockets.encoding import Encoding, SampleForm
+from uwserver_adapters.sockets.outbox import Delivery, Outgoing
 
 if TYPE_CHECKING:
     from uwserver_adapters.sockets.session import Session
@@ -81,10 +82,11 @@ class Share:
 class _Route:
     """All of one client's subscriptions to the same fields of one port: it gets a sample at most once."""
 
-    __slots__ = ("outbox", "shares")
+    __slots__ = ("frame", "outbox", "shares")
 
-    def __init__(self, outbox: Outbox) -> None:
+    def __init__(self, outbox: Outgoing, frame: Callable[[bytes], bytes]) -> None:
         self.outbox = outbox
+        self.frame = frame
         self.shares: list[Share] = []
 
     def delivery(self, t_ns: int) -> Delivery | None:
@@ -97,12 +99,12 @@ class _Route:
 
 
 class _Selection:
-    """All clients of one codec that take the same fields of one port."""
+    """All clients of one encoding that take the same fields of one port."""
 
-    __slots__ = ("codec", "form", "routes")
+    __slots__ = ("encoding", "form", "routes")
 
-    def __init__(self, codec: Codec, form: SampleForm) -> None:
-        self.codec = codec
+    def __init__(self, encoding: Encoding, form: SampleForm) -> None:
+        self.encoding = encoding
         self.form = form
         self.routes: dict[Session, _Route] = {}
 
@@ -121,7 +123,6 @@ class Fanout:
     def __init__(self, context: AdapterContext) -> None:
         self.context = context
         self.sessions: dict[Session, None] = {}
-        self._codecs: dict[str, Codec] = {codec.name: codec for codec in (JsonCodec(), MsgpackCodec())}
         self._ports: dict[str, dict[_Key, _Selection]] = {}
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
@@ -141,19 +142,19 @@ class Fanout:
     def add(self, session: Session, subscription: Subscription) -> None:
         """Route the samples of a subscription; sets its paths."""
         subscription.paths = self._served(subscription)
-        key = (session.codec.name, subscription.fields)
+        key = (session.codec.encoding.name, subscription.fields)
         for path in subscription.paths:
             selections = self._ports.setdefault(path, {})
             selection = selections.get(key)
             if selection is None:
                 form = SampleForm(self.context.ports[path], subscription.fields)
-                selection = selections[key] = _Selection(self._codecs[session.codec.name], form)
-            route = selection.routes.setdefault(session, _Route(session.outbox))
+                selection = selections[key] = _Selection(session.codec.encoding, form)
+            route = selection.routes.setdefault(session, _Route(session.outbox, session.codec.frame))
             route.shares.append(Share(subscription))
 
     def remove(self, session: Session, subscription: Subscription) -> None:
         """End what `add` began."""
-        key = (session.codec.name, subscription.fields)
+        key = (session.codec.encoding.name, subscription.fields)
         for path in subscription.paths:
             selections = self._ports[path]
             routes = selections[key].routes
@@ -188,7 +189,7 @@ class Fanout:
 
     def described(self, pattern: str, codec: Codec) -> msgspec.Raw:
         """The encoded result of `describe`; it is large, and the same until the ports change."""
-        key = (pattern, codec.name)
+        key = (pattern, codec.encoding.name)
         raw = self._described.get(key)
         if raw is None:
             result: dict[str, Json] = self.context.describe(pattern)
@@ -212,7 +213,7 @@ class Fanout:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Queue the samples of one tick and write once a client."""
-        touched: set[Outbox] = set()
+        touched: set[Outgoing] = set()
         for sample in samples:
             selections = self._ports.get(sample.port)
             if selections is None:
@@ -232,9 +233,13 @@ class Fanout:
             self._ports_changed()
         if event.event == "reset":
             self._restart_rates()
-        messages = {name: codec.event(event) for name, codec in self._codecs.items()}
+        messages: dict[tuple[str, Callable[[bytes], bytes]], bytes] = {}
         for session in self.sessions:
-            session.outbox.put_reply(messages[session.codec.name])
+            codec = session.codec
+            key = (codec.encoding.name, codec.frame)
+            if key not in messages:
+                messages[key] = codec.event(event)
+            session.outbox.put_reply(messages[key])
             session.outbox.flush()
 
     def _restart_rates(self) -> None:
@@ -245,15 +250,19 @@ class Fanout:
                         share.restart()
 
 
-def _distribute(sample: Sample, selection: _Selection, touched: set[Outbox]) -> None:
-    message: bytes | None = None
+def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> None:
+    body: bytes | None = None
+    messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
     # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
     for route in selection.routes.values():
         delivery = route.delivery(sample.t_ns)
         if delivery is None:
             continue
+        message = messages.get(route.frame)
         if message is None:
-            message = selection.codec.sample(selection.form, sample)
+            if body is None:
+                body = selection.encoding.sample(selection.form, sample)
+            message = messages[route.frame] = route.frame(body)
         route.outbox.put_sample((sample.port, selection), message, delivery)
         touched.add(route.outbox)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
-from typing import Literal
+from typing import Literal, Protocol
 
 from uwserver.adapter import AdapterStats
 
@@ -12,12 +12,31 @@ Delivery = Literal["latest", "ring", "reliable"]
 
 REPLIES = 1024
 """Replies, events and progress that may wait for a client that does not read."""
-REPLY_BYTES = 16 << 20
-"""Bytes of them: no further one is queued on top of so much."""
+QUEUE_BYTES = 16 << 20
+"""Bytes of them, and as many of samples: no further one is queued on top of so much."""
 BATCH_BYTES = 1 << 16
 """About as much is given to the transport at once, so that what does not fit stays here, where it can still be dropped."""
 
-_TOO_MANY_REPLIES = f"disconnected: {REPLIES} replies or {REPLY_BYTES >> 20} MiB of them waited unread; read the replies while you send requests"
+
+class Outgoing(Protocol):
+    """Where answers and samples for one client go, whatever carries them.
+
+    Attributes:
+        deliveries: how samples can be delivered.
+        largest: longest message that can be carried, bytes; None when any can.
+    """
+
+    deliveries: tuple[Delivery, ...]
+    largest: int | None
+
+    def put_reply(self, message: bytes) -> None:
+        """What must not be lost on our side."""
+
+    def put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
+        """What may be dropped."""
+
+    def flush(self) -> None:
+        """Send what waits."""
 
 
 class Outbox:
@@ -30,6 +49,7 @@ class Outbox:
         write: gives bytes to the transport.
         overflow: ends the connection, with a last text.
         capacity: samples that may wait, for each kind of delivery.
+        most_bytes: of samples that may wait, and of replies; a single one may be longer.
         stats: counts what is sent and dropped.
 
     Attributes:
@@ -37,17 +57,27 @@ class Outbox:
         dropped: samples that this client lost.
     """
 
+    deliveries: tuple[Delivery, ...] = ("latest", "ring", "reliable")
+    largest: int | None = None
+
     def __init__(
-        self, write: Callable[[bytes], None], overflow: Callable[[str], None], capacity: int, stats: AdapterStats
+        self,
+        write: Callable[[bytes], None],
+        overflow: Callable[[str], None],
+        capacity: int,
+        stats: AdapterStats,
+        most_bytes: int = QUEUE_BYTES,
     ) -> None:
         self.paused = False
         self.dropped = 0
         self._write = write
         self._overflow = overflow
         self._capacity = capacity
+        self._most_bytes = most_bytes
         self._stats = stats
         self._replies: deque[bytes] = deque()
         self._reply_bytes = 0
+        self._sample_bytes = 0
         self._ring: deque[bytes] = deque()
         self._reliable: deque[bytes] = deque()
         self._latest: dict[Hashable, bytes] = {}
@@ -62,10 +92,10 @@ class Outbox:
         """Queue what must not be lost; `flush` sends it."""
         if self._closed:
             return
-        if len(self._replies) >= REPLIES or self._reply_bytes > REPLY_BYTES:
+        if len(self._replies) >= REPLIES or self._reply_bytes > self._most_bytes:
             self.flush()
             if self._replies:
-                self._overflow(_TOO_MANY_REPLIES)
+                self._overflow(self._too_many_replies())
                 return
         self._replies.append(message)
         self._reply_bytes += len(message)
@@ -74,28 +104,39 @@ class Outbox:
         """Queue a sample; `key` tells which older one it replaces where only the latest counts."""
         if self._closed:
             return
-        if delivery == "ring":
-            if len(self._ring) >= self._capacity:
-                self._make_room()
-            self._ring.append(message)
-        elif delivery == "latest":
-            if self._latest.pop(key, None) is not None:
-                self._count_drop()
+        if delivery == "latest":
+            replaced = self._latest.pop(key, None)
+            if replaced is not None:
+                self._drop(replaced)
+        queue = self._reliable if delivery == "reliable" else self._ring
+        is_full = delivery != "latest" and len(queue) >= self._capacity
+        if (is_full or not self._has_room(len(message))) and not self._make_room(len(message), delivery):
+            self._overflow(self._too_slow())
+            return
+        self._sample_bytes += len(message)
+        if delivery == "latest":
             self._latest[key] = message
         else:
-            if len(self._reliable) >= self._capacity:
-                self.flush()
-            if len(self._reliable) >= self._capacity:
-                self._overflow(self._too_slow())
-                return
-            self._reliable.append(message)
+            queue.append(message)
 
-    def _make_room(self) -> None:
+    def _has_room(self, size: int) -> bool:
+        return not self._sample_bytes or self._sample_bytes + size <= self._most_bytes
+
+    def _make_room(self, size: int, delivery: Delivery) -> bool:
+        """Whether there is room now. What may be lost is dropped for it, the oldest first."""
         # More samples than the queue holds may come in one tick of a large world: they are dropped only if the peer is slow.
         self.flush()
-        while len(self._ring) >= self._capacity:
-            self._ring.popleft()
-            self._count_drop()
+        if delivery == "reliable" and len(self._reliable) >= self._capacity:
+            return False
+        while self._ring and (len(self._ring) >= self._capacity or not self._has_room(size)):
+            self._drop(self._ring.popleft())
+        while self._latest and not self._has_room(size):
+            self._drop(self._latest.pop(next(iter(self._latest))))
+        return delivery != "reliable" or self._has_room(size)
+
+    def _drop(self, message: bytes) -> None:
+        self._sample_bytes -= len(message)
+        self._count_drop()
 
     def _count_drop(self) -> None:
         self.dropped += 1
@@ -103,8 +144,14 @@ class Outbox:
 
     def _too_slow(self) -> str:
         return (
-            f'disconnected: {self._capacity} samples of a "reliable" subscription waited unread; read faster, subscribe with a lower "rate_hz" '
-            'or with delivery "ring", or raise queue_samples of the adapter'
+            f'disconnected: {len(self._reliable)} samples of a "reliable" subscription waited unread; read faster, subscribe with a lower '
+            '"rate_hz" or with delivery "ring", or raise queue_samples or queue_bytes of the adapter'
+        )
+
+    def _too_many_replies(self) -> str:
+        return (
+            f"disconnected: {len(self._replies)} replies with {self._reply_bytes} bytes waited unread; "
+            "read the replies while you send requests"
         )
 
     def flush(self) -> None:
@@ -123,7 +170,7 @@ class Outbox:
             parts.append(self._replies.popleft())
             size += len(parts[-1])
         self._reply_bytes -= size
-        replies = len(parts)
+        replies, reply_size = len(parts), size
         for queue in (self._reliable, self._ring):
             while queue and size < BATCH_BYTES:
                 parts.append(queue.popleft())
@@ -131,6 +178,7 @@ class Outbox:
         while self._latest and size < BATCH_BYTES:
             parts.append(self._latest.pop(next(iter(self._latest))))
             size += len(parts[-1])
+        self._sample_bytes -= size - reply_size
         self._stats.samples_sent += len(parts) - replies
         return b"".join(parts)
 

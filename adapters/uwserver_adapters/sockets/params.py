@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from uwserver.ports import Refused
-from uwserver_adapters.sockets.codec import Request
+from uwserver_adapters.sockets.requests import Request
 
 NAME_LIMIT = 256
 """Longest port, service, pattern, field or client name, characters."""

@@ -7,14 +7,28 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from uwserver.ports import Fault, Progress, Refused, Reply
-from uwserver_adapters.sockets.codec import Codec, Request, RequestId
+from uwserver_adapters.sockets.codec import Codec
+from uwserver_adapters.sockets.encoding import RequestId
 from uwserver_adapters.sockets.fanout import Fanout, Subscription
-from uwserver_adapters.sockets.outbox import Outbox
+from uwserver_adapters.sockets.outbox import Outgoing
+from uwserver_adapters.sockets.requests import Request
 
 _log = logging.getLogger(__name__)
 
 UNANSWERED = 1024
-"""Commands and calls of one client that may wait for the world."""
+SUBSCRIPTIONS = 256
+
+
+class Allowance(NamedTuple):
+    """What one client may hold.
+
+    Attributes:
+        subscriptions: at a time.
+        unanswered: commands and calls that wait for the world.
+    """
+
+    subscriptions: int = SUBSCRIPTIONS
+    unanswered: int = UNANSWERED
 
 
 class Unfinished(NamedTuple):
@@ -30,6 +44,7 @@ class Session:
     Args:
         serial: counts the clients of this adapter.
         codec, outbox, fanout: what it speaks, where its answers wait, where its samples come from.
+        allowance: what it may hold.
         wake: said after an answer that came later than its request.
 
     Attributes:
@@ -41,11 +56,20 @@ class Session:
         unfinished: calls under way, by the id of their request (or an object of its own where that had none).
     """
 
-    def __init__(self, serial: int, codec: Codec, outbox: Outbox, fanout: Fanout, wake: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        serial: int,
+        codec: Codec,
+        outbox: Outgoing,
+        fanout: Fanout,
+        wake: Callable[[], None],
+        allowance: Allowance = Allowance(),  # noqa: B008
+    ) -> None:
         self.serial = serial
         self.codec = codec
         self.outbox = outbox
         self.fanout = fanout
+        self.allowance = allowance
         self.context = fanout.context
         self.name = ""
         self.source = str(serial)
@@ -92,9 +116,16 @@ class Session:
         try:
             message = self.codec.reply(request, result)
         except (TypeError, ValueError, OverflowError) as error:
-            _log.exception("a result has no %s encoding", self.codec.name)
-            fault = Fault("internal", f"the result has no {self.codec.name} encoding ({error}): please report this")
+            _log.exception("a result has no %s encoding", self.codec.encoding.name)
+            fault = Fault(
+                "internal", f"the result has no {self.codec.encoding.name} encoding ({error}): please report this"
+            )
             self.refuse(request, fault)
+            return
+        largest = self.outbox.largest
+        if largest is not None and len(message) > largest:
+            text = f"the answer has {len(message)} bytes, a datagram holds {largest}: ask for less (a narrower pattern), or ask by TCP"
+            self.refuse(request, Fault("too_large", text))
             return
         self.outbox.put_reply(message)
 
@@ -110,8 +141,10 @@ class Session:
         Raises:
             Refused: too many are unanswered already.
         """
-        if self.unanswered >= UNANSWERED:
-            raise Refused("overload", f"{UNANSWERED} commands and calls wait for their answer: wait for some of them")
+        if self.unanswered >= self.allowance.unanswered:
+            raise Refused(
+                "overload", f"{self.unanswered} commands and calls wait for their answer: wait for some of them"
+            )
         self.unanswered += 1
 
         def answer(outcome: Reply | Progress) -> None:

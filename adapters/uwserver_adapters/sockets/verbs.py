@@ -6,21 +6,17 @@ import hmac
 import logging
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import Final, cast
+from typing import Final
 
 from uwserver.ports import Fault, Json, Progress, Refused, Reply
 from uwserver_adapters.sockets import params as read
-from uwserver_adapters.sockets.codec import Request
 from uwserver_adapters.sockets.fanout import Subscription, has_any
-from uwserver_adapters.sockets.outbox import Delivery
+from uwserver_adapters.sockets.requests import Request
 from uwserver_adapters.sockets.session import Session, Unfinished
 
 _log = logging.getLogger(__name__)
 
 VERSION = 1
-SUBSCRIPTIONS = 256
-"""Subscriptions of one client."""
-_DELIVERIES = ("latest", "ring", "reliable")
 
 
 class Later(Enum):
@@ -89,7 +85,7 @@ def _hello(session: Session, request: Request, token: str | None) -> object:
         raise Refused("invalid_request", '"hello" was said before: once is enough', "hello")
     session.greet(read.optional_name(params, "name", "the client's name"))
     common = session.context.hello()
-    return {"version": VERSION, **common, "session": session.serial, "encoding": session.codec.name}
+    return {"version": VERSION, **common, "session": session.serial, "encoding": session.codec.encoding.name}
 
 
 def _describe(session: Session, request: Request) -> object:
@@ -104,14 +100,15 @@ def _subscribe(session: Session, request: Request) -> object:
     rate_hz = read.positive(params, "rate_hz", "samples a second of simulation time")
     fields = read.names(params, "fields", "names of fields")
     delivery = params.get("delivery", "ring")
-    if delivery not in _DELIVERIES:
-        raise Refused("bad_argument", f'"delivery" is one of {", ".join(_DELIVERIES)}', "delivery")
-    if len(session.subscriptions) >= SUBSCRIPTIONS:
-        text = f"{SUBSCRIPTIONS} subscriptions are the most a client can have: unsubscribe, or use one pattern for many"
+    if delivery not in session.outbox.deliveries:
+        raise Refused("bad_argument", f'"delivery" is here one of {", ".join(session.outbox.deliveries)}', "delivery")
+    most = session.allowance.subscriptions
+    if len(session.subscriptions) >= most:
+        text = f"{most} subscriptions are the most a client can have: unsubscribe, or use one pattern for many"
         raise Refused("overload", text, "pattern")
     _check_coverage(session, pattern, fields)
     session.subscribed += 1
-    subscription = Subscription(session.subscribed, pattern, rate_hz, fields, cast(Delivery, delivery))
+    subscription = Subscription(session.subscribed, pattern, rate_hz, fields, delivery)
     session.fanout.add(session, subscription)
     session.subscriptions[subscription.serial] = subscription
     return {"subscription": subscription.serial, "ports": subscription.paths}

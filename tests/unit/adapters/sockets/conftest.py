@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import shutil
+import ssl
 import struct
-from collections.abc import Callable
+import subprocess
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter, connection
+from uwserver_adapters.sockets.adapter import SocketsConfig
 from uwserver_adapters.sockets.connection import Connection
 
 from uwserver.testing import FakeContext, Loopback
@@ -117,3 +123,77 @@ def pack() -> Callable[..., bytes]:
 @pytest.fixture
 def unpack() -> Callable[..., list[dict[str, Any]]]:
     return unpacked
+
+
+@contextlib.asynccontextmanager
+async def run_adapter(**config: Any) -> AsyncIterator[FakeContext]:
+    context = FakeContext()
+    ready = asyncio.Event()
+    task = asyncio.create_task(SocketsAdapter(SocketsConfig(**({"port": 0} | config)), context).run(ready))
+    done, _ = await asyncio.wait(
+        [task, asyncio.create_task(ready.wait())], timeout=5, return_when=asyncio.FIRST_COMPLETED
+    )
+    assert done
+    if task.done():
+        task.result()
+    try:
+        yield context
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+@pytest.fixture
+def serving() -> Callable[..., Any]:
+    """The adapter on a real socket: ``async with serving(**config) as context``."""
+    return run_adapter
+
+
+def make_certificate(folder: Path, name: str) -> tuple[str, str]:
+    """A certificate signed by itself, for 127.0.0.1: file names of certificate and key."""
+    cert, key = folder / f"{name}.pem", folder / f"{name}.key"
+    command = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "ec",
+        "-pkeyopt",
+        "ec_paramgen_curve:prime256v1",
+        "-nodes",
+        "-days",
+        "2",
+    ]
+    command += [
+        "-subj",
+        f"/CN={name}",
+        "-addext",
+        "subjectAltName=IP:127.0.0.1",
+        "-keyout",
+        str(key),
+        "-out",
+        str(cert),
+    ]
+    subprocess.run(command, check=True, capture_output=True, timeout=30)
+    return str(cert), str(key)
+
+
+@pytest.fixture(scope="session")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Of the server: file names of certificate and key."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl to make a certificate")
+    return make_certificate(tmp_path_factory.mktemp("tls"), "server")
+
+
+@pytest.fixture(scope="session")
+def client_certificate(tmp_path_factory: pytest.TempPathFactory, certificate: tuple[str, str]) -> tuple[str, str]:
+    """Of a client."""
+    return make_certificate(tmp_path_factory.mktemp("tls"), "client")
+
+
+@pytest.fixture
+def trusting(certificate: tuple[str, str]) -> ssl.SSLContext:
+    """The TLS of a client that trusts the server's certificate."""
+    return ssl.create_default_context(cafile=certificate[0])

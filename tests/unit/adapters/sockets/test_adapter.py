@@ -8,7 +8,7 @@ import errno
 import json
 import re
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -18,24 +18,7 @@ from uwserver_adapters.sockets.adapter import CannotListen, SocketsConfig
 
 from uwserver.testing import FakeContext, TcpPeer
 
-
-@contextlib.asynccontextmanager
-async def serving(**config: Any) -> AsyncIterator[FakeContext]:
-    context = FakeContext()
-    ready = asyncio.Event()
-    task = asyncio.create_task(SocketsAdapter(SocketsConfig(**({"port": 0} | config)), context).run(ready))
-    done, _ = await asyncio.wait(
-        [task, asyncio.create_task(ready.wait())], timeout=5, return_when=asyncio.FIRST_COMPLETED
-    )
-    assert done
-    if task.done():
-        task.result()
-    try:
-        yield context
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task
+Serving = Callable[..., Any]
 
 
 async def line(peer: TcpPeer) -> dict[str, Any]:
@@ -49,7 +32,7 @@ async def ask(peer: TcpPeer, method: str, params: object = None) -> dict[str, An
     return message
 
 
-def test_two_clients_in_two_encodings(pack: Callable[..., bytes]) -> None:
+def test_two_clients_in_two_encodings(serving: Serving, pack: Callable[..., bytes]) -> None:
     async def scene() -> None:
         async with serving() as context:
             assert re.fullmatch(r"127\.0\.0\.1:\d+", context.stats.address)
@@ -70,7 +53,7 @@ def test_two_clients_in_two_encodings(pack: Callable[..., bytes]) -> None:
     asyncio.run(scene())
 
 
-def test_half_close_as_nc_does_it() -> None:
+def test_half_close_as_nc_does_it(serving: Serving) -> None:
     async def scene() -> None:
         async with serving() as context:
             peer = await TcpPeer.connect(context)
@@ -82,7 +65,7 @@ def test_half_close_as_nc_does_it() -> None:
     asyncio.run(scene())
 
 
-def test_a_client_that_never_reads_delays_no_other() -> None:
+def test_a_client_that_never_reads_delays_no_other(serving: Serving) -> None:
     async def scene() -> None:
         async with serving(queue_samples=50) as context:
             never, reads = await TcpPeer.connect(context), await TcpPeer.connect(context)
@@ -101,7 +84,7 @@ def test_a_client_that_never_reads_delays_no_other() -> None:
     asyncio.run(scene())
 
 
-def test_the_last_words_reach_a_client_that_goes_on_sending() -> None:
+def test_the_last_words_reach_a_client_that_goes_on_sending(serving: Serving) -> None:
     async def scene() -> None:
         async with serving(token="sesame") as context:
             peer = await TcpPeer.connect(context)
@@ -115,7 +98,7 @@ def test_the_last_words_reach_a_client_that_goes_on_sending() -> None:
     asyncio.run(scene())
 
 
-def test_clients_are_closed_at_the_end() -> None:
+def test_clients_are_closed_at_the_end(serving: Serving) -> None:
     async def scene() -> None:
         async with serving() as context:
             peer = await TcpPeer.connect(context)
@@ -128,7 +111,7 @@ def test_clients_are_closed_at_the_end() -> None:
     asyncio.run(scene())
 
 
-def test_a_port_in_use_says_which_and_what_to_do() -> None:
+def test_a_port_in_use_says_which_and_what_to_do(serving: Serving) -> None:
     async def scene() -> None:
         with socket.create_server(("127.0.0.1", 0)) as taken:
             port = taken.getsockname()[1]
@@ -157,7 +140,9 @@ def test_other_faults_of_the_address(monkeypatch: pytest.MonkeyPatch, code: int,
     asyncio.run(scene())
 
 
-def test_an_open_address_makes_a_token_and_says_how_to_connect(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_open_address_makes_a_token_and_says_how_to_connect(
+    serving: Serving, caplog: pytest.LogCaptureFixture
+) -> None:
     async def scene() -> None:
         async with serving(bind="0.0.0.0") as context:
             port = context.stats.address.rpartition(":")[2]
@@ -193,7 +178,7 @@ def test_what_needs_a_token(bind: str, is_open: bool) -> None:
     asyncio.run(scene())
 
 
-def test_a_given_token_is_not_printed(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_given_token_is_not_printed(serving: Serving, caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         async with serving(bind="0.0.0.0", token="open sesame"):
             pass

@@ -9,20 +9,16 @@ from typing import Any
 import msgpack
 import pytest
 from uwserver_adapters.sockets.codec import (
-    EXAMPLE,
     FRAME_LIMIT,
-    HTTP_ANSWER,
-    ID_LIMIT,
     LINE_LIMIT,
     NEED_DATA,
-    TEXT_LIMIT,
+    WEB,
     JsonCodec,
-    Malformed,
     MsgpackCodec,
-    Request,
-    SampleForm,
     choose_codec,
 )
+from uwserver_adapters.sockets.encoding import TEXT_LIMIT, SampleForm
+from uwserver_adapters.sockets.requests import EXAMPLE, ID_LIMIT, Malformed, Request
 
 from uwserver.ports import ErrorCode, Event, Fault, Field, Port, Progress, Sample
 from uwserver.testing import CodecCase, check_codec
@@ -250,7 +246,7 @@ def test_claimed_frame_reserves_nothing() -> None:
 @pytest.mark.parametrize(
     ("head", "chosen"),
     [
-        (b"", None), (b"G", None), (b"GET", None), (b"GET ", HTTP_ANSWER), (b"GET / HTTP/1.1\r\n", HTTP_ANSWER),
+        (b"", None), (b"G", None), (b"GET", None), (b"GET ", WEB), (b"GET / HTTP/1.1\r\n", WEB),
         (b"\x00", MsgpackCodec), (b"\x00GET", MsgpackCodec), (b"{", JsonCodec), (b"Garbage", JsonCodec), (b"\xff", JsonCodec),
         (b"\x01", JsonCodec), (b"\n", JsonCodec),
     ],

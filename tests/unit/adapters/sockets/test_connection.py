@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.sockets import connection
+from uwserver_adapters.sockets import connection, limits
 from uwserver_adapters.sockets.codec import FRAME_LIMIT, LINE_LIMIT
 from uwserver_adapters.sockets.outbox import REPLIES
 
@@ -312,7 +312,7 @@ def test_replies_come_before_waiting_samples(stage: Stage) -> None:
 
 
 def test_a_flood_is_refused_and_then_not_even_read(stage: Stage, pack: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection, "WINDOW_S", 0.2)
+    monkeypatch.setattr(limits, "WINDOW_S", 0.2)
     monkeypatch.setattr(connection, "TURN_S", 1000.0)
 
     async def scene() -> None:

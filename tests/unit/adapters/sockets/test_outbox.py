@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from uwserver_adapters.sockets.outbox import BATCH_BYTES, REPLIES, REPLY_BYTES, Outbox
+from uwserver_adapters.sockets.outbox import BATCH_BYTES, QUEUE_BYTES, REPLIES, Outbox
 
 from uwserver.adapter import AdapterStats
 
@@ -123,7 +123,7 @@ def test_too_many_replies_end_the_connection() -> None:
 def test_too_many_bytes_of_replies_end_the_connection() -> None:
     peer = Peer()
     peer.outbox.paused = True
-    peer.outbox.put_reply(b"r" * (REPLY_BYTES + 1))
+    peer.outbox.put_reply(b"r" * (QUEUE_BYTES + 1))
     assert not peer.overflows, "a single one may be of any length"
     peer.outbox.put_reply(b"r")
     assert peer.overflows
@@ -132,12 +132,12 @@ def test_too_many_bytes_of_replies_end_the_connection() -> None:
 def test_bytes_of_replies_that_left_do_not_count() -> None:
     peer = Peer()
     for _ in range(3):
-        peer.outbox.put_reply(b"r" * REPLY_BYTES)
+        peer.outbox.put_reply(b"r" * QUEUE_BYTES)
     for _ in range(3 * REPLIES):
         peer.outbox.put_reply(b"r")
     peer.outbox.flush()
     assert not peer.overflows
-    assert len(peer.text) == 3 * REPLY_BYTES + 3 * REPLIES
+    assert len(peer.text) == 3 * QUEUE_BYTES + 3 * REPLIES
 
 
 def test_what_the_transport_does_not_take_stays_droppable() -> None:

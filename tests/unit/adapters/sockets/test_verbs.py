@@ -5,8 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.sockets.session import UNANSWERED
-from uwserver_adapters.sockets.verbs import SUBSCRIPTIONS
+from uwserver_adapters.sockets.session import SUBSCRIPTIONS, UNANSWERED
 
 from uwserver.ports import Event, Refused, Reply
 

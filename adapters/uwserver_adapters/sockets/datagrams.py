@@ -1,0 +1,300 @@
+"""UDP: the same requests and samples, one message a datagram, for a client that showed by a cookie that its address is its own.
+
+Nothing is kept of an address, and nothing larger than its own datagram is sent to it, before it has echoed its cookie.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import hashlib
+import hmac
+import secrets
+from collections.abc import Callable, Hashable
+from typing import TYPE_CHECKING, cast
+
+import msgspec
+
+from uwserver.adapter import AdapterStats
+from uwserver.ports import Fault
+from uwserver_adapters.sockets import verbs
+from uwserver_adapters.sockets.codec import NEED_DATA, Framed, Waiting
+from uwserver_adapters.sockets.encoding import JSON, MSGPACK, Encoding
+from uwserver_adapters.sockets.limits import RateMeter
+from uwserver_adapters.sockets.outbox import Delivery
+from uwserver_adapters.sockets.requests import Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.sockets.session import Session
+
+if TYPE_CHECKING:
+    from uwserver_adapters.sockets.adapter import SocketsAdapter
+
+DATAGRAM_LIMIT = 65507
+"""Longest datagram, bytes: what UDP over IPv4 can carry."""
+STRANGER_LIMIT = 2048
+"""Longest datagram that is read of an address without a session, bytes."""
+RECEIVE_BUFFER = 4 << 20
+"""Asked of the kernel for the socket; it may give less."""
+COOKIE_S = 60.0
+"""Wall time for which a cookie is given out; it holds for as long again."""
+_NUMBER_SIZE = 24
+
+Address = tuple[object, ...]
+
+
+def parse_datagram(data: bytes) -> tuple[Encoding, Request | Malformed]:
+    """The message of a datagram: a msgpack map by its first byte, else JSON."""
+    if data and (0x80 <= data[0] <= 0x8F or data[0] in (0xDE, 0xDF)):
+        return MSGPACK, parse_msgpack(data)
+    return JSON, parse_json(data.strip())
+
+
+def numbered(encoding: Encoding, message: bytes, number: int) -> bytes:
+    """A message of ours (a map of a few members) with the further member ``n``."""
+    if encoding is JSON:
+        return message[:-1] + b',"n":%d}' % number
+    return bytes((message[0] + 1,)) + message[1:] + b"\xa1n" + msgspec.msgpack.encode(number)
+
+
+def _bare(body: bytes) -> bytes:
+    return body
+
+
+class DatagramCodec(Framed):
+    """The writing half; datagrams are read one by one, so nothing ever waits here."""
+
+    def __init__(self, encoding: Encoding) -> None:
+        super().__init__(encoding, _bare)
+        self.limit = DATAGRAM_LIMIT
+
+    def receive(self, data: bytes) -> None:
+        """Nothing is stored."""
+
+    def next_event(self) -> Request | Malformed | Waiting:
+        """Always `NEED_DATA`."""
+        return NEED_DATA
+
+
+class DatagramOutbox:
+    """Sends at once or not at all, and numbers what it sends.
+
+    Args:
+        send: returns whether the datagram went out.
+        encoding: of the client.
+        stats: counts what is sent and dropped.
+        refuse: told the first sample that no datagram can carry.
+    """
+
+    deliveries: tuple[Delivery, ...] = ("latest", "ring")
+    largest: int | None = DATAGRAM_LIMIT - _NUMBER_SIZE
+
+    def __init__(
+        self, send: Callable[[bytes], bool], encoding: Encoding, stats: AdapterStats, refuse: Callable[[Fault], None]
+    ) -> None:
+        self._send = send
+        self._encoding = encoding
+        self._stats = stats
+        self._refuse = refuse
+        self._next = 0
+        self._told = False
+
+    def put_reply(self, message: bytes) -> None:
+        """Send; a number that is missing tells the client of a loss."""
+        self._put(message)
+
+    def put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
+        """Send, or count it as dropped."""
+        if len(message) > DATAGRAM_LIMIT - _NUMBER_SIZE:
+            self._stats.dropped += 1
+            if not self._told:
+                self._told = True
+                text = f"a sample has {len(message)} bytes, a datagram holds {DATAGRAM_LIMIT}: select fields, or subscribe by TCP"
+                self._refuse(Fault("too_large", text, "subscribe"))
+        elif self._put(message):
+            self._stats.samples_sent += 1
+        else:
+            self._stats.dropped += 1
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def _put(self, message: bytes) -> bool:
+        data = numbered(self._encoding, message, self._next)
+        self._next += 1
+        return self._send(data)
+
+
+class DatagramClient:
+    """One address that has shown its cookie, until its lease ends."""
+
+    is_half_open = False
+
+    def __init__(self, endpoint: DatagramEndpoint, address: Address, encoding: Encoding) -> None:
+        adapter = endpoint.adapter
+        self._endpoint = endpoint
+        self._adapter = adapter
+        self._address = address
+        self._loop = asyncio.get_running_loop()
+        outbox = DatagramOutbox(
+            lambda data: endpoint.send(data, address), encoding, adapter.context.stats, self._refuse
+        )
+        codec = DatagramCodec(encoding)
+        self.session = Session(adapter.next_serial(), codec, outbox, adapter.fanout, lambda: None, adapter.allowance)
+        self._rate = RateMeter(adapter.config.max_requests_per_s)
+        self._heard = self._loop.time()
+        self._timer = self._loop.call_later(adapter.config.udp_lease_s, self._check_lease)
+
+    def take(self, event: Request | Malformed) -> None:
+        """Carry out one datagram; any renews the lease."""
+        self._heard = self._loop.time()
+        if not self._rate.take(self._heard):
+            if self._rate.count == self._rate.most + 1:
+                text = f"more than {self._rate.most} requests a second: send fewer, or raise max_requests_per_s"
+                self._adapter.refusals.note("rate", text)
+                self._refuse(Fault("overload", text))
+        elif isinstance(event, Malformed):
+            self._adapter.refusals.note(event.fault.code, event.fault.text)
+            self.session.refuse(event.id, event.fault)
+        else:
+            self._carry_out(event)
+
+    def _carry_out(self, request: Request) -> None:
+        try:
+            verbs.take(self.session, request, self._adapter.token)
+        except verbs.Rejected as rejected:
+            self._adapter.refusals.note(rejected.fault.code, rejected.fault.text)
+            self.session.refuse(request.id, rejected.fault)
+            self.close()
+
+    def _refuse(self, fault: Fault) -> None:
+        self.session.refuse(None, fault)
+
+    def _check_lease(self) -> None:
+        end = self._heard + self._adapter.config.udp_lease_s
+        if self._loop.time() < end:
+            self._timer = self._loop.call_at(end, self._check_lease)
+            return
+        text = f'nothing came for {self._adapter.config.udp_lease_s:g} s, so this session has ended: say "hello" with a new cookie'
+        self._refuse(Fault("timeout", text, "udp_lease_s"))
+        self.close()
+
+    def close(self) -> None:
+        """End the session; the address is a stranger's again."""
+        if not self.session.closed:
+            self._timer.cancel()
+            self.session.close()
+            self._endpoint.forget(self._address)
+            self._adapter.leave(self)
+
+    def abort(self) -> None:
+        """The same: nothing waits to be sent."""
+        self.close()
+
+
+class DatagramEndpoint(asyncio.DatagramProtocol):
+    """The UDP socket of an adapter."""
+
+    def __init__(self, adapter: SocketsAdapter) -> None:
+        self.adapter = adapter
+        self._transport: asyncio.DatagramTransport
+        self._clients: dict[Address, DatagramClient] = {}
+        self._secret = secrets.token_bytes(32)
+        self._is_paused = False
+        self._loop = asyncio.get_running_loop()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin."""
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def error_received(self, error: Exception) -> None:
+        """A datagram could not be delivered, and the kernel does not say which: the lease ends what nobody hears."""
+
+    def pause_writing(self) -> None:
+        """The network takes nothing now."""
+        self._is_paused = True
+
+    def resume_writing(self) -> None:
+        """It does again."""
+        self._is_paused = False
+
+    def send(self, data: bytes, address: Address) -> bool:
+        """Send a datagram; returns whether it was not dropped here."""
+        if self._is_paused:
+            return False
+        self.adapter.context.stats.bytes_sent += len(data)
+        self._transport.sendto(data, address)
+        return True
+
+    def forget(self, address: Address) -> None:
+        """An address has no session any more."""
+        self._clients.pop(address, None)
+
+    def datagram_received(self, data: bytes, address: Address) -> None:
+        """Take one datagram."""
+        client = self._clients.get(address)
+        if client is None and len(data) > STRANGER_LIMIT:
+            self._challenge(JSON, len(data), address)
+            return
+        if len(data) > DATAGRAM_LIMIT:  # IPv6 carries a little more
+            message: Request | Malformed = Malformed(
+                Fault("too_large", f"a datagram holds at most {DATAGRAM_LIMIT} bytes")
+            )
+            encoding = JSON
+        else:
+            encoding, message = parse_datagram(data)
+        cookie, event = _without_cookie(message)
+        if cookie is not None and self._is_valid(cookie, address):
+            if client is not None:
+                client.close()
+            self._admit(encoding, event, address)
+        elif client is not None:
+            client.take(event)
+        else:
+            self._refuse_stranger(event, cookie)
+            self._challenge(encoding, len(data), address)
+
+    def _admit(self, encoding: Encoding, hello: Request | Malformed, address: Address) -> None:
+        client = DatagramClient(self, address, encoding)
+        self._clients[address] = client
+        if not self.adapter.enter(client):
+            text = f"{self.adapter.config.max_clients} clients are connected: close some, or raise max_clients of the adapter"
+            self.adapter.refusals.note("max_clients", text)
+            client.session.refuse(None, Fault("overload", text))
+            client.close()
+            return
+        if self.adapter.token is None:
+            client.session.admit()
+        client.take(hello)
+        if not client.session.greeted:
+            client.close()
+
+    def _refuse_stranger(self, event: Request | Malformed, cookie: str | None) -> None:
+        if isinstance(event, Malformed):
+            self.adapter.refusals.note(event.fault.code, event.fault.text)
+        elif cookie is not None:
+            self.adapter.refusals.note("cookie", "a UDP hello came with a cookie that is old, or another address's")
+
+    def _challenge(self, encoding: Encoding, size: int, address: Address) -> None:
+        answer = {"cookie": self._cookie(address, self._slot())}
+        data = msgspec.msgpack.encode(answer) if encoding is MSGPACK else msgspec.json.encode(answer)
+        if len(data) <= size:  # else a forged sender's address could be made to receive more than was sent
+            self.send(data, address)
+
+    def _slot(self) -> int:
+        return int(self._loop.time() // COOKIE_S)
+
+    def _cookie(self, address: Address, slot: int) -> str:
+        digest = hmac.digest(self._secret, repr((slot, address)).encode(), hashlib.sha256)
+        return base64.urlsafe_b64encode(digest[:12]).decode()
+
+    def _is_valid(self, cookie: str, address: Address) -> bool:
+        given, slot = cookie.encode("utf-8", "replace"), self._slot()
+        return any(hmac.compare_digest(given, self._cookie(address, known).encode()) for known in (slot, slot - 1))
+
+
+def _without_cookie(event: Request | Malformed) -> tuple[str | None, Request | Malformed]:
+    """The cookie of a hello, and the request as every transport knows it."""
+    if not isinstance(event, Request) or event.method != "hello" or not isinstance(event.params, dict):
+        return None, event
+    cookie = event.params.get("cookie")
+    params = {key: value for key, value in event.params.items() if key != "cookie"}
+    return cookie if isinstance(cookie, str) else None, Request(event.id, event.method, params)

@@ -1,0 +1,101 @@
+"""The TLS handshake of one peer, before it is a connection: bounded in time and number, and its failures are told once per cause."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from typing import TYPE_CHECKING, cast
+
+from uwserver_adapters.sockets.connection import Connection
+
+if TYPE_CHECKING:
+    from uwserver_adapters.sockets.adapter import SocketsAdapter
+
+_PLAIN = ("HTTP_REQUEST", "WRONG_VERSION_NUMBER", "UNKNOWN_PROTOCOL", "RECORD_LAYER_FAILURE", "PACKET_LENGTH_TOO_LONG")
+_TOO_OLD = ("UNSUPPORTED_PROTOCOL", "VERSION_TOO_LOW")
+_NO_CERTIFICATE = ("PEER_DID_NOT_RETURN_A_CERTIFICATE", "CERTIFICATE_VERIFY_FAILED")
+
+
+class Doorway(asyncio.Protocol):
+    """Takes a peer from its TCP connection to a `Connection` on top of TLS.
+
+    Bytes that come with the end of the handshake, before the `Connection` is there, wait here.
+    """
+
+    def __init__(self, adapter: SocketsAdapter, context: ssl.SSLContext) -> None:
+        self._adapter = adapter
+        self._context = context
+        self._early = b""
+        self._is_lost = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin the handshake, unless too many are under way."""
+        plain = cast(asyncio.Transport, transport)
+        tasks = self._adapter.handshakes
+        if len(tasks) >= self._adapter.config.max_clients:
+            text = f"{len(tasks)} TLS handshakes are under way: raise max_clients of the adapter"
+            self._adapter.refusals.note("max_clients", text)
+            plain.abort()
+            return
+        plain.pause_reading()
+        task = asyncio.get_running_loop().create_task(self._shake_hands(plain))
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
+
+    def data_received(self, data: bytes) -> None:
+        """Keep for the `Connection`."""
+        self._early += data
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """The peer went before it became a `Connection`."""
+        self._is_lost = True
+
+    async def _shake_hands(self, plain: asyncio.Transport) -> None:
+        is_open = False
+        try:
+            secure = await asyncio.get_running_loop().start_tls(
+                plain, self, self._context, server_side=True, ssl_handshake_timeout=self._adapter.config.hello_timeout_s
+            )
+        except ssl.SSLError as error:
+            self._refuse(str(error.reason or "unknown"))
+        except ConnectionAbortedError:
+            self._refuse("TIMEOUT")
+        except OSError:
+            pass  # it went away; port scanners and health checks do
+        else:
+            if secure is not None and not self._is_lost:
+                is_open = True
+                connection = Connection(self._adapter)
+                secure.set_protocol(connection)
+                connection.connection_made(secure)
+                if self._early:
+                    connection.data_received(self._early)
+        finally:
+            if not is_open:
+                plain.abort()
+
+    def _refuse(self, reason: str) -> None:
+        self._adapter.context.stats.errors += 1
+        self._adapter.refusals.note(
+            f"tls {_cause(reason)}", f"a TLS handshake failed ({reason.lower()}): {_remedy(reason)}"
+        )
+
+
+def _cause(reason: str) -> str:
+    for cause, reasons in (
+        ("plain client", _PLAIN),
+        ("old version", _TOO_OLD),
+        ("client certificate", _NO_CERTIFICATE),
+    ):
+        if reason in reasons:
+            return cause
+    return "timeout" if reason == "TIMEOUT" else "failure"
+
+
+def _remedy(reason: str) -> str:
+    return {
+        "plain client": "this port speaks TLS only, connect with TLS (wss:// in a browser)",
+        "old version": "TLS 1.2 is the least",
+        "client certificate": "a client needs a certificate of tls_client_ca",
+        "timeout": "it took longer than hello_timeout_s",
+    }.get(_cause(reason), "check the client's TLS settings and its trust in tls_cert")

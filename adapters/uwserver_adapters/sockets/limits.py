@@ -1,0 +1,67 @@
+"""What bounds one client, and how refusals are told: in `stats.details`, and in the log once per cause."""
+
+from __future__ import annotations
+
+import logging
+
+from uwserver.adapter import AdapterStats
+from uwserver.ports import Json
+
+_log = logging.getLogger(__name__)
+
+WINDOW_S = 1.0
+"""Wall time over which requests are counted."""
+
+
+class RateMeter:
+    """Counts the requests of one client.
+
+    Args:
+        most: allowed in a window.
+
+    Attributes:
+        count: requests in this window.
+        end: wall time (of the loop) at which the window ends.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self.count = 0
+        self.end = 0.0
+
+    def take(self, now: float) -> bool:
+        """Count one; whether it is still allowed."""
+        if now >= self.end:
+            self.end = now + WINDOW_S
+            self.count = 0
+        self.count += 1
+        return self.count <= self.most
+
+    def is_flooded(self, now: float) -> bool:
+        """Whether more came than allowed, and the window lasts."""
+        return self.count > self.most and now < self.end
+
+
+class Refusals:
+    """Counts what was refused by cause; the first of each cause is logged.
+
+    Args:
+        name: of the adapter, for the log.
+        stats: ``details["refused"]`` maps each cause to its count.
+    """
+
+    def __init__(self, name: str, stats: AdapterStats) -> None:
+        self._name = name
+        self._stats = stats
+        self._counts: dict[str, Json] = {}
+
+    def note(self, cause: str, text: str) -> None:
+        """One more. `cause` is one of few fixed texts, never what a peer said."""
+        known = self._counts.get(cause, 0)
+        assert isinstance(known, int)
+        self._counts[cause] = known + 1
+        self._stats.details["refused"] = self._counts
+        if not known:
+            _log.warning(
+                "%s refused (%s): %s. Further ones are only counted, in world/status", self._name, cause, text[:500]
+            )

@@ -1,0 +1,194 @@
+"""TLS for TCP and WebSocket: who gets in, who does not, and what a wrong configuration says."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import ssl
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from uwserver_adapters.sockets import SocketsAdapter
+from uwserver_adapters.sockets.adapter import CannotListen, SocketsConfig
+from websockets.asyncio.client import connect
+
+from uwserver.testing import FakeContext, TcpPeer, check_adapter
+from uwserver.testing.adapters import CHECKS
+
+Serving = Callable[..., Any]
+PING = b'{"id":1,"method":"ping","params":5}\n'
+
+
+def play(serving: Serving, certificate: tuple[str, str], scene: Callable[[Any], Any], **config: Any) -> None:
+    async def whole() -> None:
+        async with serving(tls_cert=certificate[0], tls_key=certificate[1], **config) as context:
+            await asyncio.wait_for(scene(context), 20)
+
+    asyncio.run(whole())
+
+
+async def dial(context: Any, tls: ssl.SSLContext | None) -> TcpPeer:
+    host, _, port = context.stats.address.rpartition(":")
+    return TcpPeer(*await asyncio.open_connection(host, int(port), ssl=tls))
+
+
+async def pong(context: Any, tls: ssl.SSLContext) -> None:
+    peer = await dial(context, tls)
+    await peer.send(PING)
+    assert json.loads(await asyncio.wait_for(peer.reader.readline(), 5))["result"] == 5
+    await peer.close()
+
+
+def test_lines_and_websocket(serving: Serving, certificate: Any, trusting: ssl.SSLContext) -> None:
+    async def scene(context: Any) -> None:
+        await pong(context, trusting)
+        async with connect(f"wss://{context.stats.address}", ssl=trusting) as client:
+            await client.send(PING.decode())
+            assert json.loads(await client.recv())["result"] == 5
+        while context.stats.peers:
+            await asyncio.sleep(0.01)
+
+    play(serving, certificate, scene)
+
+
+def test_plain_clients_are_closed_and_logged_once(
+    serving: Serving, certificate: Any, trusting: ssl.SSLContext, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scene(context: Any) -> None:
+        for data in (PING, b"GET / HTTP/1.1\r\n\r\n", b"\x00" * 100, PING):
+            peer = await dial(context, None)
+            await peer.send(data)
+            with contextlib.suppress(ConnectionError):
+                await asyncio.wait_for(peer.reader.read(), 5)
+            await peer.close()
+        await pong(context, trusting)
+        assert context.stats.details["refused"] == {"tls plain client": 4}
+        assert caplog.text.count("speaks TLS only") == 1
+
+    play(serving, certificate, scene)
+
+
+def test_a_peer_that_says_nothing_is_ended(serving: Serving, certificate: Any) -> None:
+    async def scene(context: Any) -> None:
+        peer = await dial(context, None)
+        assert await asyncio.wait_for(peer.reader.read(), 5) == b""
+        await peer.close()
+        assert context.stats.details["refused"] == {"tls timeout": 1}
+
+    play(serving, certificate, scene, hello_timeout_s=0.1)
+
+
+def test_handshakes_under_way_are_bounded(serving: Serving, certificate: Any) -> None:
+    async def scene(context: Any) -> None:
+        waits = await dial(context, None)
+        await asyncio.sleep(0.05)
+        refused = await dial(context, None)
+        with contextlib.suppress(ConnectionError):
+            assert await asyncio.wait_for(refused.reader.read(), 5) == b""
+        for peer in (waits, refused):
+            await peer.close()
+
+    play(serving, certificate, scene, max_clients=1)
+
+
+def test_old_versions_are_refused(serving: Serving, certificate: Any, trusting: ssl.SSLContext) -> None:
+    async def scene(context: Any) -> None:
+        old = ssl.create_default_context(cafile=certificate[0])
+        old.minimum_version = ssl.TLSVersion.MINIMUM_SUPPORTED
+        with pytest.warns(DeprecationWarning):
+            old.maximum_version = ssl.TLSVersion.TLSv1_1
+        with pytest.raises((ssl.SSLError, ConnectionError)):
+            await dial(context, old)
+        trusting.maximum_version = ssl.TLSVersion.TLSv1_2
+        await pong(context, trusting)
+
+    play(serving, certificate, scene)
+
+
+def test_client_certificates(
+    serving: Serving, certificate: Any, client_certificate: Any, trusting: ssl.SSLContext
+) -> None:
+    async def scene(context: Any) -> None:
+        peer = await dial(context, trusting)  # with TLS 1.3 a client learns of the refusal when it reads
+        with pytest.raises((ssl.SSLError, ConnectionError)):
+            await peer.send(PING)
+            if await asyncio.wait_for(peer.reader.read(), 5) == b"":
+                raise ConnectionError
+        await peer.close()
+        assert context.stats.details["refused"] == {"tls client certificate": 1}
+        trusting.load_cert_chain(*client_certificate)
+        await pong(context, trusting)
+
+    play(serving, certificate, scene, tls_client_ca=client_certificate[0])
+
+
+def test_last_words_reach_the_peer(serving: Serving, certificate: Any, trusting: ssl.SSLContext) -> None:
+    async def scene(context: Any) -> None:
+        peer = await dial(context, trusting)
+        await peer.send(b'{"id":1,"method":"hello","params":{"version":1,"token":"x"}}\n')
+        assert b'"denied"' in await asyncio.wait_for(peer.reader.read(), 5)
+        await peer.close()
+
+    play(serving, certificate, scene, token="sesame")
+
+
+@pytest.mark.parametrize(
+    ("files", "phrase"),
+    [
+        ({"tls_cert": "nowhere.pem"}, "tls_cert: cannot read"),
+        ({"tls_cert": "CERT", "tls_key": "nowhere.key"}, "tls_key: cannot read"),
+        ({"tls_cert": "CERT"}, "tls_key is not set"),
+        ({"tls_cert": "CERT", "tls_key": "OTHER"}, "no pair"),
+        ({"tls_cert": "JUNK", "tls_key": "KEY"}, "PEM"),
+        ({"tls_cert": "CERT", "tls_key": "KEY", "tls_client_ca": "JUNK"}, "tls_client_ca"),
+        ({"tls_key": "KEY"}, "need tls_cert"),
+        ({"tls_cert": "CERT", "tls_key": "KEY", "udp_port": 0}, "not encrypted"),
+    ],
+)
+def test_wrong_files_are_named(
+    certificate: Any, client_certificate: Any, tmp_path: Path, files: dict[str, Any], phrase: str
+) -> None:
+    junk = tmp_path / "junk.pem"
+    junk.write_text("no PEM")
+    names = {"CERT": certificate[0], "KEY": certificate[1], "OTHER": client_certificate[1], "JUNK": str(junk)}
+    config = SocketsConfig(port=0, **{key: names.get(value, value) for key, value in files.items()})
+
+    async def scene() -> None:
+        with pytest.raises(CannotListen, match=phrase):
+            await SocketsAdapter(config, FakeContext()).run(asyncio.Event())
+
+    asyncio.run(scene())
+
+
+def test_conformance(certificate: Any, trusting: ssl.SSLContext) -> None:
+    async def connect_tls(context: FakeContext) -> TcpPeer:
+        host, _, port = context.stats.address.rpartition(":")
+        stream = socket.socket()
+        stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        stream.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(stream, (host, int(port)))
+        return TcpPeer(*await asyncio.open_connection(sock=stream, ssl=trusting, server_hostname=host, limit=4096))
+
+    async def scene() -> list[str]:
+        table = SocketsConfig(port=0, tls_cert=certificate[0], tls_key=certificate[1])
+        greeting = b'{"method":"subscribe","params":{"pattern":"**"}}\n'
+        return await asyncio.wait_for(check_adapter(SocketsAdapter, table, connect=connect_tls, greeting=greeting), 60)
+
+    assert asyncio.run(scene()) == list(CHECKS)
+
+
+@pytest.mark.parametrize("tls", [False, True])
+def test_conformance_with_plain_peers(certificate: Any, tls: bool) -> None:
+    """Peers that speak no TLS at a TLS port, and ordinary ones while UDP is on."""
+    files = {"tls_cert": certificate[0], "tls_key": certificate[1]} if tls else {"udp_port": 0}
+
+    async def scene() -> None:
+        greeting = b'{"method":"subscribe","params":{"pattern":"**"}}\n'
+        table = SocketsConfig(port=0, **files)
+        await asyncio.wait_for(check_adapter(SocketsAdapter, table, connect=TcpPeer.connect, greeting=greeting), 60)
+
+    asyncio.run(scene())
