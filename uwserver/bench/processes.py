@@ -66,7 +66,7 @@ def serving(scenario: str | Path) -> Iterator[Served]:
             host, port = _address(process.stdout, " ".join(command))
             yield Served(host, port, process.pid)
         finally:
-            _stop(process)
+            stop(process)
 
 
 class Load:
@@ -123,7 +123,7 @@ def loading(module: str = "uwserver.bench.load") -> Iterator[Load]:
         try:
             yield Load(process)
         finally:
-            _stop(process)
+            stop(process)
 
 
 def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
@@ -144,7 +144,8 @@ def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
     raise BenchFailed(f"{command} named no address; it printed: {seen.decode(errors='replace') or 'nothing'}")
 
 
-def _stop(process: subprocess.Popen[bytes]) -> None:
+def stop(process: subprocess.Popen[bytes]) -> None:
+    """End a process, in order if it can."""
     process.terminate()
     try:
         process.wait(STOP_TIMEOUT_S)

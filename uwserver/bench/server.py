@@ -96,12 +96,12 @@ def _lateness(scenario: Path, load: Load, pairs: int, seconds: float, say: Calla
         with serving(scenario) as served:
             bystanders = Bystanders(served.pid)
             SystemTime().wait(seconds, Event())
-            without.append(_p99_ms(served))
+            without.append(lateness_p99_ms(served))
             busy += [cores] if (cores := bystanders.cores()) is not None else []
         with serving(scenario) as served:
             crowd = load.do("clients", served, active=ACTIVE, silent=SILENT, seconds=seconds, request=COMMAND)
             results.append(crowd)
-            crowded.append(_p99_ms(served))
+            crowded.append(lateness_p99_ms(served))
     added = tuple(there - alone for there, alone in zip(crowded, without, strict=True))
     who = f"{ACTIVE} active clients, {SILENT} that never read"
     return [
@@ -120,7 +120,7 @@ def _lateness(scenario: Path, load: Load, pairs: int, seconds: float, say: Calla
     ]
 
 
-def _p99_ms(served: Served) -> float:
+def lateness_p99_ms(served: Served) -> float:
     """Over all ticks since the server's start, ms."""
     for _ in range(_TRIES):
         lateness = served.ask(STATUS)["value"]["lateness"]

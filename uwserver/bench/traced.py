@@ -79,7 +79,13 @@ def install_megabyte(world: World, vehicle: str) -> str:
 
 async def _serve(scenario: str, trace: str, options: list[str]) -> int:
     resolved = load(scenario, adapters=installed_adapters())
-    server = Server(resolved, Options(announce=lambda addresses: print(json.dumps(addresses), flush=True)))
+
+    def announce(addresses: dict[str, str]) -> None:
+        for stats in server.hub.stats.values():
+            addresses |= {key: str(value) for key, value in stats.details.items()}
+        print(json.dumps(addresses), flush=True)
+
+    server = Server(resolved, Options(announce=announce))
     server.hub.simulation.observe(Trace(open_trace(trace, "w+")))
     if "megabyte" in options:
         world = server.hub.simulation.world

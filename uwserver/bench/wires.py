@@ -182,7 +182,10 @@ class WebSocketFrames:
         self._protocol.send_request(self._protocol.connect())
         connected.sendall(b"".join(self._protocol.data_to_send()))
         while self._protocol.state.name == "CONNECTING":
-            self._protocol.receive_data(connected.recv(_CHUNK))
+            chunk = connected.recv(_CHUNK)
+            if not chunk:
+                raise ConnectionError("the server ended the connection in the WebSocket handshake")
+            self._protocol.receive_data(chunk)
             if self._protocol.handshake_exc is not None:
                 raise ConnectionError(f"no WebSocket: {self._protocol.handshake_exc}")
 
@@ -322,7 +325,17 @@ def _udp(address: str) -> SocketPeer:
     connected = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
     connected.connect((host, int(port)))
-    return SocketPeer(connected, Datagrams())
+    peer = SocketPeer(connected, Datagrams())
+    # The first hello is answered by a cookie, which a second one must show.
+    hello = {"version": 1, "cookie": "-" * 64}
+    for _ in range(2):
+        peer.send("hello", hello, 0)
+        answers = peer.receive(CONNECT_S)
+        if not answers:
+            peer.close()
+            raise ConnectionError("no answer to a UDP hello")
+        hello = {"version": 1, "cookie": answers[0].body.get("cookie", "")}
+    return peer
 
 
 WIRES: Mapping[str, Callable[[str], Peer]] = {

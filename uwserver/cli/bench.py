@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "server", "start")
+PARTS = ("physics", "server", "start", "net")
 
 
 @click.command()
@@ -17,11 +17,12 @@ PARTS = ("physics", "server", "start")
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, server and start (or one PART) on an idle machine; about three minutes.
+    """Measure physics, server, start and net (or one PART) on an idle machine; about seven minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]".
     """
+    from uwserver.bench.net import bench_net
     from uwserver.bench.physics import bench_physics
     from uwserver.bench.processes import BenchFailed
     from uwserver.bench.report import Report, machine_facts
@@ -33,6 +34,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
         "physics": bench_physics,
         "server": bench_server,
         "start": bench_start,
+        "net": bench_net,
     }
     machine, rows = machine_facts(), list[Row]()
     try:

@@ -128,7 +128,7 @@ class SocketsAdapter:
         datagrams: asyncio.DatagramTransport | None = None
         detach = self.context.attach(self.fanout)
         try:
-            datagrams = await self._listen_for_datagrams()
+            datagrams = await self._listen_for_datagrams(server)
             port = server.sockets[0].getsockname()[1]
             stats.address = written(self.config.bind, port)
             stats.state = "running"
@@ -166,17 +166,26 @@ class SocketsAdapter:
         except OSError as error:
             raise CannotListen(why(error, config.bind, config.port, "tcp")) from error
 
-    async def _listen_for_datagrams(self) -> asyncio.DatagramTransport | None:
+    async def _listen_for_datagrams(self, server: asyncio.Server) -> asyncio.DatagramTransport | None:
         bind, port = self.config.bind, self.config.udp_port
         if port is None:
             return None
+        # The same address as for TCP: where bind is a name, it was resolved there.
+        listener = server.sockets[0]
+        host, _, *rest = listener.getsockname()
+        udp = socket.socket(listener.family, socket.SOCK_DGRAM)
         try:
+            udp.setblocking(False)
+            udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+            udp.bind((host, port, *rest))
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-                lambda: DatagramEndpoint(self), local_addr=(bind, port)
+                lambda: DatagramEndpoint(self), sock=udp
             )
-        except OSError as error:
-            raise CannotListen(why(error, bind, port, "udp")) from error
-        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        except BaseException as error:
+            udp.close()
+            if isinstance(error, OSError):
+                raise CannotListen(why(error, bind, port, "udp")) from error
+            raise
         self.context.stats.details["udp"] = written(bind, transport.get_extra_info("sockname")[1])
         return transport
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 import ssl
 from typing import TYPE_CHECKING, cast
 
@@ -19,42 +21,33 @@ _NO_CERTIFICATE = ("PEER_DID_NOT_RETURN_A_CERTIFICATE", "CERTIFICATE_VERIFY_FAIL
 class Doorway(asyncio.Protocol):
     """Takes a peer from its TCP connection to a `Connection` on top of TLS.
 
-    Bytes that come with the end of the handshake, before the `Connection` is there, wait here.
+    The server would start TLS by itself, but then its end could not wait for handshakes, and nobody would learn why one failed.
     """
 
     def __init__(self, adapter: SocketsAdapter, context: ssl.SSLContext) -> None:
         self._adapter = adapter
         self._context = context
-        self._early = b""
-        self._is_lost = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin the handshake, unless too many are under way."""
+        """Begin the handshake on the peer's socket, unless too many are under way."""
         plain = cast(asyncio.Transport, transport)
         tasks = self._adapter.handshakes
         if len(tasks) >= self._adapter.config.max_clients:
             text = f"{len(tasks)} TLS handshakes are under way: raise max_clients of the adapter"
             self._adapter.refusals.note("max_clients", text)
-            plain.abort()
-            return
-        plain.pause_reading()
-        task = asyncio.get_running_loop().create_task(self._shake_hands(plain))
-        tasks.add(task)
-        task.add_done_callback(tasks.discard)
+        else:
+            peer = socket.socket(fileno=os.dup(plain.get_extra_info("socket").fileno()))
+            peer.setblocking(False)
+            task = asyncio.get_running_loop().create_task(self._shake_hands(peer))
+            tasks.add(task)
+            task.add_done_callback(tasks.discard)
+        plain.abort()  # nothing was read yet, and the copy of the socket stays open
 
-    def data_received(self, data: bytes) -> None:
-        """Keep for the `Connection`."""
-        self._early += data
-
-    def connection_lost(self, error: Exception | None) -> None:
-        """The peer went before it became a `Connection`."""
-        self._is_lost = True
-
-    async def _shake_hands(self, plain: asyncio.Transport) -> None:
-        is_open = False
+    async def _shake_hands(self, peer: socket.socket) -> None:
+        seconds = self._adapter.config.hello_timeout_s
         try:
-            secure = await asyncio.get_running_loop().start_tls(
-                plain, self, self._context, server_side=True, ssl_handshake_timeout=self._adapter.config.hello_timeout_s
+            await asyncio.get_running_loop().connect_accepted_socket(
+                lambda: Connection(self._adapter), peer, ssl=self._context, ssl_handshake_timeout=seconds
             )
         except ssl.SSLError as error:
             self._refuse(str(error.reason or "unknown"))
@@ -62,17 +55,6 @@ class Doorway(asyncio.Protocol):
             self._refuse("TIMEOUT")
         except OSError:
             pass  # it went away; port scanners and health checks do
-        else:
-            if secure is not None and not self._is_lost:
-                is_open = True
-                connection = Connection(self._adapter)
-                secure.set_protocol(connection)
-                connection.connection_made(secure)
-                if self._early:
-                    connection.data_received(self._early)
-        finally:
-            if not is_open:
-                plain.abort()
 
     def _refuse(self, reason: str) -> None:
         self._adapter.context.stats.errors += 1

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.adapter import AdapterTable
+from uwserver.adapter import installed_adapters
 
 VEHICLE = """\
 schema = 1
@@ -97,14 +97,7 @@ port = 7600
 """
 
 
-class SocketsTable(AdapterTable, tag="sockets", kw_only=True, frozen=True):
-    """Stands for a configured adapter."""
-
-    bind: str = "127.0.0.1"
-    port: int = 7600
-
-
-ADAPTERS: dict[str, type] = {"sockets": SocketsTable}
+ADAPTERS: dict[str, type] = installed_adapters()
 Write = Callable[..., Path]
 
 

@@ -511,3 +511,30 @@ def test_the_token_of_the_environment(stage: Stage, monkeypatch: pytest.MonkeyPa
         assert await stage().talker().result("ping", 1) == 1
 
     asyncio.run(scene())
+
+
+def test_the_limits_of_a_client_are_configurable(stage: Stage) -> None:
+    async def scene() -> None:
+        theatre = stage(max_subscriptions=2, max_unanswered=1)
+        talker = theatre.talker()
+        for _ in range(2):
+            await talker.result("subscribe", {"pattern": "**"})
+        assert (await talker.fault("subscribe", {"pattern": "**"}))[0] == "overload"
+        theatre.context.held.add("world/run_until")
+        talker.send({"id": 50, "method": "call", "params": {"service": "world/run_until", "args": {"t_s": 1.0}}})
+        assert (await talker.fault("step"))[0] == "overload"
+
+    asyncio.run(scene())
+
+
+def test_refusals_are_counted_and_logged_once_a_cause(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    async def scene() -> None:
+        theatre = stage()
+        for _ in range(3):
+            talker = theatre.talker()
+            talker.transport.feed(b"no JSON\n[]\n")
+            assert len(talker.heard()) == 2
+        assert theatre.context.stats.details["refused"] == {"parse_error": 3, "invalid_request": 3}
+        assert len([record for record in caplog.records if "refused" in record.getMessage()]) == 2
+
+    asyncio.run(scene())

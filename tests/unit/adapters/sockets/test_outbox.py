@@ -162,3 +162,31 @@ def test_closed() -> None:
     peer.outbox.flush()
     assert peer.writes == []
     assert peer.outbox.is_empty
+
+
+def test_bytes_are_bounded_as_well_as_numbers() -> None:
+    peer = Peer(capacity=100)
+    peer.outbox = Outbox(peer._write, peer._overflow, 100, peer.stats, most_bytes=10)
+    peer.outbox.paused = True
+    for number in range(8):
+        peer.outbox.put_sample("p", b"ring%d" % number, "ring")
+    assert peer.stats.dropped == 6, "five bytes each"
+    peer.outbox.put_sample("q", b"latest", "latest")
+    assert peer.stats.dropped == 8
+    peer.outbox.put_sample("r", b"a sample of its own size", "ring")
+    assert peer.stats.dropped == 9
+    peer.outbox.resume()
+    assert peer.text == b"a sample of its own size", "a single one may be longer"
+    assert not peer.overflows
+
+
+def test_reliable_makes_what_may_be_lost_go_before_it_gives_up() -> None:
+    peer = Peer(capacity=100)
+    peer.outbox = Outbox(peer._write, peer._overflow, 100, peer.stats, most_bytes=10)
+    peer.outbox.paused = True
+    peer.outbox.put_sample("p", b"ring", "ring")
+    peer.outbox.put_sample("p", b"reliable", "reliable")
+    assert (peer.stats.dropped, peer.overflows) == (1, [])
+    peer.outbox.put_sample("p", b"more", "reliable")
+    (text,) = peer.overflows
+    assert "queue_bytes" in text
