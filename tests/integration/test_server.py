@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -311,3 +313,40 @@ def test_it_serves_on_uvloop_too(tmp_path):
             assert client.read("rov/imu").valid
         status, errors = server.end()
         assert status == 0, errors
+
+
+def test_a_client_by_tls(tmp_path):
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl to make a certificate")
+    subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1"),
+            *("-addext", "subjectAltName=IP:127.0.0.1", "-keyout", "key.pem", "-out", "cert.pem"),
+        ],
+        cwd=tmp_path, check=True, capture_output=True, timeout=PATIENCE_S,
+    )  # fmt: skip
+    scenario = tmp_path / "tank.toml"
+    scenario.write_text(
+        'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n[server]\nmetrics = false\n'
+        f'[adapters.tcp]\nkind = "sockets"\ntls_cert = "{tmp_path}/cert.pem"\ntls_key = "{tmp_path}/key.pem"\n'
+    )
+    ca = str(tmp_path / "cert.pem")
+    with serving(str(scenario)) as server:
+        with server.connect(tls=uwclient.tls_context(ca=ca)) as client:
+            client.subscribe("rov/imu", delivery="latest")
+            assert client.read("rov/imu").valid
+            client.pause()
+            ack = client.step(24)
+            assert client.latest("rov/imu").t_ns <= ack.t_ns
+        with pytest.raises(uwclient.ConnectionLost, match="not trusted here"):
+            server.connect(tls=uwclient.tls_context())
+
+        async def asked() -> object:
+            options = {"host": server.host, "port": server.port, "tls": uwclient.tls_context(ca=ca)}
+            async with await uwclient.AsyncClient.connect(**options) as client:
+                return await client.status()
+
+        assert asyncio.run(asked())["paused"]
+        command = [sys.executable, "-m", "uwclient", "--port", str(server.port), "--ca", ca, "topics"]
+        topics = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+        assert "rov/imu" in topics.stdout, topics.stderr

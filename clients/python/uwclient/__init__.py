@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from uwclient.aio import AsyncClient
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout, UwError
+from uwclient.link import tls_context
 from uwclient.over_zenoh import connect_zenoh
 from uwclient.ports import Ack, Argument, Description, Event, Field, Port, Progress, Sample, Service, Subscription
 from uwclient.sync import Client
@@ -32,4 +33,5 @@ __all__ = [
     "UwError",
     "connect",
     "connect_zenoh",
+    "tls_context",
 ]

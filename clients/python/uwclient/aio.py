@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import ssl
 import time
 from collections.abc import AsyncIterator, Mapping, Sequence
 from types import TracebackType
@@ -58,9 +59,11 @@ class AsyncClient(SessionView):
         encoding: str = "json",
         timeout: float = 5.0,
         reconnect: bool = True,
+        tls: ssl.SSLContext | None = None,
     ) -> AsyncClient:
         """Connect, trying again until `timeout`; arguments and errors as for `Client.connect`."""
-        client = cls(Settings(host, port, name, token, encoding, timeout, reconnect).with_token_from_environment())
+        settings = Settings(host, port, name, token, encoding, timeout, reconnect, tls=tls)
+        client = cls(settings.with_token_from_environment())
         await client._open(time.monotonic() + timeout)
         return client
 
@@ -262,6 +265,8 @@ class AsyncClient(SessionView):
                 return
             except (OSError, ConnectionLost, Timeout, asyncio.TimeoutError) as error:
                 reason = error
+            if isinstance(reason, ssl.SSLCertVerificationError):
+                raise self._session.unreachable(reason) from reason
             if time.monotonic() + pause >= deadline:
                 raise self._session.unreachable(reason) from reason
             await asyncio.sleep(pause)
@@ -269,7 +274,8 @@ class AsyncClient(SessionView):
     async def _attempt(self, deadline: float) -> None:
         settings = self._session.settings
         left = max(deadline - time.monotonic(), 0.001)
-        reader, writer = await asyncio.wait_for(asyncio.open_connection(settings.host, settings.port), left)
+        connecting = asyncio.open_connection(settings.host, settings.port, ssl=settings.tls)
+        reader, writer = await asyncio.wait_for(connecting, left)
         self._writer = writer
         self._session.restart()
         self._reading = asyncio.ensure_future(self._read(reader, writer))

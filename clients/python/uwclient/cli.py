@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 from uwclient import cli_verbs
 from uwclient.errors import UwError
+from uwclient.link import tls_context
 from uwclient.over_zenoh import connect_zenoh
 from uwclient.sync import Client
 
@@ -42,7 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _connected(options: argparse.Namespace) -> Client:
     if options.zenoh:
         return connect_zenoh(options.server, options.connect or (), prefix=options.prefix, timeout=options.timeout)
-    return Client.connect(options.host, options.port, token=options.token, timeout=options.timeout)
+    tls = tls_context(options.ca) if options.tls or options.ca else None
+    return Client.connect(options.host, options.port, token=options.token, timeout=options.timeout, tls=tls)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -54,6 +56,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
     parser.add_argument("--port", type=int, default=7600, help="its TCP port (default %(default)s)")
     parser.add_argument("--token", help="the token it asks for (default: UWSERVER_TOKEN)")
+    parser.add_argument("--tls", action="store_true", help="encrypt; the server's certificate must be known here")
+    parser.add_argument("--ca", metavar="FILE", help="encrypt, and trust the certificates of this file")
     parser.add_argument("--zenoh", action="store_true", help="over zenoh instead of TCP (needs eclipse-zenoh)")
     parser.add_argument("--server", default="uwserver", help="with --zenoh: the server's name (default %(default)s)")
     parser.add_argument(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import ssl
 from collections.abc import Callable
 from typing import Protocol
 
@@ -45,7 +46,7 @@ class TcpLink:
         try:
             self._socket.settimeout(timeout)
             return self._socket.recv(_CHUNK)
-        except (BlockingIOError, socket.timeout):
+        except (BlockingIOError, socket.timeout, ssl.SSLWantReadError):
             return None
 
     def close(self) -> None:
@@ -53,8 +54,26 @@ class TcpLink:
         self._socket.close()
 
 
-def dial_tcp(host: str, port: int, timeout: float) -> Link:
-    """Connect; raises OSError."""
+def dial_tcp(host: str, port: int, tls: ssl.SSLContext | None, timeout: float) -> Link:
+    """Connect, encrypted with a context; raises OSError."""
     connected = socket.create_connection((host, port), timeout=timeout)
     connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return TcpLink(connected)
+    if tls is None:
+        return TcpLink(connected)
+    try:
+        return TcpLink(tls.wrap_socket(connected, server_hostname=host))
+    except BaseException:
+        connected.close()
+        raise
+
+
+def tls_context(ca: str | None = None, cert: str | None = None, key: str | None = None) -> ssl.SSLContext:
+    """A context that trusts the certificates of file `ca` (default: the system's) and shows `cert` with `key`, if given.
+
+    Raises:
+        OSError: a file is missing or holds no certificate.
+    """
+    context = ssl.create_default_context(cafile=ca)
+    if cert is not None:
+        context.load_cert_chain(cert, key)
+    return context

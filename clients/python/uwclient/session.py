@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import ssl
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,7 +30,7 @@ OnProgress = Callable[[Progress], object]
 
 @dataclass(frozen=True)
 class Settings:
-    """Where and how to connect; `timeout` is wall s, `via` says where for people if it is not TCP."""
+    """Where and how to connect; `timeout` is wall s, `via` says where for people if it is not TCP, `tls` encrypts."""
 
     host: str
     port: int
@@ -39,6 +40,7 @@ class Settings:
     timeout: float
     reconnect: bool
     via: str = ""
+    tls: ssl.SSLContext | None = None
 
     def with_token_from_environment(self) -> Settings:
         """Return these settings with the token of UWSERVER_TOKEN when none was given."""
@@ -204,6 +206,12 @@ class Session:
     def unreachable(self, reason: object) -> ConnectionLost:
         """Return the error for a server that did not answer within the timeout."""
         settings = self.settings
+        if isinstance(reason, ssl.SSLCertVerificationError):
+            text = (
+                f"the server at {settings.address} shows a certificate that is not trusted here ({reason.verify_message}): give its file "
+                f'with tls=uwclient.tls_context(ca="server.pem"), on the command line --ca server.pem'
+            )
+            return ConnectionLost(text, code="untrusted", where=settings.address)
         hint = "the host and port it printed (port=..., on the command line --port)"
         if settings.via:
             hint = "its name and endpoint (server=, connect=; on the command line --server, --connect)"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import ssl
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -56,6 +57,7 @@ class Client(SessionView):
         encoding: str = "json",
         timeout: float = 5.0,
         reconnect: bool = True,
+        tls: ssl.SSLContext | None = None,
     ) -> Client:
         """Connect, trying again until `timeout`: the server may start later than the client.
 
@@ -67,14 +69,15 @@ class Client(SessionView):
             encoding: "json", or "msgpack" (needs the msgpack package).
             timeout: wall s, for connecting and for every operation that gives none.
             reconnect: renew a lost connection.
+            tls: encrypt; `uwclient.tls_context(ca="server.pem")` makes one.
 
         Raises:
             ConnectionLost: nobody answers.
             CallRefused: wrong token (`denied`) or version.
             ProtocolError: something else answers there.
         """
-        settings = Settings(host, port, name, token, encoding, timeout, reconnect).with_token_from_environment()
-        return cls.over(partial(dial_tcp, host, port), settings)
+        settings = Settings(host, port, name, token, encoding, timeout, reconnect, tls=tls)
+        return cls.over(partial(dial_tcp, host, port, tls), settings.with_token_from_environment())
 
     @classmethod
     def over(cls, dial: Dial, settings: Settings) -> Client:
@@ -305,6 +308,8 @@ class Client(SessionView):
                 return
             except (OSError, ConnectionLost, Timeout) as error:
                 reason = error
+            if isinstance(reason, ssl.SSLCertVerificationError):
+                raise self._session.unreachable(reason) from reason
             if time.monotonic() + pause >= deadline:
                 raise self._session.unreachable(reason) from reason
             time.sleep(pause)

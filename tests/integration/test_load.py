@@ -1,0 +1,202 @@
+"""Many clients, slow ones, stopped ones, killed ones, and samples of a megabyte: nothing that matters is lost, and losses are counted.
+
+What is judged here is behaviour; `uwserver bench net` measures the same situations against the clock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import signal
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from uwserver.bench.net_processes import WIRE_ADDRESS, Router, Traced, free_endpoint, tracing
+from uwserver.bench.processes import loading
+from uwserver.bench.server import STATUS
+from uwserver.bench.wires import Peer, ask, connect
+
+PATIENCE_S = 60.0
+LOAD = "uwserver.bench.net_load"
+ZENOH = pytest.param(
+    "zenoh",
+    marks=pytest.mark.skipif(importlib.util.find_spec("zenoh") is None, reason="eclipse-zenoh is not installed"),
+)
+MEGABYTE_VALUES = 1 << 17
+
+
+def status(traced: Traced) -> dict[str, Any]:
+    value: dict[str, Any] = traced.served.ask(STATUS)["value"]
+    return value
+
+
+def eventually(true: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < end, f"in vain: {what}"
+        time.sleep(0.05)
+
+
+def peer_of(traced: Traced, wire: str) -> Peer:
+    return connect(wire, traced.addresses[WIRE_ADDRESS[wire]])
+
+
+def next_sample(peer: Peer) -> dict[str, Any]:
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        for message in peer.receive(0.1):
+            if message.body.get("method") == "sample":
+                params: dict[str, Any] = message.body["params"]
+                return params
+    raise AssertionError("no sample came")
+
+
+@pytest.fixture(scope="module")
+def traced():
+    with tracing() as server:
+        yield server
+
+
+@pytest.mark.parametrize(
+    ("wire", "clients"),
+    [
+        ("TCP JSON", 1),
+        ("TCP msgpack", 10),
+        ("TCP msgpack", 50),
+        ("WebSocket", 10),
+        pytest.param("zenoh", 10, marks=ZENOH.marks),
+    ],
+)
+def test_every_command_and_call_gets_exactly_one_reply(traced, wire, clients):
+    """While every client takes all samples, too."""
+    each = 20
+    with contextlib.ExitStack() as stack:
+        peers = [stack.enter_context(contextlib.closing(peer_of(traced, wire))) for _ in range(clients)]
+        for peer in peers:
+            ask(peer, "subscribe", pattern="**")
+        for identity in range(1, each + 1):
+            for peer in peers:
+                if identity % 2:
+                    peer.send("command", {"port": "rov/thrusters", "value": {"u": [0.1] * 8}}, identity)
+                else:
+                    peer.send("call", {"service": "rov/imu/get"}, identity)
+        replies: list[Counter[int]] = [Counter() for _ in peers]
+        refused: list[object] = []
+
+        def listen() -> bool:
+            for peer, count in zip(peers, replies, strict=True):
+                for message in peer.receive(0.005):
+                    if "id" in message.body:
+                        count[message.body["id"]] += 1
+                        refused.extend(message.body.get("error", ()))
+            return all(len(count) == each for count in replies)
+
+        eventually(listen, "a reply to every request")
+        for _ in range(20):
+            listen()
+    assert not refused
+    assert all(set(count.values()) == {1} for count in replies)
+
+
+def test_a_reader_that_never_reads_loses_samples_and_the_others_none():
+    """The world runs free, so that the kernel's buffers are soon full."""
+    with tracing("freerun") as server, contextlib.ExitStack() as stack:
+        host, _, port = server.addresses["tcp"].rpartition(":")
+        for _ in range(3):
+            silent = stack.enter_context(socket.create_connection((host, int(port)), timeout=PATIENCE_S))
+            silent.sendall(b'{"jsonrpc":"2.0","id":0,"method":"subscribe","params":{"pattern":"**"}}\n')
+        active = stack.enter_context(contextlib.closing(peer_of(server, "TCP msgpack")))
+        ask(active, "subscribe", pattern="rov/depth", delivery="reliable")
+        seqs: list[int] = []
+
+        def listen() -> bool:
+            for message in active.receive(0.05):
+                if message.body.get("method") == "sample":
+                    seqs.append(message.body["params"]["seq"])
+            return len(seqs) > 100 and len(seqs) % 7 == 0 and status(server)["adapters"]["tcp"]["dropped"] > 0
+
+        eventually(listen, "drops counted in world/status")
+        assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+        ask(active, "command", port="rov/thrusters", value={"u": [0.2] * 8})
+
+
+def test_a_stopped_reader_goes_on_where_it_can_and_its_losses_are_counted():
+    with tracing("freerun") as server, loading(LOAD) as load:
+        load.begin("flow", **server.place("TCP msgpack"), pattern="**", clients=2, seconds=4.0)
+        eventually(lambda: status(server)["adapters"]["tcp"]["samples_sent"] > 1000, "a flow of samples")
+        os.kill(load.pid, signal.SIGSTOP)
+        try:
+            eventually(lambda: status(server)["adapters"]["tcp"]["dropped"] > 0, "drops counted in world/status")
+            with contextlib.closing(peer_of(server, "TCP JSON")) as other:
+                for _ in range(20):
+                    ask(other, "command", port="rov/thrusters", value={"u": [0.2] * 8})
+        finally:
+            os.kill(load.pid, signal.SIGCONT)
+        assert load.result()["count"] > 0
+
+
+@pytest.mark.parametrize("wire", ["TCP msgpack", "WebSocket", ZENOH])
+def test_killed_clients_are_forgotten_and_new_ones_served(traced, wire):
+    adapter = "zenoh" if wire == "zenoh" else "tcp"
+    peers = lambda: status(traced)["adapters"][adapter]["peers"]  # noqa: E731
+    # A connection that asks for the status is one of the sockets' peers itself.
+    asking = int(adapter == "tcp")
+    eventually(lambda: peers() == asking, "nobody there before")
+    with loading(LOAD) as load:
+        load.begin("flow", **traced.place(wire), pattern="**", clients=5, seconds=PATIENCE_S)
+        eventually(lambda: peers() == 5 + asking, "five clients in world/status")
+        os.kill(load.pid, signal.SIGKILL)
+        eventually(lambda: peers() == asking, "killed clients gone from world/status")
+    with contextlib.closing(peer_of(traced, wire)) as successor:
+        ask(successor, "subscribe", pattern="rov/imu")
+        assert next_sample(successor)["port"] == "rov/imu"
+
+
+@pytest.mark.parametrize("wire", [ZENOH])
+def test_a_router_that_was_killed_and_comes_back_serves_the_same_client(wire):
+    endpoint = free_endpoint()
+    router = Router(endpoint)
+    try:
+        with tracing(router=endpoint) as server, contextlib.closing(connect(wire, endpoint)) as peer:
+            ask(peer, "subscribe", pattern="rov/imu")
+            before = next_sample(peer)["t_ns"]
+            router.kill()
+            eventually(lambda: not peer.receive(0.5), "silence without the router")
+            alone = status(server)["t_ns"]
+            assert alone > before
+            router = Router(endpoint)
+            assert next_sample(peer)["t_ns"] >= alone
+            ask(peer, "command", port="rov/thrusters", value={"u": [0.2] * 8})
+    finally:
+        router.kill()
+
+
+@pytest.mark.parametrize("wire", ["TCP JSON", "TCP msgpack", "WebSocket", ZENOH])
+def test_samples_of_a_megabyte_come_whole_and_hold_up_no_command(wire):
+    with tracing(megabyte=True) as server, contextlib.closing(peer_of(server, wire)) as peer:
+        ask(peer, "subscribe", pattern="rov/megabyte")
+        for _ in range(5):
+            image = next_sample(peer)["value"]["image"]
+            assert len(image) == MEGABYTE_VALUES
+            assert image[-1] == (MEGABYTE_VALUES - 1) / 7.0
+            ask(peer, "command", port="rov/thrusters", value={"u": [0.1] * 8})
+
+
+def test_a_sample_too_large_for_a_datagram_is_told_and_counted():
+    with tracing(megabyte=True) as server, contextlib.closing(peer_of(server, "UDP")) as peer:
+        ask(peer, "subscribe", pattern="rov/megabyte")
+        errors: list[str] = []
+
+        def listen() -> bool:
+            errors.extend(m.body["error"]["data"]["code"] for m in peer.receive(0.1) if "error" in m.body)
+            return bool(errors)
+
+        eventually(listen, "the refusal of a sample that is too large")
+        assert errors == ["too_large"]
+        assert status(server)["adapters"]["tcp"]["dropped"] > 0

@@ -1,0 +1,227 @@
+"""One seeded run, every transport on: each tells the same samples, and these are what the world itself made.
+
+docs/reference/transports.md says how far a wire may round; a later one (MAVLink, MOOS) is one more entry of WIRES with its own `expected`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uwserver.adapter import installed_adapters
+from uwserver.bench.processes import serving
+from uwserver.bench.wires import Message, Peer, ZenohPeer, ask, connect
+from uwserver.ports import Sample
+from uwserver.scenario.build import build
+from uwserver.scenario.load import load
+
+PATIENCE_S = 30
+ROUNDS, TICKS = 8, 60
+"""So many rounds of a command for each vehicle and so many steps; few enough steps that no datagram is lost."""
+HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
+
+SCENARIO = """\
+schema = 1
+title = "one story"
+seed = 11
+
+[world.clock]
+paused = true
+
+[server]
+metrics = false
+
+[vehicles.one]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 8.0]
+truth = { rate_hz = 20.0 }
+
+[vehicles.one.sensors.lossy_imu]
+kind = "imu"
+rate_hz = 60.0
+modifiers.noise = { kind = "white_noise", field = "f_S", sigma = 0.1 }
+modifiers.walk = { kind = "random_walk", field = "w_S", density = 0.01 }
+modifiers.link = { kind = "delay", latency_s = 0.03, jitter_s = 0.01 }
+modifiers.loss = { kind = "dropout", probability = 0.2 }
+
+# At the surface: its pressure sensor comes out of the water.
+[vehicles.two]
+model = "bluerov2"
+position_ned_m = [4.0, 0.0, 0.1]
+
+[adapters.tcp]
+kind = "sockets"
+port = 0
+udp_port = 0
+truth = true
+queue_samples = 4096
+"""
+ZENOH = """
+[adapters.zenoh_json]
+kind = "zenoh"
+server = "json"
+scouting = false
+encoding = "json"
+truth = true
+
+[adapters.zenoh_msgpack]
+kind = "zenoh"
+server = "msgpack"
+scouting = false
+encoding = "msgpack"
+truth = true
+"""
+
+Told = tuple[int, int, bool, dict[str, object]]
+Story = dict[tuple[str, int], Told]
+
+
+def exact(value: object) -> object:
+    """What a wire without rounding makes of a value: f64 as it is, and null for what is not a number."""
+    if isinstance(value, tuple):
+        return [exact(entry) for entry in value]
+    return None if isinstance(value, float) and value - value != 0.0 else value
+
+
+@dataclass(frozen=True)
+class Wire:
+    """How to connect, given the state of all adapters in `world/status`; and what the wire makes of a value of the world."""
+
+    connect: Callable[[Mapping[str, Any]], Peer]
+    expected: Callable[[object], object] = exact
+
+
+def _tcp(wire: str) -> Wire:
+    return Wire(lambda adapters: connect(wire, adapters["tcp"]["address"]))
+
+
+WIRES: Mapping[str, Wire] = {
+    "TCP JSON": _tcp("TCP JSON"),
+    "TCP msgpack": _tcp("TCP msgpack"),
+    "WebSocket": _tcp("WebSocket"),
+    "UDP": Wire(lambda adapters: connect("UDP", adapters["tcp"]["details"]["udp"])),
+    "zenoh JSON": Wire(lambda adapters: ZenohPeer(adapters["zenoh_json"]["address"], "json")),
+    "zenoh msgpack": Wire(lambda adapters: ZenohPeer(adapters["zenoh_msgpack"]["address"], "msgpack")),
+}
+
+
+def commands(turn: int) -> dict[str, list[float]]:
+    push = 0.1 + 0.05 * turn
+    return {"one/thrusters": [push, push, -push, -push, 0.3, 0.3, 0.3, 0.3], "two/thrusters": [push] * 4 + [-0.2] * 2}
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("story") / "story.toml"
+    file.write_text(SCENARIO + (ZENOH if HAS_ZENOH else ""))
+    return file
+
+
+@pytest.fixture(scope="module")
+def made(scenario: Path) -> tuple[list[Sample], Mapping[str, list[str]]]:
+    """The samples of the world alone, and the names of the fields of each port."""
+    world = build(load(scenario, adapters=installed_adapters()))
+    samples: list[Sample] = []
+    for turn in range(ROUNDS):
+        for port, u in commands(turn).items():
+            world.command(port, u=u)
+        samples += world.step(TICKS)
+    return samples, {path: [field.name for field in port.fields] for path, port in world.ports.items()}
+
+
+@pytest.fixture(scope="module")
+def heard(scenario: Path, made: tuple[list[Sample], Any]) -> dict[str, list[Message]]:
+    """What came over each wire, all of them listening at once."""
+    with serving(scenario) as served, _everybody(f"{served.host}:{served.port}") as (driver, peers):
+        everything: dict[str, list[Message]] = {name: [] for name in peers}
+        for name, peer in peers.items():
+            ask(peer, "subscribe", seen=everything[name], pattern="**")
+        for turn in range(ROUNDS):
+            for identity, (port, u) in enumerate(commands(turn).items()):
+                driver.send("command", {"port": port, "value": {"u": u}}, identity)
+            ask(driver, "step", PATIENCE_S, n=TICKS)
+            for name, peer in peers.items():
+                everything[name] += peer.receive(0.2)
+        for name, peer in peers.items():
+            _complete(peer, everything[name], len(made[0]))
+        return everything
+
+
+@contextlib.contextmanager
+def _everybody(address: str) -> Iterator[tuple[Peer, dict[str, Peer]]]:
+    with contextlib.ExitStack() as stack:
+        driver = stack.enter_context(contextlib.closing(connect("TCP JSON", address)))
+        adapters = ask(driver, "call", service="world/status")["value"]["adapters"]
+        peers: dict[str, Peer] = {}
+        for name, wire in WIRES.items():
+            if HAS_ZENOH or "zenoh" not in name:
+                peers[name] = stack.enter_context(contextlib.closing(wire.connect(adapters)))
+        yield driver, peers
+
+
+def _complete(peer: Peer, messages: list[Message], count: int) -> None:
+    """Listen until all is there, and a little longer, in case that too much comes; the test says what is missing."""
+    end = time.monotonic() + PATIENCE_S
+    while sum(message.body.get("method") == "sample" for message in messages) < count and time.monotonic() < end:
+        messages += peer.receive(0.1)
+    messages += peer.receive(0.1)
+
+
+def told(messages: list[Message]) -> Story:
+    story: Story = {}
+    for message in messages:
+        if message.body.get("method") == "sample":
+            said = message.body["params"]
+            key = (said["port"], said["seq"])
+            assert key not in story, f"{key} came twice"
+            story[key] = (said["t_ns"], said["t_sent_ns"], said["valid"], said["value"])
+    return story
+
+
+def expected(made: tuple[list[Sample], Mapping[str, list[str]]], wire: Wire) -> Story:
+    samples, names = made
+    return {
+        (s.port, s.seq): (
+            s.t_ns, s.t_sent_ns, s.valid,
+            {name: wire.expected(value) for name, value in zip(names[s.port], s.value, strict=True)},
+        )
+        for s in samples
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WIRES)
+def test_every_wire_tells_what_the_world_made(heard, made, name):
+    if name not in heard:
+        pytest.skip("eclipse-zenoh is not installed")
+    story, truth = told(heard[name]), expected(made, WIRES[name])
+    assert story.keys() == truth.keys()
+    different = [key for key in truth if story[key] != truth[key]]
+    assert not different, f"{different[0]}: {story[different[0]]} instead of {truth[different[0]]}"
+
+
+def test_the_order_of_each_port_is_kept(heard, made):
+    order = [(s.port, s.seq) for s in made[0]]
+    for name, messages in heard.items():
+        came = list(told(messages))
+        for port in {port for port, _ in order}:
+            mine = [key for key in came if key[0] == port]
+            assert mine == [key for key in order if key[0] == port], f"{name}: {port}"
+
+
+def test_the_story_is_worth_telling(made):
+    """Two vehicles, delays, losses and truth are in it, or the comparison would prove little."""
+    samples, _ = made
+    lossy = [s.seq for s in samples if s.port == "one/lossy_imu"]
+    assert len(lossy) < max(lossy)
+    assert any(s.t_sent_ns > s.t_ns for s in samples)
+    assert len({s.t_sent_ns - s.t_ns for s in samples if s.port == "one/lossy_imu"}) > 10
+    assert {s.port.split("/")[0] for s in samples} == {"one", "two"}
+    assert any("/truth/" in s.port for s in samples)
+    assert len(samples) > 500
