@@ -224,14 +224,7 @@ class Session:
 
     def late(self, verb: Verb[T], timeout: float) -> Timeout:
         """Return the error for an answer that did not come."""
-        hint = (
-            ". A paused or lockstep world applies a command only when it steps: use send_nowait, then step"
-            if verb.method == "command"
-            else ""
-        )
-        return Timeout(
-            f"{verb.title}: no answer within {timeout:g} s{hint}", code="timeout", where=self.settings.address
-        )
+        return Timeout(f"{verb.title}: no answer within {timeout:g} s", code="timeout", where=self.settings.address)
 
     # Greeting
 

@@ -171,7 +171,7 @@ class Client(SessionView):
     def send(self, port: str, value: Mapping[str, object] | None = None, /, **fields: object) -> Ack:
         """Command an actuator and wait for the tick at which it is applied: `send("rov/thrusters", u=[...])`.
 
-        A paused or lockstep world applies it only when it steps: use `send_nowait` there.
+        A world that is paused or waits in lockstep takes it over at once; it acts from the next step on.
 
         Raises:
             CallRefused: wrong port, field, shape, not finite (checked here), out of range (by the server).
