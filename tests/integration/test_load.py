@@ -22,7 +22,7 @@ from uwserver.bench.processes import loading
 from uwserver.bench.server import STATUS
 from uwserver.bench.wires import Peer, ask, connect
 
-PATIENCE_S = 60.0
+PATIENCE_S = 30.0
 LOAD = "uwserver.bench.net_load"
 ZENOH = pytest.param(
     "zenoh",

@@ -51,10 +51,15 @@ modifiers.walk = { kind = "random_walk", field = "w_S", density = 0.01 }
 modifiers.link = { kind = "delay", latency_s = 0.03, jitter_s = 0.01 }
 modifiers.loss = { kind = "dropout", probability = 0.2 }
 
-# At the surface: its pressure sensor comes out of the water.
+# Its markers come out of the water: samples without values.
 [vehicles.two]
 model = "bluerov2"
 position_ned_m = [4.0, 0.0, 0.1]
+
+[vehicles.two.sensors.cameras]
+kind = "motion_capture"
+rate_hz = 60.0
+position_frd_m = [0.0, 0.0, -0.4]
 
 [adapters.tcp]
 kind = "sockets"
@@ -224,4 +229,5 @@ def test_the_story_is_worth_telling(made):
     assert len({s.t_sent_ns - s.t_ns for s in samples if s.port == "one/lossy_imu"}) > 10
     assert {s.port.split("/")[0] for s in samples} == {"one", "two"}
     assert any("/truth/" in s.port for s in samples)
+    assert not all(s.valid for s in samples)
     assert len(samples) > 500

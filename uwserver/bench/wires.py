@@ -222,7 +222,7 @@ class Datagrams:
 class ZenohPeer:
     """A zenoh session with a server; its callbacks decode, stamp and queue."""
 
-    def __init__(self, endpoint: str, server: str = "uwserver", mode: str = "client") -> None:
+    def __init__(self, endpoint: str, server: str = "uwserver", mode: str = "peer") -> None:
         import zenoh
 
         self._zenoh: Any = zenoh
