@@ -49,7 +49,7 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["uwserver, physics + thrusters: 100 vehicles"] == 10.0
     assert bars["what the clients add to it"] == 0.3
     assert bars["command, 10 connections: p99"] == 6.0
-    assert bars["zenoh: command sent to its force seen, p99"] == 5.0
+    assert bars["zenoh: command sent to its force, p99"] == 5.0
     assert bars["TCP msgpack: end of the tick to the client, p50"] == 0.5
     assert bars["TCP msgpack: samples received, free-running, 10 clients"] == 50_000.0
     assert bars["`uwserver run` to the first sample at a client"] == 3.0

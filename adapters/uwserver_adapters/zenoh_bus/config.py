@@ -65,8 +65,9 @@ def settings(config: ZenohConfig, listen: tuple[str, ...]) -> Iterator[tuple[str
         "mode": config.mode,
         # Shared memory would leave a watchdog thread and segments behind.
         "transport/shared_memory/enabled": False,
-        # A sample that finds the queue full is dropped at once: to wait would stop the loop.
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+        # A sample that finds the queue full is dropped soon: to wait would stop the loop. Not at once: the fragments of a large one need
+        # the moment (us) in which the queue is emptied.
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50,
         # Room for a megabyte of samples, the most zenoh allows: a busy tick or a 1 MB sample is no reason to drop.
         "transport/link/tx/queue/size/data": 16,
         # Closing a session waits for handshakes with peers that do not speak: for ten seconds, were it not for these. For slow

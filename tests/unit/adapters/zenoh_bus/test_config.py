@@ -37,8 +37,8 @@ def test_a_client_listens_nowhere():
     assert made(mode="client")["scouting/multicast/enabled"] is True
 
 
-def test_a_sample_never_waits():
-    assert made()["transport/link/tx/queue/congestion_control/drop/wait_before_drop"] == 0
+def test_a_sample_hardly_waits():
+    assert 0 < made()["transport/link/tx/queue/congestion_control/drop/wait_before_drop"] <= 50  # us
 
 
 def test_raw_settings_come_last_and_nested_tables_are_paths():
