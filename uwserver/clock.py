@@ -114,7 +114,9 @@ class Barrier:
     def leave(self, client: str) -> None:
         """One connection of this name is gone."""
         with self._lock:
-            self._present[client] = max(0, self._present.get(client, 0) - 1)
+            left = self._present.pop(client, 1) - 1
+            if left > 0:  # names that nobody bears any more are not kept
+                self._present[client] = left
 
     def grant(self, client: str, ticks: int, now: int) -> int:
         """Let time go `ticks` on from what the client granted before (or from tick `now`); returns the tick it now allows."""

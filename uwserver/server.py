@@ -118,8 +118,11 @@ class Server:
             thread = threading.Thread(target=self._simulate, name="simulation", daemon=True)
             self._options.announce({name: stats.address for name, stats in self._hub.stats.items()})
             if self._options.until_s is not None:
-                self._end_at(self._options.until_s)
+                self._simulation.until_tick = self._simulation.tick_at(self._options.until_s)
             thread.start()
+            # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
+            stack.callback(thread.join, STOP_TIMEOUT_S)
+            stack.callback(self._simulation.stop)
             await self._ending.wait()
             world = self._simulation.world
             event = Event("shutdown", world.tick, world.t_ns, self._reason or "the server ends")
@@ -133,8 +136,9 @@ class Server:
 
     def _simulate(self) -> None:
         self._simulation.run()
-        if self._simulation.failure:
-            self._call_soon(lambda: self.shutdown(self._simulation.failure))
+        # After an orderly stop this says nothing new.
+        reason = self._simulation.failure or f"simulation time reached {self._options.until_s} s"
+        self._call_soon(lambda: self.shutdown(reason))
 
     def _call_soon(self, function: Callable[[], None]) -> None:
         # The loop is closed already when the last replies of a stopped simulation come.
@@ -145,16 +149,6 @@ class Server:
         status = self._monitor.status()
         status["recorder"] = self._recorder.status() if self._recorder else None
         return status
-
-    def _end_at(self, t_s: float) -> None:
-        def reached(_: object) -> None:
-            self.shutdown(f"simulation time reached {t_s:g} s")
-
-        self._simulation.call("world/run_until", {"t_s": t_s}, "", self._only_reply(reached))
-
-    @staticmethod
-    def _only_reply(function: Callable[[object], None]) -> Callable[[Any], None]:
-        return lambda answer: function(answer) if hasattr(answer, "fault") else None
 
     async def _start_http(self, stack: contextlib.AsyncExitStack) -> None:
         config = self._resolved.scenario.server

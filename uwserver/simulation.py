@@ -70,6 +70,7 @@ class Simulation:
     Attributes:
         world: touched by the simulation thread only, but for its immutable ports and services.
         failure: text of the fault that ended the run; "" while all is well.
+        until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 
     def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
@@ -82,6 +83,7 @@ class Simulation:
         self.pace = Pace(time, timing.speed)
         self.paused = timing.paused
         self.failure = ""
+        self.until_tick: int | None = None
         self._time = time
         self._stop = threading.Event()
         self._steering: deque[Callable[[], None]] = deque()
@@ -89,6 +91,7 @@ class Simulation:
         self._waiting_since: int | None = None
         self._told_lost: list[str] = []
         self._next_progress = 0
+        self._jumps = world.jumps
         self._observer: Observer | None = None
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
@@ -123,6 +126,10 @@ class Simulation:
         self.steer(lambda: self._acknowledge(action, on_reply))
         return lambda: False
 
+    def tick_at(self, t_s: float) -> int:
+        """The first tick at or after simulation time t_s (s, finite)."""
+        return int(-(-round(t_s * NANOSECONDS) * self.world.rate_hz // NANOSECONDS))
+
     # -- the thread -----------------------------------------------------------------------------------------------------------------
 
     def run(self) -> None:
@@ -131,14 +138,27 @@ class Simulation:
         gc.collect()
         gc.freeze()
         try:
-            while not self._stop.is_set():
+            while not self._is_over():
                 self._turn()
         except Exception as error:
             self.failure = f"the simulation stopped by an internal fault: {error}"
             log.exception("the simulation thread failed")
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
-        for goal in self._goals:
-            self._finish(goal, Refused("shutdown", "the server is shutting down"))
+        self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
+
+    def _refuse_the_rest(self, refused: Refused) -> None:
+        """Everybody who still waits gets an answer."""
+        while self._steering:
+            self._steering.popleft()()
+        for goal in self._goals[:]:
+            self._finish(goal, refused)
+        for posted in self.mailbox.take():
+            if posted.on_reply is not None:
+                self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
+
+    def _is_over(self) -> bool:
+        ended = self.until_tick is not None and (self.world.tick >= self.until_tick or bool(self.failure))
+        return ended or self._stop.is_set()
 
     def _turn(self) -> None:
         while self._steering:
@@ -146,7 +166,7 @@ class Simulation:
         if (
             self.failure
             or (self.paused and not self._goals)
-            or (self.timing.mode == "lockstep" and not self._granted())
+            or (self.timing.mode == "lockstep" and not self._steps_paused() and not self._granted())
         ):
             self._idle()
         else:
@@ -169,6 +189,7 @@ class Simulation:
             self.failure = str(error)
             log.error("%s", error)
             self.paused = True
+            self.bus.publish(error.output)
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
             for goal in self._goals[:]:
                 self._finish(goal, Refused("internal", self.failure))
@@ -177,6 +198,7 @@ class Simulation:
         if self._observer is not None:
             self._observer.ticked(self.world)
         self.bus.publish(output)
+        self._follow_jump()
         if self._goals:
             self._check_goals()
 
@@ -185,8 +207,6 @@ class Simulation:
             if self._observer is not None:
                 self._observer.requested(posted.item, self.world.tick)
             self.world.submit(posted.item, posted.on_reply)
-            if isinstance(posted.item, Call) and posted.item.service in ("world/reset", "world/restore"):
-                self.steer(self._went_back)
 
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
@@ -195,11 +215,15 @@ class Simulation:
         self._take_posted()
         output: TickOutput = self.world.flush()
         self.bus.publish(output)
+        self._follow_jump()
         if not self._steering and not self._stop.is_set():
             self.mailbox.wake.wait(_IDLE_S)
 
-    def _went_back(self) -> None:
-        """Time was set by a reset or restore: deadlines and grants start anew, goals of the old time are gone."""
+    def _follow_jump(self) -> None:
+        """After a reset or restore deadlines and grants start anew, goals of the old time are gone."""
+        if self.world.jumps == self._jumps:
+            return
+        self._jumps = self.world.jumps
         self.pace.release()
         self.barrier.restart(self.world.tick)
         if self.failure:
@@ -223,6 +247,10 @@ class Simulation:
         if timeout and now - self._waiting_since > timeout * NANOSECONDS:
             self._lost(missing)
         return False
+
+    def _steps_paused(self) -> bool:
+        """Whether a paused world was told to step or run: nobody is asked for grants then."""
+        return self.paused and any(goal.pause_there for goal in self._goals)
 
     def _lost(self, missing: list[str]) -> None:
         if self.timing.on_loss == "continue":
@@ -262,6 +290,8 @@ class Simulation:
         if self.paused:
             self.paused = False
             self._waiting_since = None
+            for goal in self._goals:  # what was to be a part of the pause goes on with time
+                goal.pause_there, goal.paced = False, True
             self._say("resumed", "world/resume was called")
 
     def _set_speed(self, speed: Json) -> None:
@@ -286,9 +316,10 @@ class Simulation:
 
         def cancel() -> bool:
             goal = state.get("goal")
-            if goal is None or goal not in self._goals:
+            if goal is not None and goal not in self._goals:
                 return False
-            self.steer(lambda: self._cancel(goal))
+            # One that has not begun yet has when this is carried out: steering keeps its order.
+            self.steer(lambda: self._cancel(state.get("goal")))
             return True
 
         self.steer(start)
@@ -299,10 +330,10 @@ class Simulation:
         if self.failure:
             raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
         if service == "world/run_until":
-            tick = -(-round(float(args["t_s"]) * NANOSECONDS) * self.world.rate_hz // NANOSECONDS)  # type: ignore[arg-type]
+            tick = self.tick_at(float(args["t_s"]))  # type: ignore[arg-type]
             if tick < now:
                 raise Refused("out_of_range", f"t = {self.world.t_ns / NANOSECONDS:g} s is past that already", "t_s")
-            return Goal(int(tick), now, on_reply, self.paused, paced=True)
+            return Goal(tick, now, on_reply, self.paused, paced=True)
         n = int(args["n"])  # type: ignore[arg-type]
         if self.timing.mode == "lockstep" and not self.paused:
             if client not in self.barrier.clients:
@@ -331,8 +362,8 @@ class Simulation:
         if now >= self._next_progress:
             self._next_progress = now + _PROGRESS_NS
 
-    def _cancel(self, goal: Goal) -> None:
-        if goal in self._goals:
+    def _cancel(self, goal: Goal | None) -> None:
+        if goal is not None and goal in self._goals:
             self._finish(goal, Refused("preempted", "cancelled by the caller"))
 
     def _finish(self, goal: Goal, refused: Refused | None) -> None:
@@ -357,7 +388,7 @@ CLOCK_SERVICES = (
     Service(
         "world/run_until",
         "Reply when simulation time has reached t_s; a paused world runs until then and is paused again.",
-        (Argument("t_s", "float", "simulation time", "s", minimum=0.0),),
+        (Argument("t_s", "float", "simulation time", "s", minimum=0.0, maximum=1e9),),
         long_running=True,
     ),
     Service(

@@ -48,11 +48,12 @@ class Snapshot(Struct, frozen=True):
     watch: int | None
 
     def hash(self) -> str:
-        """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process."""
+        """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
         digest = hashlib.sha256()
         for array in self.arrays:
             digest.update(array)
-        rest = (self.tick, self.current, self.sensors, self.actuators, self.pending, self.pending_order, self.watch)
+        actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
+        rest = (self.tick, self.current, self.sensors, actuators, self.pending, self.pending_order, self.watch)
         digest.update(repr(rest).encode())
         return digest.hexdigest()
 
@@ -102,7 +103,7 @@ def restore(world: World, snapshot: Snapshot) -> None:
     """
     if snapshot.sensors.keys() != world.sensors.keys() or snapshot.actuators.keys() != world.actuators.keys():
         raise Refused("bad_argument", "the snapshot is of a world with other vehicles or components", "name")
-    world.tick = snapshot.tick
+    world.jump(snapshot.tick)
     for name, saved in zip(_ARRAYS, snapshot.arrays, strict=True):
         array = getattr(world.hydro, name)
         array[...] = np.frombuffer(saved, array.dtype).reshape(array.shape)

@@ -27,7 +27,15 @@ Carry = Callable[[Mapping[str, Json]], Json]
 
 
 class Diverged(Exception):
-    """A body's state is not finite, or absurdly fast. The text names body, tick and the last commands."""
+    """A body's state is not finite, or absurdly fast. The text names body, tick and the last commands.
+
+    Attributes:
+        output: replies to what was carried out at the start of the tick; no samples.
+    """
+
+    def __init__(self, text: str, output: TickOutput) -> None:
+        super().__init__(text)
+        self.output = output
 
 
 class World:
@@ -40,6 +48,7 @@ class World:
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         vehicles: by name.
         water: the environment.
+        jumps: how often a reset or restore has set the time.
     """
 
     def __init__(
@@ -67,6 +76,7 @@ class World:
         self._last: dict[str, Sample] = {}
         self._conflict_ticks = round(CONFLICT_WINDOW_S * rate_hz)
         self.watch: int | None = None
+        self.jumps = 0
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
 
@@ -140,6 +150,12 @@ class World:
     def tick(self, tick: int) -> None:
         self._tick, self.t_ns = tick, self.time_of(tick)
 
+    def jump(self, tick: int) -> None:
+        """Set the time to that of a tick; what was read at another time is forgotten."""
+        self.tick = tick
+        self.jumps += 1
+        self._last.clear()
+
     def _seconds(self) -> float:
         num, den = self._rate
         return self._tick * den / num
@@ -211,7 +227,7 @@ class World:
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
         if diverged >= 0:
-            raise Diverged(self._report(diverged))
+            raise Diverged(self._report(diverged), output)
         if self.pending:
             self._deliver(output.samples)
         for divisor, slots in self._due:

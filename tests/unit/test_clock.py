@@ -122,3 +122,14 @@ def test_restart_takes_grants_back():
     barrier.grant("a", 1000, 0)
     barrier.restart(5)
     assert barrier.missing(5) == ["a"]
+
+
+def test_absent_are_those_whose_last_connection_left():
+    barrier = Barrier(["a"])
+    assert barrier.absent() == ["a"]
+    barrier.join("a")
+    barrier.join("a")
+    barrier.leave("a")
+    assert barrier.absent() == []
+    barrier.leave("a")
+    assert barrier.absent() == ["a"]

@@ -202,7 +202,7 @@ def test_until_ends_at_that_time(resolved):
 
     status, tick = asyncio.run(life())
     assert status == 0
-    assert tick >= 240
+    assert tick == 240
 
 
 def test_a_world_that_diverges_stays_for_questions_and_the_exit_status_tells(resolved):
@@ -214,3 +214,29 @@ def test_a_world_that_diverges_stays_for_questions_and_the_exit_status_tells(res
         assert '"rov" diverged' in server._status()["failure"]
 
     assert serve(resolved, script) == 1
+
+
+def test_a_server_whose_task_is_cancelled_leaves_no_simulation_behind(resolved):
+    async def life() -> None:
+        server = Server(with_adapter(resolved), Options())
+        task = asyncio.create_task(server.run())
+        await until(lambda: server.hub.simulation.world.tick > 0)
+        task.cancel()
+        await asyncio.wait([task], timeout=PATIENCE_S)
+        assert task.cancelled()
+
+    asyncio.run(life())
+    assert "simulation" not in [t.name for t in threading.enumerate()]
+
+
+def test_a_pause_does_not_end_a_server_with_an_end(resolved):
+    async def script(server):
+        replies: list[Reply] = []
+        await until(lambda: server.hub.simulation.world.tick > 0)
+        for service in ("world/pause", "world/reset", "world/resume"):
+            context = TestAdapter.instances[0].context
+            context.call(service, {}, "me", replies.append)
+        await until(lambda: len(replies) == 3)
+        await until(lambda: server.hub.simulation.world.tick >= 480)
+
+    assert serve(with_adapter(resolved), script, Options(until_s=2.0, timing=Timing(speed=100.0))) == 0

@@ -14,9 +14,10 @@ import pytest
 from uwserver import snapshot
 from uwserver.bus import Bus, Mailbox
 from uwserver.clock import SystemTime
-from uwserver.ports import Call, Command, Event, Progress, Reply
+from uwserver.ports import Call, Command, Event, Progress, Refused, Reply
+from uwserver.requests import checked_args
 from uwserver.scenario.build import build
-from uwserver.simulation import Simulation, Timing
+from uwserver.simulation import CLOCK_SERVICES, Simulation, Timing
 
 PATIENCE_S = 30.0
 FREE = Timing(mode="freerun")
@@ -280,3 +281,85 @@ def test_a_slow_loop_loses_nothing_in_freerun(resolved):
     assert seqs == list(range(len(seqs)))
     assert len(seqs) == 20 * 120
     assert rig.bus.dropped == 0
+
+
+def test_a_step_cancelled_before_it_began_never_runs(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        both_are_there = threading.Event()
+        rig.simulation.steer(lambda: both_are_there.wait(PATIENCE_S))
+        answers, cancel = rig.begin("world/step", n=10**9)
+        assert cancel()
+        both_are_there.set()
+        assert rig.final(answers).fault.code == "preempted"
+        assert not cancel()
+        assert rig.call("world/step", n=1).fault is None
+
+
+def test_a_paused_world_in_lockstep_steps_without_grants(resolved):
+    with running(resolved, Timing("lockstep", paused=True, lockstep_clients=("me", "other"))) as rig:
+        assert rig.call("world/step", n=5).tick == 5
+        assert rig.call("world/run_until", t_s=0.1).tick == 24
+        rig.call("world/resume")
+        both = [rig.begin("world/step", n=2, client=name)[0] for name in ("me", "other")]
+        assert [rig.final(answers).tick for answers in both] == [26, 26]
+
+
+def test_resume_turns_a_step_into_time_that_goes_on(resolved):
+    with running(resolved, Timing(speed=1000.0, paused=True)) as rig:
+        answers, _ = rig.begin("world/step", n=3000)
+        rig.call("world/resume")
+        assert rig.final(answers).tick == 3000
+        assert not rig.simulation.paused
+        assert rig.call("world/run_until", t_s=20.0).tick == 4800
+
+
+def test_a_restore_that_is_refused_changes_nothing(resolved):
+    with running(resolved, Timing(speed=1000.0)) as rig:
+        answers, _ = rig.begin("world/run_until", t_s=60.0)
+        assert rig.post(Call("world/restore", {"name": "typo"})).fault.code == "bad_argument"
+        assert rig.final(answers).fault is None
+
+
+def test_a_diverged_world_answers_that_tick_and_stays_stopped_after_a_refused_restore(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        rig.world.hydro.state[0, 7] = np.nan
+        command: queue.Queue = queue.Queue()
+        both_are_there = threading.Event()
+        rig.simulation.steer(lambda: both_are_there.wait(PATIENCE_S))
+        answers, _ = rig.begin("world/step", n=3)
+        rig.mailbox.post(Command("rov/thrusters", ((0.5,) * 8,), "me"), command.put)
+        both_are_there.set()
+        assert rig.final(answers).fault.code == "internal"
+        assert rig.final(command).tick == 0
+        assert rig.post(Call("world/restore", {"name": "typo"})).fault.code == "bad_argument"
+        assert rig.call("world/step", n=1).fault.code == "denied"
+
+
+def test_a_run_has_its_last_tick_whatever_clients_do(resolved):
+    rig = Rig(resolved, Timing(speed=1000.0))
+    rig.simulation.until_tick = rig.simulation.tick_at(10.0)
+    rig.start()
+    rig.call("world/pause")
+    rig.call("world/resume")
+    rig._thread.join(PATIENCE_S)
+    rig.end()
+    assert rig.world.tick == 2400
+
+
+def test_who_still_waits_at_the_end_is_answered(resolved):
+    rig = Rig(resolved, Timing(paused=True))
+    step, _ = rig.begin("world/step", n=5)
+    pause, _ = rig.begin("world/pause")
+    posted: queue.Queue = queue.Queue()
+    rig.mailbox.post(Call("world/state_hash", {}), posted.put)
+    rig.simulation.stop()
+    rig.start()
+    rig.end()
+    assert [rig.final(answers).fault.code for answers in (step, posted)] == ["preempted", "shutdown"]
+    assert rig.final(pause).fault is None
+
+
+def test_run_until_has_a_largest_time():
+    service = next(service for service in CLOCK_SERVICES if service.path == "world/run_until")
+    with pytest.raises(Refused, match="at most"):
+        checked_args(service, {"t_s": 1e300})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uwserver import snapshot
-from uwserver.ports import Refused
+from uwserver.ports import Command, Refused
 
 
 def drive(world, ticks, rng):
@@ -125,3 +125,20 @@ def test_named_snapshots_by_service(world):
         world.call("world/snapshot", name=str(k))
     with pytest.raises(Refused, match="32 snapshots"):
         world.call("world/snapshot", name="one too many")
+
+
+def test_what_was_read_before_a_reset_is_forgotten(world):
+    world.step(240)
+    assert world.read("rov/imu") is not None
+    world.call("world/reset")
+    assert world.read("rov/imu") is None
+
+
+def test_the_hash_does_not_tell_who_commanded(make_world):
+    hashes = set()
+    for source in ("sockets:1", "sockets:2 (me)"):
+        world = make_world()
+        world.submit(Command("rov/thrusters", ((0.1,) * 8,), source))
+        world.step(5)
+        hashes.add(snapshot.take(world).hash())
+    assert len(hashes) == 1

@@ -32,7 +32,9 @@ DEFAULT_SCENARIO = "bluerov2_pool"
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
 @click.option("--speed", type=click.FloatRange(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
 @click.option("--paused", is_flag=True, help="Start paused.")
-@click.option("--until", "until_s", type=click.FloatRange(0.0), metavar="SECONDS", help="End at this simulation time.")
+@click.option(
+    "--until", "until_s", type=click.FloatRange(0.0, 1e9), metavar="SECONDS", help="End at this simulation time."
+)
 @click.option(
     "--record", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP file (see `uwserver replay`)."
 )
