@@ -36,6 +36,7 @@ def offer_world_services(world: World) -> None:
         if name not in saved:
             raise Refused("bad_argument", f'no snapshot "{name}", there are: {", ".join(saved) or "none"}', "name")
         snapshot.restore(world, saved[name])
+        world.say("reset", f'the world is at its snapshot "{name}"')
         return {"tick": world.tick, "t_ns": world.t_ns}
 
     def state_hash(_: Mapping[str, Json]) -> Json:

@@ -89,3 +89,9 @@ def test_arguments_are_checked(world, args, phrase):
 def test_an_unknown_service_suggests(world):
     with pytest.raises(Refused, match=r'did you mean "world/reset"'):
         world.call("world/rest")
+
+
+def test_everybody_is_told_when_time_is_set(world):
+    world.call("world/snapshot", name="here")
+    world.call("world/restore", name="here")
+    assert [(event.event, "here" in event.text) for event in world.flush().events] == [("reset", True)]

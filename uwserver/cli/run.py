@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
 import shutil
 import sys
@@ -23,6 +24,16 @@ if TYPE_CHECKING:
 DEFAULT_SCENARIO = "bluerov2_pool"
 
 
+class _Number(click.FloatRange):
+    """`FloatRange`, which lets NaN through."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number: float = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail("a number is needed, not nan", param, ctx)
+        return number
+
+
 @click.command("run")
 @click.argument("scenario", default=DEFAULT_SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
@@ -30,11 +41,9 @@ DEFAULT_SCENARIO = "bluerov2_pool"
 @click.option("--metrics-bind", help="Address of /health and /metrics.")
 @click.option("--seed", type=click.IntRange(0), help="Instead of the scenario's.")
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
-@click.option("--speed", type=click.FloatRange(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
+@click.option("--speed", type=_Number(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
 @click.option("--paused", is_flag=True, help="Start paused.")
-@click.option(
-    "--until", "until_s", type=click.FloatRange(0.0, 1e9), metavar="SECONDS", help="End at this simulation time."
-)
+@click.option("--until", "until_s", type=_Number(0.0, 1e9), metavar="SECONDS", help="End at this simulation time.")
 @click.option(
     "--record", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP file (see `uwserver replay`)."
 )
