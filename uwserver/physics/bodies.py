@@ -122,9 +122,13 @@ def body_row(body: BodyParams) -> Records:
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
         row[f"form_{name}"] = _form(getattr(body, name))
     row["rate_L"], row["rate_Q"], row["rate_S"] = damping_rates(body)
+    # Of the shapes as they end up, moved to r_b.
     reach = [
-        float(np.linalg.norm(shape.center)) + (shape.half[0] if shape.kind == 1 else float(np.linalg.norm(shape.half)))
-        for shape in body.shapes
+        float(
+            np.linalg.norm(shape["center"])
+            + (shape["half"][0] if shape["kind"] == 1 else np.linalg.norm(shape["half"]))
+        )
+        for shape in shape_rows(body)
     ]
     reach += [float(np.linalg.norm(t.r)) + t.disc_radius for t in body.thrusters]
     row["radius"] = max(reach, default=0.0)
