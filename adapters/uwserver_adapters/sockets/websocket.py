@@ -42,7 +42,7 @@ _INTERNAL = 1011
 _GOING_AWAY = 1001
 
 # The library tells of every connection at level info.
-_quiet: Final = logging.getLogger(f"{__name__}.library")
+_quiet: Final = logging.getLogger(f"{__name__}.frames")
 _quiet.setLevel(logging.WARNING)
 
 
