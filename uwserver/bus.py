@@ -135,6 +135,8 @@ class Bus:
 
     def _deliver(self, output: TickOutput) -> None:
         for event in output.events:
+            if event.event == "reset":
+                self.last.clear()  # what was read at another time
             self._each(lambda sink, event=event: sink.put_event(event))  # type: ignore[misc]
         for on_reply, reply in output.replies:
             answer(on_reply, reply)
