@@ -84,21 +84,19 @@ class Hydrodynamics:
         self._params = (*self._params, body)
         return len(self._params) - 1
 
+    @property
+    def rows(self) -> layout.Rows:
+        """All rows of the world, as the kernel takes them."""
+        return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        return int(
-            _kernel().advance(
-                self.bodies, self.state, self.currents, self.shapes, self.thrusters, self.tables, self.lags,
-                self.wrenches, t, self.dt,
-            )
-        )  # fmt: skip
+        return int(_kernel().advance(self.rows, self.state, self.currents, t, self.dt))
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B and the applied wrench (n, 6) of thrusters and prescribed rows about the origin in B, at the present state."""
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        _kernel().rates_of_change(
-            self.bodies, self.state, self.currents, self.shapes, self.thrusters, self.lags, self.wrenches, t, nu_dot, tau
-        )  # fmt: skip
+        _kernel().rates_of_change(self.rows, self.state, self.currents, t, nu_dot, tau)
         return nu_dot, tau
 
     def load_kernels(self) -> None:
