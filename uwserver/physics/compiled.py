@@ -20,7 +20,7 @@ from uwserver.physics.finished_cache import FinishedCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change")
+ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change", "flow.fill_flows", "flow.water_at")
 """What Python calls; numba keeps an index file of each once it is compiled, after all that it calls."""
 
 

@@ -33,12 +33,21 @@ def _kernel() -> ModuleType:
     return integrator
 
 
+@cache
+def _sea_kernel() -> ModuleType:
+    """As `_kernel`, for a sea."""
+    from uwserver.physics import flow
+
+    return flow
+
+
 class Hydrodynamics:
     """State and parameters of all bodies, one row each. Not thread-safe: owned by the simulation thread.
 
     Attributes:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
-        currents: (n, 3) water velocity at each body in N, m/s.
+        flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
+        sea: water that moves otherwise than uniformly and steadily; None for none.
         thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
     """
 
@@ -54,7 +63,8 @@ class Hydrodynamics:
         self.tables: Records = np.zeros(0, layout.TABLE)
         self.lags: Records = np.zeros(0, layout.LAG)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
-        self.currents: FloatArray = np.zeros((0, 3))
+        self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
+        self.sea: layout.SeaRows | None = None
         for body in bodies:
             self.add(body)
 
@@ -80,7 +90,7 @@ class Hydrodynamics:
         rest = np.zeros((1, layout.STATE_SIZE))
         rest[0, layout.Q] = 1.0
         self.state = np.concatenate([self.state, rest])
-        self.currents = np.concatenate([self.currents, np.zeros((1, 3))])
+        self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
         self._params = (*self._params, body)
         return len(self._params) - 1
 
@@ -89,14 +99,23 @@ class Hydrodynamics:
         """All rows of the world, as the kernel takes them."""
         return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
 
+    @property
+    def currents(self) -> FloatArray:
+        """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
+        return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
+
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        return int(_kernel().advance(self.rows, self.state, self.currents, t, self.dt))
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.5 * self.dt, self.flows)
+        return int(_kernel().advance(self.rows, self.state, self.flows, t, self.dt))
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B and the applied wrench (n, 6) of thrusters and prescribed rows about the origin in B, at the present state."""
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        _kernel().rates_of_change(self.rows, self.state, self.currents, t, nu_dot, tau)
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
+        _kernel().rates_of_change(self.rows, self.state, self.flows, t, nu_dot, tau)
         return nu_dot, tau
 
     def load_kernels(self) -> None:
@@ -104,6 +123,9 @@ class Hydrodynamics:
         nothing = Hydrodynamics((), self.dt)
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)
+        if self.sea is not None:
+            nothing.sea = self.sea
+            nothing.advance(0.0)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

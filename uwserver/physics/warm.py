@@ -14,7 +14,7 @@ from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, Thrus
 from uwserver.physics.compiled import cache_state
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
-from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
 
 _DT = 0.01
 
@@ -32,7 +32,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         RuntimeError: the kernels ran and a state was not finite: the installation is broken.
     """
     say("kernels: loading the compiler")
-    from uwserver.physics import integrator
+    from uwserver.physics import flow, integrator
 
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
     for name, world, depth in (
@@ -47,7 +47,13 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         nu_dot, _ = world.rates_of_change(_DT)
         if failed >= 0 or not np.isfinite(nu_dot).all():
             raise RuntimeError(f"the kernels gave a state that is not finite ({name}): reinstall numpy and numba")
-    kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
+    say("kernels: waves")
+    sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
+    gentle.sea = sea
+    flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
+    if gentle.advance(0.0) >= 0 or point.any():
+        raise RuntimeError("the kernels gave a sea that moves without waves: reinstall numpy and numba")
+    kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change, flow.fill_flows, flow.water_at)
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
 
 
