@@ -44,8 +44,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("vehicle", "requests"),
     ("actuators", "sensors", "autopilot"),
     ("modifiers",),
+    ("environment",),  # asks the kernel what the water does
     ("physics",),  # arrays and kernel: knows no component
-    ("environment",),
     ("clock", "lateness", "logs"),  # know no world
     ("frames", "ports", "table"),
     ("units",),

@@ -57,7 +57,14 @@ def offer_world_services(world: World) -> None:
     world.offer(Service("world/snapshot", "Keep the whole state under a name, in memory.", (name,)), take)
     world.offer(Service("world/restore", "Go back to a snapshot, bit for bit.", (name,)), restore)
     world.offer(Service("world/state_hash", "SHA-256 of the whole state; equal for equal runs."), state_hash)
-    world.offer(Service("world/set_current", "Set the uniform current.", (velocity,)), set_current)
+    world.offer(
+        Service(
+            "world/set_current",
+            "Set the uniform, steady part of the current; profiles and drifting currents go on.",
+            (velocity,),
+        ),
+        set_current,
+    )
     for path, sensor in world.sensors.items():
         _offer_sensor(world, path, sensor)
     for path, actuator in world.actuators.items():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
+from uwserver.environment.currents import GaussMarkov
 from uwserver.physics.contact import Impulses
 from uwserver.ports import Refused, Sample
 from uwserver.world import World
@@ -37,12 +38,16 @@ class ActuatorState(Struct, frozen=True):
 
 
 class Snapshot(Struct, frozen=True):
-    """A world between two ticks. Commands and calls that are posted but not carried out are not part of it."""
+    """A world between two ticks. Commands and calls that are posted but not carried out are not part of it.
+
+    `drifts` holds the random stream and the velocities of each drifting current.
+    """
 
     tick: int
     arrays: tuple[bytes, ...]
     touched: Impulses
     current: tuple[float, float, float]
+    drifts: tuple[tuple[Any, tuple[float, ...]], ...]
     sensors: dict[str, SensorState]
     actuators: dict[str, ActuatorState]
     pending: tuple[tuple[int, int, Sample], ...]
@@ -57,12 +62,17 @@ class Snapshot(Struct, frozen=True):
         for column in (*self.touched.contacts, self.touched.impulse):
             digest.update(column.tobytes())
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
-        rest = (self.tick, self.current, self.sensors, actuators, self.pending, self.pending_order, self.watch)
+        water = (self.current, self.drifts)
+        rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch)
         digest.update(repr(rest).encode())
         return digest.hexdigest()
 
 
-_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "currents", "contact_nu_dot")
+_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "contact_nu_dot")
+
+
+def _drifts(world: World) -> tuple[GaussMarkov, ...]:
+    return () if world.water.sea is None else world.water.sea.drifts
 
 
 def take(world: World) -> Snapshot:
@@ -72,6 +82,7 @@ def take(world: World) -> Snapshot:
         arrays=tuple(getattr(world.hydro, name).tobytes() for name in _ARRAYS),
         touched=world.hydro.touched,  # its arrays are made anew each tick and never changed
         current=world.water.current,
+        drifts=tuple((drift.rng.bit_generator.state, tuple(drift.ends.flat)) for drift in _drifts(world)),
         sensors={
             path: SensorState(
                 slot.seq,
@@ -113,7 +124,10 @@ def restore(world: World, snapshot: Snapshot) -> None:
         array = getattr(world.hydro, name)
         array[...] = np.frombuffer(saved, array.dtype).reshape(array.shape)
     world.hydro.touched = snapshot.touched
-    world.water.current = snapshot.current
+    for drift, (stream, ends) in zip(_drifts(world), snapshot.drifts, strict=True):
+        drift.rng.bit_generator.state = stream
+        drift.ends[...] = np.reshape(ends, drift.ends.shape)
+    world.set_current(snapshot.current)
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
         slot.seq, slot.active = sensor.seq, sensor.active

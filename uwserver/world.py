@@ -129,9 +129,11 @@ class World:
         self._due = sorted(groups.items())
 
     def set_current(self, velocity: Vec3) -> None:
-        """Set the uniform current, m/s in N, from the next tick on."""
+        """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
         self.water.current = velocity
         self.hydro.currents[:] = velocity
+        if self.water.sea is not None:
+            self.water.sea.hold(self.tick, self._seconds(), velocity)
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
 
@@ -215,7 +217,7 @@ class World:
 
         1. what was posted, so that a command acts in the tick that its reply names;
         2. watchdogs, after the commands that may feed them;
-        3. actuators and bodies together in the kernel, from t to t + dt;
+        3. actuators, bodies and water together in the kernel, from t to t + dt;
         4. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
         5. sensors that are due at t + dt, with their errors, from the new state.
         """
@@ -226,6 +228,8 @@ class World:
             self._watchdogs()
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
+        if self.water.sea is not None:
+            self.water.sea.move(self.tick, self._seconds(), self.water.current)
         if diverged >= 0:
             raise Diverged(self._report(diverged), output)
         if self.pending:

@@ -60,6 +60,7 @@ class BodyParams:
         weight, buoyancy: N.
         r_g, r_b: centre of gravity and of buoyancy, m.
         shapes: geometry of the displaced volume; without any the body is always submerged.
+        displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
     """
 
     M_RB: FloatArray
@@ -74,6 +75,7 @@ class BodyParams:
     shapes: tuple[BuoyancyShape, ...] = ()
     thrusters: tuple[ThrusterParams, ...] = field(default=())
     wrenches: int = 1
+    displaced: float | None = None
 
 
 def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> FloatArray:
@@ -118,6 +120,7 @@ def body_row(body: BodyParams) -> Records:
     row = np.zeros(1, BODY)
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "r_g", "r_b"):
         row[name] = getattr(body, name)
+    row["displaced"] = body.buoyancy / 9.81 if body.displaced is None else body.displaced
     row["M_inv"] = np.linalg.inv(body.M_RB + body.M_A)
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
         row[f"form_{name}"] = _form(getattr(body, name))

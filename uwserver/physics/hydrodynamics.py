@@ -42,12 +42,21 @@ def _contact_kernel() -> ModuleType:
     return touching
 
 
+@cache
+def _sea_kernel() -> ModuleType:
+    """As `_kernel`, for a sea."""
+    from uwserver.physics import flow
+
+    return flow
+
+
 class Hydrodynamics:
     """State and parameters of all bodies, one row each. Not thread-safe: owned by the simulation thread.
 
     Attributes:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
-        currents: (n, 3) water velocity at each body in N, m/s.
+        flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
+        sea: water that moves otherwise than uniformly and steadily; None for none.
         thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
         collider: finds contacts; None in open water.
         touched: contacts of the last tick and their impulses.
@@ -66,10 +75,11 @@ class Hydrodynamics:
         self.tables: Records = np.zeros(0, layout.TABLE)
         self.lags: Records = np.zeros(0, layout.LAG)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
-        self.currents: FloatArray = np.zeros((0, 3))
         self.collider: Collider | None = None
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
+        self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
+        self.sea: layout.SeaRows | None = None
         for body in bodies:
             self.add(body)
 
@@ -95,7 +105,7 @@ class Hydrodynamics:
         rest = np.zeros((1, layout.STATE_SIZE))
         rest[0, layout.Q] = 1.0
         self.state = np.concatenate([self.state, rest])
-        self.currents = np.concatenate([self.currents, np.zeros((1, 3))])
+        self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
         self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
         self._params = (*self._params, body)
         return len(self._params) - 1
@@ -105,8 +115,15 @@ class Hydrodynamics:
         """All rows of the world, as the kernel takes them."""
         return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
 
+    @property
+    def currents(self) -> FloatArray:
+        """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
+        return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
+
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.5 * self.dt, self.flows)
         if self.collider is not None:
             contacts = self.collider.find_contacts(self.state, self.dt)
             if len(contacts.gap):
@@ -117,13 +134,13 @@ class Hydrodynamics:
         return self._advance_free(t)
 
     def _advance_free(self, t: float) -> int:
-        return int(_kernel().advance(self.rows, self.state, self.currents, t, self.dt))
+        return int(_kernel().advance(self.rows, self.state, self.flows, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are told in `touching`."""
         kernel, old = _contact_kernel(), self.touched
         trial = self.rows._replace(thrusters=self.thrusters.copy())
-        struck = kernel.strike(trial, self.state, self.currents, contacts, old.contacts.key, old.impulse, t, self.dt)
+        struck = kernel.strike(trial, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt)
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
@@ -136,7 +153,9 @@ class Hydrodynamics:
         nu_dot holds the mean of the last tick's contacts, as an accelerometer would; the wrench is that of thrusters and prescribed rows.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        _kernel().rates_of_change(self.rows, self.state, self.currents, t, nu_dot, tau)
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
+        _kernel().rates_of_change(self.rows, self.state, self.flows, t, nu_dot, tau)
         if len(self.touched.impulse):
             nu_dot += self.contact_nu_dot
         return nu_dot, tau
@@ -148,6 +167,9 @@ class Hydrodynamics:
         nothing.rates_of_change(0.0)
         if self.collider is not None:
             nothing._advance_touching(NO_CONTACTS, 0.0)
+        if self.sea is not None:
+            nothing.sea = self.sea
+            nothing.advance(0.0)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

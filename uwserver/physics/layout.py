@@ -14,6 +14,22 @@ P, Q, NU = 0, 3, 7
 """Columns of a state row: p_NB (3, m), q_NB (4, w x y z), nu = v_NB_B (3, m/s) and w_NB_B (3, rad/s)."""
 STATE_SIZE = 13
 
+FLOW_V, FLOW_V_T, FLOW_GRADIENT, FLOW_PLANE, FLOW_P, FLOW_T, FLOW_KIND = 0, 3, 6, 15, 19, 22, 23
+"""Columns of a flow row, the water near one body and one instant, all in N: velocity (3, m/s), its partial derivative by time (3, m/s2) and its
+gradient (3, 3, 1/s; row i has the derivatives of component i), the plane that touches the surface (elevation at x = y = 0 in m, slopes along x
+and y, rate of the elevation in m/s), the place (3, m) and the instant (s) of all these, and the kind."""
+FLOW_SIZE = 24
+STEADY, MOVING, WAVY = 0.0, 1.0, 2.0
+"""Kinds of flow: the velocity alone counts; rates and gradient too; the surface too."""
+
+WAVE_KX, WAVE_KY, WAVE_K, WAVE_OMEGA, WAVE_AMPLITUDE, WAVE_PHASE, WAVE_DEPTH = range(7)
+"""Columns of a wave: wave number along x and y of N and its size (rad/m), angular frequency (rad/s), amplitude (m), phase (rad), depth of the
+water (m, inf for deep water)."""
+WAVE_SIZE = 7
+
+PROFILE_SIZE = 15
+"""Columns of a piece of a depth profile: from and to depth, depth of its origin (m), four coefficients of a cubic for each component in N."""
+
 LAG_LEVELS = 5
 """A tick may be cut into 2**0 .. 2**4 sub-steps; the thruster lag has an exact transition matrix for half of each."""
 
@@ -39,6 +55,7 @@ BODY = np.dtype(
         ("form_D_S", "i8"),
         ("weight", "f8"),  # N
         ("buoyancy", "f8"),  # N, fully submerged
+        ("displaced", "f8"),  # mass of the displaced water, kg, fully submerged
         ("r_g", "f8", (3,)),
         ("r_b", "f8", (3,)),
         # Bounds of the damping's fastest rate, 1/s: rate <= rate_L + sum_j rate_Q[j] |nu_r[j]| + rate_S |u_r|.
@@ -135,3 +152,17 @@ class Rows(NamedTuple):
     tables: Any
     lags: Any
     wrenches: Any
+
+
+class SeaRows(NamedTuple):
+    """The sea, as the kernel takes it.
+
+    Attributes:
+        uniform: (7) velocity (m/s) in N at an instant, its rate (m/s2), the instant (s).
+        profiles: (m, PROFILE_SIZE) pieces, all added where they apply.
+        waves: (k, WAVE_SIZE).
+    """
+
+    uniform: Any
+    profiles: Any
+    waves: Any

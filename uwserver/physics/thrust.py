@@ -82,12 +82,13 @@ def lagged(thruster: Any, lag: Any) -> float:
 
 @compiled
 def add_thrust(
-    thruster: Any, force: float, work: Array, nu_r: int, p_z: float, R: Array, near_surface: bool, tau: int
+    thruster: Any, force: float, work: Array, nu_r: int, depth: float, up: int, near_surface: bool, tau: int
 ) -> None:
     """Add one thruster's wrench (6, about the body origin in B) to row `tau` of `work`, whose row `nu_r` is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
-    mount through the water along the axis. Thrust scales with the submerged part of the disc.
+    mount through the water along the axis. Thrust scales with the submerged part of the disc, for which `depth` (m) is that of the body
+    origin below the surface and row `up` of `work` the surface's normal in B.
     """
     if force == 0.0:
         return
@@ -98,7 +99,7 @@ def add_thrust(
         force -= thruster.inflow * math.sqrt(abs(force)) * va
     if near_surface:
         r = thruster.r
-        depth = p_z + R[2, 0] * r[0] + R[2, 1] * r[1] + R[2, 2] * r[2]
-        force *= disc_fraction(depth, thruster.disc_radius)
+        hub = depth - work[up, 0] * r[0] - work[up, 1] * r[1] - work[up, 2] * r[2]
+        force *= disc_fraction(hub, thruster.disc_radius)
     for i in range(6):
         work[tau, i] += force * thruster.per_force[i]

@@ -128,7 +128,7 @@ def _islands(slot_a: Array, slot_b: Array, m: int, order: Array, bounds: Array) 
 
 @compiled
 def predict(
-    rows: Any, bodies: Array, state: Array, currents: Array, t: float, dt: float, predicted: Array, M_inv: Array
+    rows: Any, bodies: Array, state: Array, flows: Array, t: float, dt: float, predicted: Array, M_inv: Array
 ) -> None:
     """The free step of some bodies, as a trial; moves the lags in `rows` on, so they must be copies."""
     thrusters = rows.thrusters
@@ -137,7 +137,7 @@ def predict(
         set_demand(thrusters[k], rows.tables)
     for i in range(bodies.shape[0]):
         n = bodies[i]
-        step_body(rows, n, state[n], currents[n], t, dt, w)
+        step_body(rows, n, state[n], flows[n], t, dt, w)
         for j in range(STATE_SIZE):
             predicted[i, j] = w.s[STATE, j]
         for j in range(6):
@@ -183,7 +183,7 @@ def _set_responses(M_inv: Array, slot_a: Array, slot_b: Array, rows: Array, gain
 
 @compiled
 def strike(
-    rows: Any, state: Array, currents: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float
+    rows: Any, state: Array, flows: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float
 ) -> Struck:
     """Stages 1 and 2: impulses at the start of the tick; `state` receives the new velocities.
 
@@ -205,7 +205,7 @@ def strike(
     start, predicted, M_inv = np.empty((m, STATE_SIZE)), np.empty((m, STATE_SIZE)), np.empty((m, 6, 6))
     for i in range(m):
         start[i] = state[bodies[i]]
-    predict(rows, bodies, state, currents, t, dt, predicted, M_inv)
+    predict(rows, bodies, state, flows, t, dt, predicted, M_inv)
 
     axes, solver, gains = np.empty((k, 3, 3)), np.empty((k, 4, 3, 6)), np.empty((k, 2))
     bias, R = np.empty((k, 3)), np.empty((3, 3))

@@ -15,7 +15,7 @@ from uwserver.physics.compiled import cache_state
 from uwserver.physics.contact import Contacts, FloatArray
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
-from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
 
 _DT = 0.01
 
@@ -33,7 +33,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         RuntimeError: the kernels ran and a state was not finite: the installation is broken.
     """
     say("kernels: loading the compiler")
-    from uwserver.physics import integrator, touching
+    from uwserver.physics import flow, integrator, touching
 
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
     for name, world, depth in (
@@ -52,11 +52,20 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     gentle.collider = _Underfoot()
     if gentle.advance(0.0) >= 0 or not len(gentle.touched.impulse):
         raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
+    gentle.collider = None
+    say("kernels: waves")
+    sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
+    gentle.sea = sea
+    flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
+    if gentle.advance(0.0) >= 0 or point.any():
+        raise RuntimeError("the kernels gave a sea that moves without waves: reinstall numpy and numba")
     kernels: tuple[Any, ...] = (
         integrator.advance,
         integrator.rates_of_change,
         touching.strike,
         touching.settle,
+        flow.fill_flows,
+        flow.water_at,
     )
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
 

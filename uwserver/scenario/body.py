@@ -79,6 +79,7 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
         r_g=vehicle.rigid_body.center_of_mass_frd_m,
         r_b=vehicle.buoyancy.center_frd_m,
         shapes=_shapes(vehicle.buoyancy),
+        displaced=environment.density_kgpm3 * vehicle.buoyancy.volume_m3,
         thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
     )
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import ActuatorConfig, Body
-from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, Stream
 from uwserver.physics.hydrodynamics import Hydrodynamics
@@ -18,6 +18,7 @@ from uwserver.ports import Field, Port
 from uwserver.scenario.body import body_params
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment
+from uwserver.scenario.sea import water_of
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
@@ -43,25 +44,16 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
     hydro = Hydrodynamics((), float(1 / rate))
-    hydro.load_kernels()
-    water = _water(scenario.environment)
     seed = scenario.seed if seed is None else seed
+    water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
+    hydro.sea = None if water.sea is None else water.sea.rows
+    hydro.load_kernels()
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
     for vehicle in resolved.vehicles.values():
         _install(world, vehicle, scenario.environment)
     world.set_current(water.current)
     offer_world_services(world)
     return world
-
-
-def _water(environment: Environment) -> Water:
-    return Water(
-        density=environment.density_kgpm3,
-        gravity=environment.gravity_mps2,
-        temperature=environment.temperature_degc,
-        atmospheric_pressure=environment.atmospheric_pressure_pa,
-        current=environment.current.velocity_ned_mps,
-    )
 
 
 def _install(world: World, resolved: ResolvedVehicle, environment: Environment) -> None:

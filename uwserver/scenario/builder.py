@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from uwserver.environment.currents import CurrentConfig
+from uwserver.environment.waves import WavesConfig
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.convert import Report, check_name, convert, convert_kind, kinds_of
 from uwserver.scenario.documents import from_tables
@@ -51,6 +53,14 @@ class ScenarioBuilder:
     def current(self, **keys: Any) -> ScenarioBuilder:
         """Keys of `[environment.current]`."""
         return self._update(("environment", "current"), Current, keys)
+
+    def add_current(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """A current beside the others."""
+        return self._update(("environment", "currents", name), CurrentConfig, {"kind": kind, **keys})
+
+    def waves(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[environment.waves]`."""
+        return self._update(("environment", "waves"), WavesConfig, keys)
 
     def server(self, **keys: Any) -> ScenarioBuilder:
         """Keys of `[server]`."""

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType, field
 
+from uwserver.environment.currents import CurrentConfig
+from uwserver.environment.waves import WavesConfig
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
@@ -53,13 +55,21 @@ class Current(Table, kw_only=True, frozen=True):
 
 
 class Environment(Table, kw_only=True, frozen=True):
-    """Water and gravity. The sea surface is the plane z = 0 of N."""
+    """Water and gravity. The sea surface at rest is the plane z = 0 of N.
+
+    Attributes:
+        current: uniform, steady current.
+        currents: more of them, by name; all add up.
+        waves: of the surface; default: none.
+    """
 
     density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] = 1025.0
     gravity_mps2: Annotated[float, Meta(ge=0, le=30)] = 9.81
     temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
     current: Current = Current()
+    currents: dict[str, CurrentConfig] = field(default_factory=dict)
+    waves: WavesConfig | UnsetType = UNSET
 
 
 class Truth(Table, kw_only=True, frozen=True):

@@ -40,7 +40,7 @@ class Pressure:
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Always valid; atmospheric pressure above the surface."""
-        return True, [scope.water.pressure(scope.position(self._mount.p)[2]), scope.water.temperature]
+        return True, [scope.water.pressure(scope.position(self._mount.p), scope.t), scope.water.temperature]
 
 
 class Depth:
@@ -61,7 +61,7 @@ class Depth:
         water, c = scope.water, self._config
         density = water.density if c.assumed_density_kgpm3 is msgspec.UNSET else c.assumed_density_kgpm3
         atmosphere = water.atmospheric_pressure if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa
-        gauge = water.pressure(scope.position(self._mount.p)[2]) - atmosphere
+        gauge = water.pressure(scope.position(self._mount.p), scope.t) - atmosphere
         weight = density * water.gravity
         if weight == 0.0:
             return False, [None, water.temperature]
