@@ -58,7 +58,7 @@ class Snapshot(Struct, frozen=True):
         return digest.hexdigest()
 
 
-_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "currents")
+_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "servos", "currents")
 
 
 def take(world: World) -> Snapshot:

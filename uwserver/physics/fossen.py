@@ -19,9 +19,10 @@ from uwserver.physics.thrust import add_thrust
 Array = Any  # numpy array inside compiled code
 
 
-# Rows of the (9, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
-NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, SCRATCH = range(8)
-SCRATCH_ROWS = 9
+# Rows of the (11, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
+# ACTUATED and PASSIVE are input: what `appendages` gave for the same instant, or zero. SCRATCH has two rows.
+NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, ACTUATED, PASSIVE, SCRATCH = range(10)
+SCRATCH_ROWS = 11
 
 
 @compiled
@@ -129,7 +130,8 @@ def derivative(
         forces: row `stage` holds the lagged thrust of each of the body's thrusters at t, N.
         M_inv: (6, 6) inverse of M_RB + held M_A.
         held: submerged fraction that scales M_A, held within a step.
-        work: (9, 6) scratch; afterwards row NU_R holds nu_r, and row EXTERNAL thrust plus prescribed wrench in B about the origin.
+        work: (11, 6) scratch; rows ACTUATED and PASSIVE are added to the forces; afterwards row NU_R holds nu_r, and row EXTERNAL the wrench
+            of all actuators and the prescribed one in B about the origin.
         R: (3, 3) out, R_NB.
     """
     rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
@@ -138,7 +140,8 @@ def derivative(
     cz = R[0, 2] * current[0] + R[1, 2] * current[1] + R[2, 2] * current[2]
     for i in range(6):
         work[NU, i] = work[NU_R, i] = s[source, 7 + i]
-        work[TAU, i] = work[MOMENTUM, i] = 0.0
+        work[TAU, i] = work[ACTUATED, i]
+        work[MOMENTUM, i] = 0.0
     work[NU_R, 0] -= cx
     work[NU_R, 1] -= cy
     work[NU_R, 2] -= cz
@@ -156,6 +159,7 @@ def derivative(
         _add_prescribed(wrenches[k], t, R, work)
     for i in range(6):
         work[EXTERNAL, i] = work[TAU, i]
+        work[TAU, i] += work[PASSIVE, i]
     _add_restoring(body, R, fraction * body.buoyancy, work)
 
     _multiply_add(body.M_RB, body.form_M_RB, work, NU, 1.0, MOMENTUM)

@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from uwserver.physics import layout
+from uwserver.physics.appended import appendage_rows, servo_rows
 from uwserver.physics.bodies import (
     BodyParams,
     FloatArray,
@@ -39,7 +40,8 @@ class Hydrodynamics:
     Attributes:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
         currents: (n, 3) water velocity at each body in N, m/s.
-        thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
+        thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
+            (`layout`).
     """
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
@@ -53,8 +55,15 @@ class Hydrodynamics:
         self.wrenches: Records = np.zeros(0, layout.WRENCH)
         self.tables: Records = np.zeros(0, layout.TABLE)
         self.lags: Records = np.zeros(0, layout.LAG)
+        self.servos: Records = np.zeros(0, layout.SERVO)
+        self.foils: Records = np.zeros(0, layout.FOIL)
+        self.propellers: Records = np.zeros(0, layout.PROPELLER)
+        self.weights: Records = np.zeros(0, layout.WEIGHT)
+        self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
+        self.hulls: Records = np.zeros(0, layout.HULL)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.currents: FloatArray = np.zeros((0, 3))
+        self._gather()
         for body in bodies:
             self.add(body)
 
@@ -73,6 +82,7 @@ class Hydrodynamics:
         self.tables = concatenate([table_row(table) for table in self._tables], layout.TABLE)
         self.lags = concatenate([lag_row(lag, self.dt) for lag in self._lags], layout.LAG)
         thrusters = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
+        self._append_appendages(body, row)
         self.bodies = np.concatenate([self.bodies, row])
         self.shapes = np.concatenate([self.shapes, shape_rows(body)])
         self.thrusters = np.concatenate([self.thrusters, concatenate(thrusters, layout.THRUSTER)])
@@ -82,21 +92,32 @@ class Hydrodynamics:
         self.state = np.concatenate([self.state, rest])
         self.currents = np.concatenate([self.currents, np.zeros((1, 3))])
         self._params = (*self._params, body)
+        self._gather()
         return len(self._params) - 1
 
-    @property
-    def rows(self) -> layout.Rows:
-        """All rows of the world, as the kernel takes them."""
-        return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+    def _append_appendages(self, body: BodyParams, row: Records) -> None:
+        """Rows of the body's appendages; their ranges go into its BODY row."""
+        added = {"servos": servo_rows(body.appendages), **appendage_rows(body.appendages, len(self.servos))}
+        for name, rows in added.items():
+            present = getattr(self, name)
+            kind = name.removesuffix("s")
+            row[f"{kind}_first"], row[f"{kind}_count"] = len(present), len(rows)
+            setattr(self, name, np.concatenate([present, rows]))
+
+    def _gather(self) -> None:
+        """All rows of the world as the kernel takes them; the arrays change only when a body is added."""
+        fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
+        self.fitted = fitted if self.bodies["fitted"].any() else None
+        self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        return int(_kernel().advance(self.rows, self.state, self.currents, t, self.dt))
+        return int(_kernel().advance(self.rows, self.fitted, self.state, self.currents, t, self.dt))
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B and the applied wrench (n, 6) of thrusters and prescribed rows about the origin in B, at the present state."""
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        _kernel().rates_of_change(self.rows, self.state, self.currents, t, nu_dot, tau)
+        _kernel().rates_of_change(self.rows, self.fitted, self.state, self.currents, t, nu_dot, tau)
         return nu_dot, tau
 
     def load_kernels(self) -> None:
