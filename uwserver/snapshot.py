@@ -68,7 +68,7 @@ class Snapshot(Struct, frozen=True):
         return digest.hexdigest()
 
 
-_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "contact_nu_dot")
+_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 
 
 def _drifts(world: World) -> tuple[GaussMarkov, ...]:

@@ -21,9 +21,10 @@ from uwserver.physics.thrust import add_thrust
 Array = Any  # numpy array inside compiled code
 
 
-# Rows of the (11, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
-NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, UP, _, WATER, DU_DT = range(11)
-SCRATCH_ROWS = 11
+# Rows of the (13, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
+# ACTUATED and PASSIVE are input: what `appendages` gave for the same instant, or zero. UP has two rows.
+NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, UP, _, WATER, DU_DT, ACTUATED, PASSIVE = range(13)
+SCRATCH_ROWS = 13
 
 
 @compiled
@@ -99,7 +100,7 @@ def _add_restoring(body: Any, R: Array, buoyancy: float, work: Array) -> None:
 
 
 @compiled
-def _find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> None:
+def _find_moving(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> None:
     """The water at the centre of buoyancy in N: work[WATER] = [velocity; its rate along the body's path], work[DU_DT] = its acceleration."""
     r, nu = body.r_b, work[NU]
     dx, dv = work[EXTRA], work[MOMENTUM]
@@ -119,6 +120,18 @@ def _find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Arra
         for j in range(3):
             work[DU_DT, i] += flow[FLOW_GRADIENT + 3 * i + j] * work[WATER, j]
         dv[i] = 0.0
+
+
+@inlined
+def find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> bool:
+    """The water at the centre of buoyancy in N into work[WATER]; all that `_find_moving` gives and True where it is not steady and uniform."""
+    moving = bool(flow[FLOW_KIND] != STEADY)
+    if moving:
+        _find_moving(body, s, source, t, flow, R, work)
+    else:
+        for i in range(3):
+            work[WATER, i] = flow[FLOW_V + i]
+    return moving
 
 
 @inlined
@@ -184,18 +197,17 @@ def derivative(
         forces: row `stage` holds the lagged thrust of each of the body's thrusters at t, N.
         M_inv: (6, 6) inverse of M_RB + held M_A.
         held: submerged fraction that scales M_A, held within a step.
-        work: (SCRATCH_ROWS, 6) scratch; afterwards row NU_R holds nu_r, and row EXTERNAL thrust plus prescribed wrench in B about the origin.
+        work: (SCRATCH_ROWS, 6) scratch; rows ACTUATED and PASSIVE are added to the forces; afterwards row NU_R holds nu_r, and row EXTERNAL
+            the wrench of all actuators and the prescribed one in B about the origin.
         R: (3, 3) out, R_NB.
     """
     rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
     for i in range(6):
         work[NU, i] = work[NU_R, i] = s[source, 7 + i]
-        work[TAU, i] = work[MOMENTUM, i] = 0.0
-    ux, uy, uz = flow[FLOW_V], flow[FLOW_V + 1], flow[FLOW_V + 2]
-    moving = flow[FLOW_KIND] != STEADY
-    if moving:
-        _find_water(body, s, source, t, flow, R, work)
-        ux, uy, uz = work[WATER, 0], work[WATER, 1], work[WATER, 2]
+        work[TAU, i] = work[ACTUATED, i]
+        work[MOMENTUM, i] = 0.0
+    moving = find_water(body, s, source, t, flow, R, work)
+    ux, uy, uz = work[WATER, 0], work[WATER, 1], work[WATER, 2]
     cx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
     cy = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
     cz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
@@ -217,6 +229,7 @@ def derivative(
         _add_prescribed(wrenches[k], t, R, work)
     for i in range(6):
         work[EXTERNAL, i] = work[TAU, i]
+        work[TAU, i] += work[PASSIVE, i]
     _add_restoring(body, R, fraction * body.buoyancy, work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)

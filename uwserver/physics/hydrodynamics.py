@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from uwserver.physics import layout
+from uwserver.physics.appended import appendage_rows, servo_rows
 from uwserver.physics.bodies import (
     BodyParams,
     FloatArray,
@@ -57,7 +58,8 @@ class Hydrodynamics:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
         flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
         sea: water that moves otherwise than uniformly and steadily; None for none.
-        thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
+        thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
+            (`layout`).
         collider: finds contacts; None in open water.
         touched: contacts of the last tick and their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
@@ -74,12 +76,19 @@ class Hydrodynamics:
         self.wrenches: Records = np.zeros(0, layout.WRENCH)
         self.tables: Records = np.zeros(0, layout.TABLE)
         self.lags: Records = np.zeros(0, layout.LAG)
+        self.servos: Records = np.zeros(0, layout.SERVO)
+        self.foils: Records = np.zeros(0, layout.FOIL)
+        self.propellers: Records = np.zeros(0, layout.PROPELLER)
+        self.weights: Records = np.zeros(0, layout.WEIGHT)
+        self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
+        self.hulls: Records = np.zeros(0, layout.HULL)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.collider: Collider | None = None
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
         self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
         self.sea: layout.SeaRows | None = None
+        self._gather()
         for body in bodies:
             self.add(body)
 
@@ -98,6 +107,7 @@ class Hydrodynamics:
         self.tables = concatenate([table_row(table) for table in self._tables], layout.TABLE)
         self.lags = concatenate([lag_row(lag, self.dt) for lag in self._lags], layout.LAG)
         thrusters = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
+        self._append_appendages(body, row)
         self.bodies = np.concatenate([self.bodies, row])
         self.shapes = np.concatenate([self.shapes, shape_rows(body)])
         self.thrusters = np.concatenate([self.thrusters, concatenate(thrusters, layout.THRUSTER)])
@@ -108,12 +118,23 @@ class Hydrodynamics:
         self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
         self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
         self._params = (*self._params, body)
+        self._gather()
         return len(self._params) - 1
 
-    @property
-    def rows(self) -> layout.Rows:
-        """All rows of the world, as the kernel takes them."""
-        return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+    def _append_appendages(self, body: BodyParams, row: Records) -> None:
+        """Rows of the body's appendages; their ranges go into its BODY row."""
+        added = {"servos": servo_rows(body.appendages), **appendage_rows(body.appendages, len(self.servos))}
+        for name, rows in added.items():
+            present = getattr(self, name)
+            kind = name.removesuffix("s")
+            row[f"{kind}_first"], row[f"{kind}_count"] = len(present), len(rows)
+            setattr(self, name, np.concatenate([present, rows]))
+
+    def _gather(self) -> None:
+        """All rows of the world as the kernel takes them; the arrays change only when a body is added."""
+        fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
+        self.fitted = fitted if self.bodies["fitted"].any() else None
+        self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
 
     @property
     def currents(self) -> FloatArray:
@@ -134,13 +155,16 @@ class Hydrodynamics:
         return self._advance_free(t)
 
     def _advance_free(self, t: float) -> int:
-        return int(_kernel().advance(self.rows, self.state, self.flows, t, self.dt))
+        return int(_kernel().advance(self.rows, self.fitted, self.state, self.flows, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are told in `touching`."""
         kernel, old = _contact_kernel(), self.touched
         trial = self.rows._replace(thrusters=self.thrusters.copy())
-        struck = kernel.strike(trial, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt)
+        fitted = self.fitted and self.fitted._replace(servos=self.servos.copy())
+        struck = kernel.strike(
+            trial, fitted, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt
+        )
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
@@ -155,7 +179,7 @@ class Hydrodynamics:
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
         if self.sea is not None:
             _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
-        _kernel().rates_of_change(self.rows, self.state, self.flows, t, nu_dot, tau)
+        _kernel().rates_of_change(self.rows, self.fitted, self.state, self.flows, t, nu_dot, tau)
         if len(self.touched.impulse):
             nu_dot += self.contact_nu_dot
         return nu_dot, tau

@@ -5,11 +5,13 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from uwserver.physics.appended import Appendages, PropellerParams, ServoParams
 from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.compiled import cache_state
 from uwserver.physics.contact import Contacts, FloatArray
@@ -18,10 +20,16 @@ from uwserver.physics.lag import Lag
 from uwserver.physics.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
 
 _DT = 0.01
+_APPENDAGES = Appendages(
+    servos=(ServoParams("shaft", -100.0, 100.0),),
+    propellers=(
+        PropellerParams("shaft", (-0.5, 0.0, 0.0), (1.0, 0.0, 0.0), 0.1, 1025.0, ((0.0, 0.4, 0.05), (1.0, 0.0, 0.0))),
+    ),
+)
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Run each path of the kernels once, which compiles what the cache lacks; some 30 s when it lacks everything.
+    """Run each path of the kernels once, which compiles what the cache lacks; some 90 s when it lacks everything.
 
     Args:
         say: gets a line of progress before each part.
@@ -36,10 +44,12 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     from uwserver.physics import flow, integrator, touching
 
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
+    fitted = Hydrodynamics([_body(1.0), replace(_body(1.0), appendages=_APPENDAGES)], _DT)
     for name, world, depth in (
         ("immersed", gentle, 10.0),
         ("at the surface", gentle, 0.0),
         ("stiff damping", stiff, 10.0),
+        ("with appendages", fitted, 10.0),
     ):
         say(f"kernels: {name}")
         world.state[:, 2] = depth
