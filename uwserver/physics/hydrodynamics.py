@@ -48,12 +48,13 @@ class Hydrodynamics:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
         flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
         sea: water that moves otherwise than uniformly and steadily; None for none.
+        params: of each body, as added; `change` does not touch them.
         thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
     """
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
-        self._params: tuple[BodyParams, ...] = ()
+        self.params: tuple[BodyParams, ...] = ()
         self._tables: dict[ForceTable, int] = {}
         self._lags: dict[Lag, int] = {}
         self.bodies: Records = np.zeros(0, layout.BODY)
@@ -69,7 +70,7 @@ class Hydrodynamics:
             self.add(body)
 
     def __len__(self) -> int:
-        return len(self._params)
+        return len(self.params)
 
     def add(self, body: BodyParams) -> int:
         """Append a body at rest at the origin; the rows of the others stay as they are. Returns its row."""
@@ -91,8 +92,16 @@ class Hydrodynamics:
         rest[0, layout.Q] = 1.0
         self.state = np.concatenate([self.state, rest])
         self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
-        self._params = (*self._params, body)
-        return len(self._params) - 1
+        self.params = (*self.params, body)
+        return len(self.params) - 1
+
+    def change(self, row: int, body: BodyParams) -> None:
+        """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters and shapes stay."""
+        new = body_row(body)
+        for name in ("shape", "thruster", "wrench"):
+            for part in (f"{name}_first", f"{name}_count"):
+                new[part] = self.bodies[part][row]
+        self.bodies[row] = new[0]
 
     @property
     def rows(self) -> layout.Rows:
