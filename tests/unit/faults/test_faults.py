@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -375,3 +378,12 @@ def test_the_builder_has_the_verb():
     assert scenario.faults["dead"] == ThrusterDead(target="rov/thrusters", at_s=2.0)
     with pytest.raises(ScenarioError, match="unknown kind"):
         ScenarioBuilder("trial").fault("dead", "thruster_ded", "rov/thrusters")
+
+
+@pytest.mark.parametrize("page", ["sea", "faults"])
+def test_the_listings_of_the_how_to_pages_load(page, tmp_path):
+    text = (Path(__file__).parents[3] / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
+    (listing,) = re.findall(r"```toml\n(.*?)```", text, re.S)
+    path = tmp_path / "page.toml"
+    path.write_text(f'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n{listing}')
+    assert not load(path, adapters={}).warnings
