@@ -40,6 +40,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("services",),
     ("snapshot",),
     ("world",),  # the tick
+    ("faults",),  # mark rows and slots
     ("slots",),  # what the world keeps of each component
     ("vehicle", "requests"),
     ("actuators", "sensors", "autopilot"),
@@ -280,6 +281,7 @@ def test_only_the_clock_reads_the_time():
             "actuators",
             "environment",
             "snapshot",
+            "faults",
             "slots",
             "services",
         ):

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import get_args
+
+import msgspec
 
 from uwserver import snapshot
+from uwserver.faults import FaultConfig
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.snapshot import Snapshot
@@ -15,7 +19,7 @@ MAX_SNAPSHOTS = 32
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash and set_current, and the services of each component, to a finished world."""
+    """Add reset, snapshot, restore, state_hash, set_current and those of faults, and the services of each component, to a finished world."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
 
@@ -65,10 +69,57 @@ def offer_world_services(world: World) -> None:
         ),
         set_current,
     )
+    _offer_faults(world)
     for path, sensor in world.sensors.items():
         _offer_sensor(world, path, sensor)
     for path, actuator in world.actuators.items():
         _offer_actuator(world, path, actuator)
+
+
+def _offer_faults(world: World) -> None:
+    kinds = tuple(str(kind.__struct_config__.tag) for kind in get_args(FaultConfig))
+    name = Argument("name", "str", "name of the fault")
+
+    def set_fault(args: Mapping[str, Json]) -> Json:
+        keys = args["parameters"]
+        if not isinstance(keys, dict):
+            raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
+        try:
+            table = {**keys, "kind": args["kind"], "target": args["target"]}
+            # By way of JSON, which has no NaN.
+            fault = msgspec.json.decode(msgspec.json.encode(table), type=FaultConfig)
+        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
+            raise Refused("bad_argument", str(error), "parameters") from None
+        world.faults.set(str(args["name"]), fault, world.tick)
+        return None
+
+    def clear_fault(args: Mapping[str, Json]) -> Json:
+        if not world.faults.clear(str(args["name"])):
+            there = ", ".join(world.faults.entries) or "none"
+            raise Refused("bad_argument", f'no fault "{args["name"]}", there are: {there}', "name")
+        return None
+
+    def faults(_: Mapping[str, Json]) -> Json:
+        return [
+            {"name": entry.name, "state": entry.state, **msgspec.to_builtins(entry.fault)}
+            for entry in world.faults.entries.values()
+        ]
+
+    kind = Argument("kind", "str", "what fails, and how", choices=kinds)
+    target = Argument("target", "str", "<vehicle>/<component>, or a vehicle")
+    keys = Argument(
+        "parameters", "json", "object: the other keys of the kind, as in a scenario", required=False, default={}
+    )
+    world.offer(
+        Service(
+            "world/set_fault",
+            "Add a fault, now or at its at_s, or replace the one of that name.",
+            (name, kind, target, keys),
+        ),
+        set_fault,
+    )
+    world.offer(Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault)
+    world.offer(Service("world/faults", "All faults with their state: waiting, active or over."), faults)
 
 
 def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:

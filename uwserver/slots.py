@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from msgspec import Struct
 
 from uwserver.actuators import Actuator
 from uwserver.modifiers import Modifier
-from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample
+from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample, Value
 from uwserver.sensors import Sensor
 
 
 @dataclass(slots=True)
 class SensorSlot:
-    """A sensor in the world: when it is due, what it counted, and its errors."""
+    """A sensor in the world: when it is due, what it counted, its errors, and its last reading (valid, values) for when it freezes."""
 
     port: Port
     row: int
@@ -24,6 +25,8 @@ class SensorSlot:
     latency_ns: int
     seq: int = 0
     active: bool = True
+    fault: Literal["", "frozen", "silent"] = ""
+    held: tuple[bool, tuple[Value, ...]] | None = None
 
 
 @dataclass(slots=True)

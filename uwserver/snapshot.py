@@ -10,17 +10,19 @@ import numpy as np
 from msgspec import Struct
 
 from uwserver.environment.currents import GaussMarkov
+from uwserver.faults import Entry
 from uwserver.physics.contact import Impulses
-from uwserver.ports import Refused, Sample
+from uwserver.ports import Refused, Sample, Value
 from uwserver.world import World
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, and the random stream and memory of each modifier."""
+    """What one sensor remembers: counters, its last reading, and the random stream and memory of each modifier."""
 
     seq: int
     active: bool
     divisor: int
+    held: tuple[bool, tuple[Value, ...]] | None
     modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
 
 
@@ -53,6 +55,7 @@ class Snapshot(Struct, frozen=True):
     pending: tuple[tuple[int, int, Sample], ...]
     pending_order: int
     watch: int | None
+    faults: tuple[Entry, ...]
 
     def hash(self) -> str:
         """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
@@ -63,7 +66,7 @@ class Snapshot(Struct, frozen=True):
             digest.update(column.tobytes())
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
         water = (self.current, self.drifts)
-        rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch)
+        rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
         digest.update(repr(rest).encode())
         return digest.hexdigest()
 
@@ -88,6 +91,7 @@ def take(world: World) -> Snapshot:
                 slot.seq,
                 slot.active,
                 slot.divisor,
+                slot.held,
                 tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
             )
             for path, slot in world.sensors.items()
@@ -108,6 +112,7 @@ def take(world: World) -> Snapshot:
         pending=tuple(sorted(world.pending)),
         pending_order=world.pending_order,
         watch=world.watch,
+        faults=tuple(world.faults.entries.values()),
     )
 
 
@@ -130,7 +135,7 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.set_current(snapshot.current)
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
-        slot.seq, slot.active = sensor.seq, sensor.active
+        slot.seq, slot.active, slot.held = sensor.seq, sensor.active, sensor.held
         world.set_divisor(slot, sensor.divisor)
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream
@@ -144,4 +149,5 @@ def restore(world: World, snapshot: Snapshot) -> None:
     heapq.heapify(world.pending)
     world.pending_order = snapshot.pending_order
     world.watch = snapshot.watch
+    world.faults.restore(snapshot.faults)
     world.schedule()

@@ -9,6 +9,7 @@ from fractions import Fraction
 from msgspec import structs
 
 from uwserver.environment.water import Water
+from uwserver.faults import Faults
 from uwserver.frames import Vec3
 from uwserver.modifiers import Measurement
 from uwserver.physics.hydrodynamics import Hydrodynamics
@@ -48,6 +49,7 @@ class World:
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         vehicles: by name.
         water: the environment.
+        faults: of thrusters, sensors and hulls.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -77,6 +79,9 @@ class World:
         self._conflict_ticks = round(CONFLICT_WINDOW_S * rate_hz)
         self.watch: int | None = None
         self.jumps = 0
+        self.faults = Faults(
+            hydro, water, self.vehicles, self.sensors, self.actuators, rate_hz, lambda text: self.say("fault", text)
+        )
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
 
@@ -215,13 +220,16 @@ class World:
     def advance(self) -> TickOutput:
         """One tick. The order is part of the contract:
 
-        1. what was posted, so that a command acts in the tick that its reply names;
-        2. watchdogs, after the commands that may feed them;
-        3. actuators, bodies and water together in the kernel, from t to t + dt;
-        4. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        5. sensors that are due at t + dt, with their errors, from the new state.
+        1. faults that begin or end, so that they meet the commands of this tick;
+        2. what was posted, so that a command acts in the tick that its reply names;
+        3. watchdogs, after the commands that may feed them;
+        4. actuators, bodies and water together in the kernel, from t to t + dt;
+        5. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
+        6. sensors that are due at t + dt, with their errors, from the new state.
         """
         output = TickOutput(self.tick, self.t_ns, [])
+        if self.faults.next_tick is not None and self.tick >= self.faults.next_tick:
+            self.faults.turn(self.tick)
         if self._posted:
             self._carry_out(output)
         if self.watch is not None and self.tick >= self.watch:
@@ -333,6 +341,8 @@ class World:
         t_ns = self.t_ns
         rates = self.hydro.rates_of_change(self._seconds()) if any(slot.sensor.needs_rates for slot in slots) else None
         for slot in slots:
+            if slot.fault == "silent":
+                continue
             scope = scopes.get(slot.row)
             if scope is None:
                 x = self.hydro.state[slot.row].tolist()
@@ -348,7 +358,9 @@ class World:
             seq, slot.seq = slot.seq, slot.seq + 1
             if reading.dropped:
                 continue
-            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, reading.valid, tuple(reading.values))
+            if not slot.fault or slot.held is None:
+                slot.held = reading.valid, tuple(reading.values)
+            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, *slot.held)
             if reading.delay_ns == 0:
                 samples.append(sample)
             else:

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from uwserver.physics.layout import PROFILE_SIZE
 from uwserver.table import NonNegative, Positive, Table, Vector3
 
 FloatArray = npt.NDArray[np.float64]
@@ -57,7 +58,7 @@ CurrentConfig = UniformConfig | ProfileConfig | GaussMarkovConfig
 
 
 def profile_rows(config: ProfileConfig) -> FloatArray:
-    """Pieces (m, 15) of a profile as `sea.SeaRows` has them: cubics between the depths, constants outside."""
+    """Pieces (m, PROFILE_SIZE) of a profile as `SeaRows` has them: cubics between the depths, constants outside."""
     z, u = np.array(config.depth_m), np.array(config.velocity_ned_mps)
     n, h = len(z), np.diff(z)[:, None]
     slope = np.diff(u, axis=0) / h
@@ -65,7 +66,7 @@ def profile_rows(config: ProfileConfig) -> FloatArray:
     if config.interpolation == "pchip":
         knots = np.stack([_pchip_slopes(h[:, 0], slope[:, i]) for i in range(3)], axis=1)
         low, high = knots[:-1], knots[1:]
-    rows = np.zeros((n + 1, 15))
+    rows = np.zeros((n + 1, PROFILE_SIZE))
     rows[:, 0], rows[:, 1] = np.concatenate([[-np.inf], z]), np.concatenate([z, [np.inf]])
     rows[0, 2], rows[1:, 2] = z[0], z
     rows[0, 3::4], rows[1:, 3::4] = u[0], u

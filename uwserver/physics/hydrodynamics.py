@@ -58,6 +58,7 @@ class Hydrodynamics:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
         flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
         sea: water that moves otherwise than uniformly and steadily; None for none.
+        params: of each body, as added; `change` does not touch them.
         thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
             (`layout`).
         collider: finds contacts; None in open water.
@@ -67,7 +68,7 @@ class Hydrodynamics:
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
-        self._params: tuple[BodyParams, ...] = ()
+        self.params: tuple[BodyParams, ...] = ()
         self._tables: dict[ForceTable, int] = {}
         self._lags: dict[Lag, int] = {}
         self.bodies: Records = np.zeros(0, layout.BODY)
@@ -93,7 +94,7 @@ class Hydrodynamics:
             self.add(body)
 
     def __len__(self) -> int:
-        return len(self._params)
+        return len(self.params)
 
     def add(self, body: BodyParams) -> int:
         """Append a body at rest at the origin; the rows of the others stay as they are. Returns its row."""
@@ -117,9 +118,17 @@ class Hydrodynamics:
         self.state = np.concatenate([self.state, rest])
         self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
         self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
-        self._params = (*self._params, body)
+        self.params = (*self.params, body)
         self._gather()
-        return len(self._params) - 1
+        return len(self.params) - 1
+
+    def change(self, row: int, body: BodyParams) -> None:
+        """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
+        new = body_row(body)
+        kept = ("fitted", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
+        for name in kept:
+            new[name] = self.bodies[name][row]
+        self.bodies[row] = new[0]
 
     def _append_appendages(self, body: BodyParams, row: Records) -> None:
         """Rows of the body's appendages; their ranges go into its BODY row."""

@@ -39,6 +39,9 @@ TABLE_VOLTAGES = 8
 
 SHAPE_BOX, SHAPE_SPHERE = 0, 1
 
+FREE, STUCK, STUCK_AT = 0, 1, 2
+"""Whether a thruster listens to its commands."""
+
 BODY = np.dtype(
     [
         ("M_RB", "f8", (6, 6)),
@@ -111,6 +114,8 @@ THRUSTER = np.dtype(
         ("command", "f8"),  # u in -1..1, or N with by_force
         ("by_force", "i8"),
         ("fresh", "i8"),  # command or voltage were set since the demand was computed
+        ("stuck", "i8"),  # FREE, STUCK at its demand, or STUCK_AT stuck_u
+        ("stuck_u", "f8"),
         ("demand", "f8"),  # static thrust asked for, N
         ("x", "f8", (3,)),  # state of the lag
     ],

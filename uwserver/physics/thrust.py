@@ -7,6 +7,7 @@ from typing import Any
 
 from uwserver.physics.compiled import compiled
 from uwserver.physics.immersion import disc_fraction
+from uwserver.physics.layout import FREE, STUCK, STUCK_AT
 
 Array = Any  # numpy array inside compiled code
 
@@ -49,10 +50,16 @@ def table_force(table: Any, u: float, voltage: float) -> float:
 
 @compiled
 def set_demand(thruster: Any, tables: Array) -> None:
-    """Static thrust asked for, from the command that holds in this tick; computed when the command or the voltage was set."""
-    if thruster.fresh == 0:
+    """Static thrust asked for, from the command that holds in this tick; computed when the command or the voltage was set.
+
+    A stuck thruster keeps its demand, and the mark that a newer command waits.
+    """
+    if thruster.stuck == STUCK or (thruster.fresh == 0 and thruster.stuck == FREE):
         return
     table = tables[thruster.table]
+    if thruster.stuck == STUCK_AT:
+        thruster.demand = table_force(table, thruster.stuck_u, thruster.voltage) * thruster.installed
+        return
     if thruster.by_force != 0:
         lowest = table_force(table, -1.0, thruster.voltage) * thruster.installed
         highest = table_force(table, 1.0, thruster.voltage) * thruster.installed

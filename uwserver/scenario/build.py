@@ -52,6 +52,8 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     for vehicle in resolved.vehicles.values():
         _install(world, vehicle, scenario.environment)
     world.set_current(water.current)
+    for name, fault in scenario.faults.items():
+        world.faults.set(name, fault, world.tick)
     offer_world_services(world)
     return world
 

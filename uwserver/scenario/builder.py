@@ -7,6 +7,7 @@ from typing import Any
 
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
+from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.convert import Report, check_name, convert, convert_kind, kinds_of
 from uwserver.scenario.documents import from_tables
@@ -90,6 +91,10 @@ class ScenarioBuilder:
         self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig), path, report))
         self._put(path, raw)
         return self
+
+    def fault(self, name: str, kind: str, target: str, **keys: Any) -> ScenarioBuilder:
+        """A fault of a vehicle or of one of its components."""
+        return self._update(("faults", name), FaultConfig, {"kind": kind, "target": target, **keys})
 
     def adapter(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
         """An adapter."""

@@ -12,6 +12,7 @@ from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
+from uwserver.faults import FaultConfig
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
@@ -121,5 +122,6 @@ class Scenario(Table, kw_only=True, frozen=True):
     world: WorldTable = WorldTable()
     environment: Environment = Environment()
     vehicles: dict[str, VehicleEntry] = field(default_factory=dict)
+    faults: dict[str, FaultConfig] = field(default_factory=dict)
     adapters: dict[str, Any] = field(default_factory=dict)
     server: Server = Server()
