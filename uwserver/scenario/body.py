@@ -19,6 +19,7 @@ from uwserver.physics.bodies import (
 )
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
+from uwserver.scenario.appendages import appendages
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import (
     BoxShape,
@@ -80,6 +81,7 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
         r_b=vehicle.buoyancy.center_frd_m,
         shapes=_shapes(vehicle.buoyancy),
         thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
+        appendages=appendages(vehicle, environment),
     )
 
 
