@@ -427,7 +427,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 # -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------
 
 UNITS = {
-    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W",
+    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^3",
 }  # fmt: skip
 
 

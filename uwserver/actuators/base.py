@@ -33,13 +33,22 @@ class Body:
         row: the vehicle's body row.
         thrusters: thruster rows by name.
         wrench: the vehicle's wrench row.
+        servos: servo rows by table and name (``fins.rudder``).
     """
 
-    def __init__(self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], wrench: int) -> None:
+    def __init__(
+        self,
+        hydro: Hydrodynamics,
+        row: int,
+        thrusters: Mapping[str, int],
+        wrench: int,
+        servos: Mapping[str, int] | None = None,
+    ) -> None:
         self.hydro = hydro
         self.row = row
         self.thrusters = thrusters
         self.wrench = wrench
+        self.servos = servos or {}
 
 
 class Actuator(Protocol):

@@ -61,8 +61,9 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
 def _install(world: World, resolved: ResolvedVehicle, environment: Environment) -> None:
     file, entry, name = resolved.vehicle, resolved.entry, resolved.name
     hydro = world.hydro
-    first_thruster, first_wrench = len(hydro.thrusters), len(hydro.wrenches)
-    row = hydro.add(body_params(file, resolved.devices, environment))
+    first_thruster, first_wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
+    params = body_params(file, resolved.devices, environment)
+    row = hydro.add(params)
     roll, pitch, yaw = (rad(angle) for angle in entry.attitude_rpy_deg)
     state = hydro.state[row]
     state[P : P + 3] = entry.position_ned_m
@@ -70,7 +71,8 @@ def _install(world: World, resolved: ResolvedVehicle, environment: Environment) 
     state[NU : NU + 3] = entry.velocity_frd_mps
     state[NU + 3 : NU + 6] = [rad(rate) for rate in entry.angular_velocity_frd_degps]
     thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
-    body = Body(hydro, row, thrusters, first_wrench)
+    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    body = Body(hydro, row, thrusters, first_wrench, servos)
     sensors = [_sensor(world, f"{name}/{key}", config, file, row) for key, config in file.sensors.items()]
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
