@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
+from uwserver.physics.contact import Impulses
 from uwserver.ports import Refused, Sample
 from uwserver.world import World
 
@@ -40,6 +41,7 @@ class Snapshot(Struct, frozen=True):
 
     tick: int
     arrays: tuple[bytes, ...]
+    touched: Impulses
     current: tuple[float, float, float]
     sensors: dict[str, SensorState]
     actuators: dict[str, ActuatorState]
@@ -52,13 +54,15 @@ class Snapshot(Struct, frozen=True):
         digest = hashlib.sha256()
         for array in self.arrays:
             digest.update(array)
+        for column in (*self.touched.contacts, self.touched.impulse):
+            digest.update(column.tobytes())
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
         rest = (self.tick, self.current, self.sensors, actuators, self.pending, self.pending_order, self.watch)
         digest.update(repr(rest).encode())
         return digest.hexdigest()
 
 
-_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "currents")
+_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "currents", "contact_nu_dot")
 
 
 def take(world: World) -> Snapshot:
@@ -66,6 +70,7 @@ def take(world: World) -> Snapshot:
     return Snapshot(
         tick=world.tick,
         arrays=tuple(getattr(world.hydro, name).tobytes() for name in _ARRAYS),
+        touched=world.hydro.touched,  # its arrays are made anew each tick and never changed
         current=world.water.current,
         sensors={
             path: SensorState(
@@ -107,6 +112,7 @@ def restore(world: World, snapshot: Snapshot) -> None:
     for name, saved in zip(_ARRAYS, snapshot.arrays, strict=True):
         array = getattr(world.hydro, name)
         array[...] = np.frombuffer(saved, array.dtype).reshape(array.shape)
+    world.hydro.touched = snapshot.touched
     world.water.current = snapshot.current
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]

@@ -20,7 +20,7 @@ from uwserver.physics.finished_cache import FinishedCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change")
+ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change", "touching.strike", "touching.settle")
 """What Python calls; numba keeps an index file of each once it is compiled, after all that it calls."""
 
 
@@ -66,6 +66,11 @@ cache_state = _find_cache()
 if cache_state.folder is not None:
     # Read by numba when a function is decorated.
     numba.config.CACHE_DIR = str(cache_state.folder)
+
+
+def inlined(function: F) -> F:
+    """As `compiled`, and inlined into its callers: so the optimiser drops the reference counts of the arrays that are passed on."""
+    return cast("F", numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
 
 
 def compiled(function: F) -> F:

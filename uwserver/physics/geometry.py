@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -53,37 +52,3 @@ class OpenWater:
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """Nothing is hit."""
         return no_hits(len(origin))
-
-
-@dataclass(frozen=True, eq=False)
-class Contacts:
-    """Where bodies touch, or may touch within a tick; a pure function of the state, in an order that depends on nothing else.
-
-    Attributes:
-        body_a: (k) row of the body in the state array.
-        body_b: (k) row of the other body; -1 for something static.
-        point: (k, 3) in N, m: midway between the two surfaces.
-        normal: (k, 3) unit, in N, from b towards a.
-        gap: (k) m along the normal; negative where they penetrate.
-        key: (k) the same for the same pair of features from tick to tick, for warm starting.
-        friction: (k) geometric mean of the two.
-        restitution: (k) the larger of the two.
-    """
-
-    body_a: IntArray
-    body_b: IntArray
-    point: FloatArray
-    normal: FloatArray
-    gap: FloatArray
-    key: IntArray
-    friction: FloatArray
-    restitution: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.gap)
-
-
-_NO_ROWS = np.zeros(0, dtype=np.int64)
-NO_CONTACTS = Contacts(
-    _NO_ROWS, _NO_ROWS, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), _NO_ROWS, np.zeros(0), np.zeros(0)
-)

@@ -22,6 +22,7 @@ from uwserver.physics.bodies import (
     thruster_row,
     wrench_rows,
 )
+from uwserver.physics.contact import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
 from uwserver.physics.lag import Lag
 
 
@@ -33,6 +34,14 @@ def _kernel() -> ModuleType:
     return integrator
 
 
+@cache
+def _contact_kernel() -> ModuleType:
+    """Likewise, at the first contact: most worlds have none."""
+    from uwserver.physics import touching
+
+    return touching
+
+
 class Hydrodynamics:
     """State and parameters of all bodies, one row each. Not thread-safe: owned by the simulation thread.
 
@@ -40,6 +49,9 @@ class Hydrodynamics:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
         currents: (n, 3) water velocity at each body in N, m/s.
         thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
+        collider: finds contacts; None in open water.
+        touched: contacts of the last tick and their impulses.
+        contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
     """
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
@@ -55,6 +67,9 @@ class Hydrodynamics:
         self.lags: Records = np.zeros(0, layout.LAG)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.currents: FloatArray = np.zeros((0, 3))
+        self.collider: Collider | None = None
+        self.touched: Impulses = NO_IMPULSES
+        self.contact_nu_dot: FloatArray = np.zeros((0, 6))
         for body in bodies:
             self.add(body)
 
@@ -81,24 +96,49 @@ class Hydrodynamics:
         rest[0, layout.Q] = 1.0
         self.state = np.concatenate([self.state, rest])
         self.currents = np.concatenate([self.currents, np.zeros((1, 3))])
+        self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
         self._params = (*self._params, body)
         return len(self._params) - 1
 
+    @property
+    def rows(self) -> layout.Rows:
+        """All rows of the world, as the kernel takes them."""
+        return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        return int(
-            _kernel().advance(
-                self.bodies, self.state, self.currents, self.shapes, self.thrusters, self.tables, self.lags,
-                self.wrenches, t, self.dt,
-            )
-        )  # fmt: skip
+        if self.collider is not None:
+            contacts = self.collider.find_contacts(self.state, self.dt)
+            if len(contacts.gap):
+                return self._advance_touching(contacts, t)
+            if len(self.touched.impulse):
+                self.touched = NO_IMPULSES
+                self.contact_nu_dot[:] = 0.0
+        return self._advance_free(t)
+
+    def _advance_free(self, t: float) -> int:
+        return int(_kernel().advance(self.rows, self.state, self.currents, t, self.dt))
+
+    def _advance_touching(self, contacts: Contacts, t: float) -> int:
+        """The stages are told in `touching`."""
+        kernel, old = _contact_kernel(), self.touched
+        trial = self.rows._replace(thrusters=self.thrusters.copy())
+        struck = kernel.strike(trial, self.state, self.currents, contacts, old.contacts.key, old.impulse, t, self.dt)
+        diverged = self._advance_free(t)
+        if diverged < 0:
+            self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
+            kernel.settle(struck, self.state, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+        return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """nu_dot (n, 6) in B and the applied wrench (n, 6) of thrusters and prescribed rows about the origin in B, at the present state."""
+        """nu_dot (n, 6) in B, and the applied wrench (n, 6) about the origin in B, at the present state.
+
+        nu_dot holds the mean of the last tick's contacts, as an accelerometer would; the wrench is that of thrusters and prescribed rows.
+        """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        _kernel().rates_of_change(
-            self.bodies, self.state, self.currents, self.shapes, self.thrusters, self.lags, self.wrenches, t, nu_dot, tau
-        )  # fmt: skip
+        _kernel().rates_of_change(self.rows, self.state, self.currents, t, nu_dot, tau)
+        if len(self.touched.impulse):
+            nu_dot += self.contact_nu_dot
         return nu_dot, tau
 
     def load_kernels(self) -> None:
@@ -106,6 +146,8 @@ class Hydrodynamics:
         nothing = Hydrodynamics((), self.dt)
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)
+        if self.collider is not None:
+            nothing._advance_touching(NO_CONTACTS, 0.0)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

@@ -8,11 +8,11 @@ stepped by the Rosenbrock-Euler rule instead, with the damping's Jacobian: first
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.physics.compiled import compiled
+from uwserver.physics.compiled import compiled, inlined
 from uwserver.physics.fossen import EXTERNAL, NU_R, SCRATCH_ROWS, derivative, rotation
 from uwserver.physics.immersion import immersion
 from uwserver.physics.layout import STATE_SIZE
@@ -28,6 +28,35 @@ DIVERGED_SPEED = 1e6  # m/s or rad/s: long before numbers overflow
 
 # Rows of the (6, 13) scratch array of a step: four stage derivatives, a stage state, the state itself.
 K1, K2, K3, K4, STAGE, STATE = range(6)
+
+
+class Scratch(NamedTuple):
+    """Work space of a step, allocated once a tick.
+
+    Attributes:
+        s: (6, 13) rows named above.
+        forces: (3, n) lagged thrust of each thruster of a body at the three stage times, N.
+        work: (9, 6) of `fossen.derivative`.
+        R: (3, 3) R_NB.
+        M_inv: (6, 6) inverse inertia that holds in the step.
+        small: (3, 3).
+    """
+
+    s: Array
+    forces: Array
+    work: Array
+    R: Array
+    M_inv: Array
+    small: Array
+
+
+@compiled
+def scratch(thrusters: int) -> Scratch:
+    """Work space for a world with that many thrusters."""
+    return Scratch(
+        np.zeros((6, STATE_SIZE)), np.empty((3, max(1, thrusters))), np.zeros((SCRATCH_ROWS, 6)), np.empty((3, 3)), np.empty((6, 6)),
+        np.empty((3, 3)),
+    )  # fmt: skip
 
 
 @compiled
@@ -50,38 +79,40 @@ def _damping_rate(body: Any, s: Array, current: Array, dt: float) -> float:
 
 
 @compiled
-def _hold_inertia(body: Any, shapes: Array, x: Array, dt: float, R: Array, scratch: Array, M_inv: Array) -> float:
-    """Submerged fraction that holds in a step, and the inverse inertia that goes with it.
+def _hold_inertia(rows: Any, body: Any, x: Array, dt: float, w: Scratch) -> float:
+    """Submerged fraction that holds in a step; w.M_inv receives the inverse inertia that goes with it.
 
     The fraction is that of half a step on: with the one at its start a bobbing body, always late, would gain energy.
     """
     fraction = 1.0
     if body.shape_count > 0 and x[2] - dt * (abs(x[7]) + abs(x[8]) + abs(x[9])) < body.radius:
+        R = w.R
         rotation(x[3], x[4], x[5], x[6], R)
         z = x[2] + 0.5 * dt * (R[2, 0] * x[7] + R[2, 1] * x[8] + R[2, 2] * x[9])
-        fraction = immersion(body, shapes, z, R, scratch[2], scratch)
+        fraction = immersion(body, rows.shapes, z, R, w.small[2], w.small)
     if fraction == 1.0:
         for i in range(6):
             for j in range(6):
-                M_inv[i, j] = body.M_inv[i, j]
+                w.M_inv[i, j] = body.M_inv[i, j]
     else:
         M = body.M_RB + fraction * body.M_A
         for i in range(6):
             for j in range(6):
-                M_inv[i, j] = 1.0 if i == j else 0.0
-        solve(M, M_inv)
+                w.M_inv[i, j] = 1.0 if i == j else 0.0
+        solve(M, w.M_inv)
     return fraction
 
 
-@compiled
+@inlined
 def _rk4(
-    body: Any, s: Array, t: float, h: float, level: int, begun: bool, current: Array, shapes: Array, thrusters: Array, lags: Array,
-    wrenches: Array, M_inv: Array, held: float, forces: Array, R: Array, work: Array,
-) -> None:  # fmt: skip
-    """One classical Runge-Kutta step of length h of s[STATE], in place; `begun`: forces[0] and s[K1] are there already.
+    rows: Any, body: Any, t: float, h: float, level: int, begun: bool, current: Array, held: float, w: Scratch
+) -> None:
+    """One classical Runge-Kutta step of length h of w.s[STATE], in place; `begun`: w.forces[0] and w.s[K1] are there already.
 
     The lag of the thrusters does not depend on the body, so its exact values at the three stage times are inserted.
     """
+    shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
+    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
     first, count = body.thruster_first, body.thruster_count
     for k in range(count):
         thruster = thrusters[first + k]
@@ -116,11 +147,10 @@ def _normalise(s: Array) -> None:
 
 
 @compiled
-def _implicit(
-    body: Any, s: Array, t: float, h: float, current: Array, shapes: Array, thrusters: Array, lags: Array, wrenches: Array,
-    M_inv: Array, held: float, forces: Array, R: Array, work: Array,
-) -> None:  # fmt: skip
+def _implicit(rows: Any, body: Any, t: float, h: float, current: Array, held: float, w: Scratch) -> None:
     """Rosenbrock-Euler: (M + h dD/dnu) delta_nu = h M nu_dot, then the pose by the new velocity."""
+    shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
+    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
     first, count = body.thruster_first, body.thruster_count
     for k in range(count):
         thruster = thrusters[first + k]
@@ -152,64 +182,75 @@ def _implicit(
     _normalise(s)
 
 
+@inlined
+def step_body(rows: Any, n: int, x: Array, current: Array, t: float, dt: float, w: Scratch) -> float:
+    """Carry body n from the state x (13) at t to t + dt without contact; w.s[STATE] receives the new state, the thrusters' lags move on.
+
+    Returns:
+        The submerged fraction that scaled M_A in the step; w.M_inv is the inverse inertia that goes with it.
+    """
+    body, shapes, thrusters, lags, wrenches = rows.bodies[n], rows.shapes, rows.thrusters, rows.lags, rows.wrenches
+    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
+    for i in range(STATE_SIZE):
+        s[STATE, i] = x[i]
+    held = _hold_inertia(rows, body, x, dt, w)
+    for k in range(body.thruster_count):
+        thruster = thrusters[body.thruster_first + k]
+        forces[0, k] = lagged(thruster, lags[thruster.lag])
+    derivative(body, s, STATE, K1, t, current, shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
+    need = _damping_rate(body, s, current, dt) * dt / STABLE
+    level, steps = 0, 1
+    while steps < need and level < MAX_LEVEL:
+        level += 1
+        steps *= 2
+    if need > steps:
+        _implicit(rows, body, t, dt, current, held, w)
+    else:
+        h = dt / steps
+        for k in range(steps):
+            _rk4(rows, body, t + k * h, h, level, k == 0, current, held, w)
+    return held
+
+
 @compiled
-def advance(
-    bodies: Array, state: Array, currents: Array, shapes: Array, thrusters: Array, tables: Array, lags: Array, wrenches: Array,
-    t: float, dt: float,
-) -> int:  # fmt: skip
+def keep_state(s: Array, x: Array) -> bool:
+    """Copy s[STATE] to x (13); False if it is not finite or absurdly fast."""
+    sound = True
+    for i in range(STATE_SIZE):
+        value = s[STATE, i]
+        x[i] = value
+        # also false for NaN
+        if not abs(value) < 1e12 or (i >= 7 and not abs(value) < DIVERGED_SPEED):
+            sound = False
+    return sound
+
+
+@compiled
+def advance(rows: Any, state: Array, currents: Array, t: float, dt: float) -> int:
     """Carry all bodies from t to t + dt, in place.
 
     Args:
-        bodies: (n) BODY.
+        rows: `layout.Rows` of the world.
         state: (n, 13) p_NB, q_NB, nu.
         currents: (n, 3) water velocity at each body in N, m/s, constant in the tick.
-        shapes, thrusters, tables, lags, wrenches: all SHAPE, THRUSTER, TABLE, LAG and WRENCH rows.
         t, dt: start and length of the tick, s.
 
     Returns:
         -1, or the row of the first body whose state is not finite or absurdly fast.
     """
-    s, forces = np.zeros((6, STATE_SIZE)), np.empty((3, max(1, thrusters.shape[0])))
-    work, R = np.zeros((SCRATCH_ROWS, 6)), np.empty((3, 3))
-    M_inv, scratch = np.empty((6, 6)), np.empty((3, 3))
+    thrusters = rows.thrusters
+    w = scratch(thrusters.shape[0])
     for k in range(thrusters.shape[0]):
-        set_demand(thrusters[k], tables)
-    for n in range(bodies.shape[0]):
-        body, current = bodies[n], currents[n]
-        for i in range(STATE_SIZE):
-            s[STATE, i] = state[n, i]
-        held = _hold_inertia(body, shapes, state[n], dt, R, scratch, M_inv)
-        for k in range(body.thruster_count):
-            thruster = thrusters[body.thruster_first + k]
-            forces[0, k] = lagged(thruster, lags[thruster.lag])
-        derivative(body, s, STATE, K1, t, current, shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
-        need = _damping_rate(body, s, current, dt) * dt / STABLE
-        level, steps = 0, 1
-        while steps < need and level < MAX_LEVEL:
-            level += 1
-            steps *= 2
-        if need > steps:
-            _implicit(body, s, t, dt, current, shapes, thrusters, lags, wrenches, M_inv, held, forces, R, work)
-        else:
-            h = dt / steps
-            for k in range(steps):
-                _rk4(
-                    body, s, t + k * h, h, level, k == 0, current, shapes, thrusters, lags, wrenches, M_inv, held, forces, R, work
-                )  # fmt: skip
-        for i in range(STATE_SIZE):
-            x = s[STATE, i]
-            state[n, i] = x
-            # also false for NaN
-            if not abs(x) < 1e12 or (i >= 7 and not abs(x) < DIVERGED_SPEED):
-                return n
+        set_demand(thrusters[k], rows.tables)
+    for n in range(rows.bodies.shape[0]):
+        step_body(rows, n, state[n], currents[n], t, dt, w)
+        if not keep_state(w.s, state[n]):
+            return n
     return -1
 
 
 @compiled
-def rates_of_change(
-    bodies: Array, state: Array, currents: Array, shapes: Array, thrusters: Array, lags: Array, wrenches: Array, t: float,
-    nu_dot: Array, tau: Array,
-) -> None:  # fmt: skip
+def rates_of_change(rows: Any, state: Array, currents: Array, t: float, nu_dot: Array, tau: Array) -> None:
     """Acceleration and applied wrench of all bodies at one instant, from the present lag states; changes no state.
 
     Args:
@@ -217,18 +258,18 @@ def rates_of_change(
         tau: (n, 6) out, thrust plus prescribed wrench about the origin in B, N and N m.
         others: as for `advance`.
     """
-    s, forces = np.zeros((6, STATE_SIZE)), np.empty((1, max(1, thrusters.shape[0])))
-    work, R = np.zeros((SCRATCH_ROWS, 6)), np.empty((3, 3))
-    M_inv, scratch = np.empty((6, 6)), np.empty((3, 3))
-    for n in range(bodies.shape[0]):
-        body = bodies[n]
+    w = scratch(rows.thrusters.shape[0])
+    shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
+    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
+    for n in range(rows.bodies.shape[0]):
+        body = rows.bodies[n]
         for i in range(STATE_SIZE):
             s[STATE, i] = state[n, i]
-        held = _hold_inertia(body, shapes, state[n], 0.0, R, scratch, M_inv)
+        held = _hold_inertia(rows, body, state[n], 0.0, w)
         for k in range(body.thruster_count):
             thruster = thrusters[body.thruster_first + k]
             forces[0, k] = lagged(thruster, lags[thruster.lag])
         derivative(body, s, STATE, K1, t, currents[n], shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
         for i in range(6):
             nu_dot[n, i] = s[K1, 7 + i]
-            tau[n, i] = work[EXTERNAL, i]
+            tau[n, i] = w.work[EXTERNAL, i]

@@ -6,6 +6,8 @@ Everything is float64 SI in frames N (NED) and B (FRD), about the body origin. R
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 P, Q, NU = 0, 3, 7
@@ -118,4 +120,18 @@ WRENCH = np.dtype(
     align=True,
 )
 
-WATER = np.dtype([("gravity", "f8"), ("density", "f8")], align=True)
+
+class Rows(NamedTuple):
+    """All rows of a world, as one argument of the kernel.
+
+    Attributes:
+        bodies: (n) BODY.
+        shapes: SHAPE rows of all bodies; likewise the others.
+    """
+
+    bodies: Any
+    shapes: Any
+    thrusters: Any
+    tables: Any
+    lags: Any
+    wrenches: Any

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.frames import multiply
-from uwserver.physics.geometry import NO_CONTACTS, Contacts, FloatArray
+from uwserver.physics.contact import NO_CONTACTS, Contacts, FloatArray
 from uwserver.physics.shapes import (
     BadSolid,
     Box,
@@ -260,10 +260,12 @@ class Solids:
         )  # fmt: skip
         if n == 0:
             return NO_CONTACTS
-        return Contacts(
+        columns = (
             bodies[:n, 0], bodies[:n, 1], numbers[:n, 0:3], numbers[:n, 3:6], numbers[:n, 6], keys[:n],
             coefficients[:n, 0], coefficients[:n, 1],
         )  # fmt: skip
+        # The solver is compiled for contiguous columns.
+        return Contacts(*(np.ascontiguousarray(column) for column in columns))
 
 
 def _engine_attitude(placed: Placed) -> tuple[float, float, float, float]:

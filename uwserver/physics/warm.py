@@ -12,6 +12,7 @@ import numpy as np
 
 from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.compiled import cache_state
+from uwserver.physics.contact import Contacts, FloatArray
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
@@ -20,7 +21,7 @@ _DT = 0.01
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Run each path of the kernels once, which compiles what the cache lacks; some 20 s when it lacks everything.
+    """Run each path of the kernels once, which compiles what the cache lacks; some 30 s when it lacks everything.
 
     Args:
         say: gets a line of progress before each part.
@@ -32,7 +33,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         RuntimeError: the kernels ran and a state was not finite: the installation is broken.
     """
     say("kernels: loading the compiler")
-    from uwserver.physics import integrator
+    from uwserver.physics import integrator, touching
 
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
     for name, world, depth in (
@@ -47,8 +48,26 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         nu_dot, _ = world.rates_of_change(_DT)
         if failed >= 0 or not np.isfinite(nu_dot).all():
             raise RuntimeError(f"the kernels gave a state that is not finite ({name}): reinstall numpy and numba")
-    kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
+    say("kernels: in contact")
+    gentle.collider = _Underfoot()
+    if gentle.advance(0.0) >= 0 or not len(gentle.touched.impulse):
+        raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
+    kernels: tuple[Any, ...] = (
+        integrator.advance,
+        integrator.rates_of_change,
+        touching.strike,
+        touching.settle,
+    )
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
+
+
+class _Underfoot:
+    """One contact, below the first body."""
+
+    def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
+        point = state[:1, :3] + [0.0, 0.0, 0.1]
+        row, one = np.zeros(1, np.int64), np.ones(1)
+        return Contacts(row, row - 1, point, np.array([[0.0, 0.0, -1.0]]), 0.0 * one, row, 0.5 * one, 0.5 * one)
 
 
 def prune(folder: Path) -> list[Path]:

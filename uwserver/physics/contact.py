@@ -1,0 +1,66 @@
+"""Contact points between bodies, and the impulses in them: what the collision engine finds and what the solver keeps from tick to tick."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class Contacts(NamedTuple):
+    """Points where bodies touch or may touch within the tick; k of them, in an order that depends on the poses alone.
+
+    Attributes:
+        body_a, body_b: (k) rows of the two bodies; `body_b` is -1 for what does not move.
+        point: (k, 3) in N, m: midway between the two surfaces.
+        normal: (k, 3) unit vector in N, from b towards a.
+        gap: (k) distance along the normal, m; negative where they penetrate.
+        key: (k) tells the same contact in two successive ticks.
+        friction, restitution: (k) geometric mean, and the larger, of the two.
+    """
+
+    body_a: IntArray
+    body_b: IntArray
+    point: FloatArray
+    normal: FloatArray
+    gap: FloatArray
+    key: IntArray
+    friction: FloatArray
+    restitution: FloatArray
+
+
+_NO_ROWS = np.zeros(0, np.int64)
+NO_CONTACTS = Contacts(
+    _NO_ROWS, _NO_ROWS, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), _NO_ROWS, np.zeros(0), np.zeros(0)
+)
+
+
+class Collider(Protocol):
+    """Finds contacts. A pure function of its arguments: the same poses give the same contacts, bit for bit, whatever was asked before."""
+
+    def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
+        """Contacts that are closed or may close within `dt` (s).
+
+        Args:
+            state: (n, 13) p_NB, q_NB (w x y z), nu of all bodies.
+            dt: length of the tick, s.
+        """
+
+
+class Impulses(NamedTuple):
+    """What a tick's contacts carried, and the next tick starts from.
+
+    Attributes:
+        contacts: where.
+        impulse: (k, 3) on body a, in N, N s.
+    """
+
+    contacts: Contacts
+    impulse: FloatArray
+
+
+NO_IMPULSES = Impulses(NO_CONTACTS, np.zeros((0, 3)))
