@@ -7,11 +7,15 @@ from fractions import Fraction
 
 from uwserver import snapshot
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.requests import shown
 from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
 
 MAX_SNAPSHOTS = 32
+MAX_SNAPSHOT_NAME = 64
+"""Characters."""
+MAX_TIMEOUT_S = 1e6
 
 
 def offer_world_services(world: World) -> None:
@@ -26,6 +30,9 @@ def offer_world_services(world: World) -> None:
 
     def take(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
+        if len(name) > MAX_SNAPSHOT_NAME:
+            text = f"the name of a snapshot has at most {MAX_SNAPSHOT_NAME} characters, not {len(name)}"
+            raise Refused("out_of_range", text, "name")
         if name not in saved and len(saved) >= MAX_SNAPSHOTS:
             raise Refused("busy", f"there are {MAX_SNAPSHOTS} snapshots already: take one under a used name", "name")
         saved[name] = snapshot.take(world)
@@ -34,7 +41,9 @@ def offer_world_services(world: World) -> None:
     def restore(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
         if name not in saved:
-            raise Refused("bad_argument", f'no snapshot "{name}", there are: {", ".join(saved) or "none"}', "name")
+            raise Refused(
+                "bad_argument", f'no snapshot "{shown(name)}", there are: {", ".join(saved) or "none"}', "name"
+            )
         snapshot.restore(world, saved[name])
         world.say("reset", f'the world is at its snapshot "{name}"')
         return {"tick": world.tick, "t_ns": world.t_ns}
@@ -97,7 +106,12 @@ def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
 
 def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
     timeout = Argument(
-        "timeout_s", "float", "watchdog: neutral after this long without a command; 0 for never", "s", minimum=0.0
+        "timeout_s",
+        "float",
+        "watchdog: neutral after this long without a command; 0 for never",
+        "s",
+        minimum=0.0,
+        maximum=MAX_TIMEOUT_S,
     )
 
     def activate(_: Mapping[str, Json]) -> Json:
