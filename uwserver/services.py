@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 
 from uwserver import snapshot
+from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.requests import shown
 from uwserver.slots import ActuatorSlot, SensorSlot
@@ -15,7 +16,6 @@ from uwserver.world import World
 MAX_SNAPSHOTS = 32
 MAX_SNAPSHOT_NAME = 64
 """Characters."""
-MAX_TIMEOUT_S = 1e6
 
 
 def offer_world_services(world: World) -> None:
@@ -111,7 +111,7 @@ def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
         "watchdog: neutral after this long without a command; 0 for never",
         "s",
         minimum=0.0,
-        maximum=MAX_TIMEOUT_S,
+        maximum=LONGEST_TIMEOUT_S,
     )
 
     def activate(_: Mapping[str, Json]) -> Json:

@@ -117,5 +117,3 @@ WRENCH = np.dtype(
     ],
     align=True,
 )
-
-WATER = np.dtype([("gravity", "f8"), ("density", "f8")], align=True)
