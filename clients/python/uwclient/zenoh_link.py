@@ -14,6 +14,7 @@ from typing import Any, cast
 from uwclient import wire
 from uwclient.errors import UwError
 from uwclient.zenoh_frames import Frames, RequestId
+from uwclient.zenoh_place import ZenohPlace, session_config
 
 _EVER_S = 1e9
 """Timeout of a query that may take long: the caller has its own."""
@@ -23,30 +24,17 @@ _BATCH = 256
 _ROUNDING_NS = 1000
 
 
-@dataclass(frozen=True)
-class ZenohPlace:
-    """Which server, and how its network is reached."""
-
-    server: str
-    connect: tuple[str, ...]
-    prefix: str
-    mode: str
-    config: Mapping[str, object]
-    encoding: str
-
-    @property
-    def root(self) -> str:
-        """First levels of the server's keys."""
-        return f"{self.prefix}/{self.server}"
-
-    @property
-    def address(self) -> str:
-        """For people."""
-        return f"zenoh {self.root} ({', '.join(self.connect) or 'multicast'})"
+def _nothing() -> None:
+    """Wake nobody: a blocking client looks by itself."""
 
 
-def dial_zenoh(place: ZenohPlace, timeout: float) -> ZenohLink:
-    """Open a session and wait until the server is seen; raises OSError when it is not, UwError for a wrong setting."""
+def dial_zenoh(place: ZenohPlace, timeout: float, arrived: Callable[[], None] = _nothing) -> ZenohLink:
+    """Open a session and wait until the server is seen; `arrived` as for `ZenohLink`.
+
+    Raises:
+        OSError: the server is not seen.
+        UwError: a wrong setting.
+    """
     try:
         zenoh: Any = importlib.import_module("zenoh")
     except ImportError:
@@ -54,38 +42,18 @@ def dial_zenoh(place: ZenohPlace, timeout: float) -> ZenohLink:
             "zenoh needs the eclipse-zenoh package: pip install 'uwclient[zenoh]'", code="missing_package"
         ) from None
     frames = Frames(place.encoding)
-    config = _config(zenoh, place)
+    config = session_config(zenoh, place)
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise OSError(str(error).split(" at /")[0]) from None
     try:
-        link = ZenohLink(zenoh, session, place, frames)
+        link = ZenohLink(zenoh, session, place, frames, arrived)
         link.wait_alive(timeout)
     except BaseException:
         session.close()
         raise
     return link
-
-
-def _config(zenoh: Any, place: ZenohPlace) -> Any:
-    config = zenoh.Config()
-    settings: dict[str, object] = {
-        "mode": place.mode,
-        "listen/endpoints": [],
-        "connect/endpoints": list(place.connect),
-        "scouting/multicast/enabled": not place.connect,
-        "transport/shared_memory/enabled": False,
-        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
-        **place.config,
-    }
-    for path, value in settings.items():
-        try:
-            config.insert_json5(path, json.dumps(value))
-        except zenoh.ZError as error:
-            text = f'zenoh refuses the setting "{path}": {str(error).split(" at /")[0]}'
-            raise UwError(text, code="bad_argument", where=path) from None
-    return config
 
 
 @dataclass(frozen=True)
@@ -126,9 +94,20 @@ class _Subscription:
 
 
 class ZenohLink:
-    """One zenoh session with one server. Callbacks of zenoh's threads only queue; all else is done in the client's thread."""
+    """One zenoh session with one server. Callbacks of zenoh's threads only queue; all else is done in the client's thread.
 
-    def __init__(self, zenoh: Any, session: Any, place: ZenohPlace, frames: Frames) -> None:
+    Args:
+        zenoh: the module.
+        session: an open session.
+        place: which server.
+        frames: the encoding.
+        arrived: called whenever something was queued, by any thread.
+    """
+
+    def __init__(
+        self, zenoh: Any, session: Any, place: ZenohPlace, frames: Frames, arrived: Callable[[], None] = _nothing
+    ) -> None:
+        self._arrived = arrived
         self._zenoh = zenoh
         self._session = session
         self._root = place.root
@@ -193,6 +172,11 @@ class ZenohLink:
                 frames += filter(None, [arrived.read()])
         return b"".join(frames)
 
+    @property
+    def waits(self) -> bool:
+        """Whether `receive` has something."""
+        return not self._queue.empty()
+
     def close(self) -> None:
         """Close the session, which ends everything declared in it."""
         self._session.close()
@@ -255,7 +239,7 @@ class ZenohLink:
 
         def on_reply(reply: Any) -> None:
             answered.append(True)
-            self._queue.put(_Arrived(lambda: self._reply(identity, reply, then)))
+            self._arrive(_Arrived(lambda: self._reply(identity, reply, then)))
 
         def on_end() -> None:
             if not answered:
@@ -314,7 +298,7 @@ class ZenohLink:
 
         def on_sample(sample: Any) -> None:
             if self._queue.qsize() < _QUEUE:
-                self._queue.put(_Arrived(lambda: self._sample(subscription, sample)))
+                self._arrive(_Arrived(lambda: self._sample(subscription, sample)))
 
         try:
             subscription.declared = self._session.declare_subscriber(
@@ -353,23 +337,27 @@ class ZenohLink:
         """Wrap a callback that only queues, so that zenoh starts no thread of Python for it."""
         return self._zenoh.handlers.Callback(callback, ended, indirect=False)
 
+    def _arrive(self, item: _Arrived | _Gone) -> None:
+        self._queue.put(item)
+        self._arrived()
+
     def _frame(self, frame: bytes) -> None:
-        self._queue.put(_Arrived(lambda: frame))
+        self._arrive(_Arrived(lambda: frame))
 
     def _listen(self, key: str, method: str) -> None:
         def on_sample(sample: Any) -> None:
             payload, media = sample.payload.to_bytes(), str(sample.encoding)
-            self._queue.put(_Arrived(lambda: self._frames.notice(method, payload, media)))
+            self._arrive(_Arrived(lambda: self._frames.notice(method, payload, media)))
 
         self._session.declare_subscriber(key, self._direct(on_sample))
 
     def _on_error(self, sample: Any) -> None:
         """A put of ours was refused."""
         payload, media = sample.payload.to_bytes(), str(sample.encoding)
-        self._queue.put(_Arrived(lambda: self._frames.refused(None, payload, media)))
+        self._arrive(_Arrived(lambda: self._frames.refused(None, payload, media)))
 
     def _on_alive(self, sample: Any) -> None:
         if sample.kind == self._zenoh.SampleKind.PUT:
             self._alive.put(True)
         else:
-            self._queue.put(_Gone())
+            self._arrive(_Gone())
