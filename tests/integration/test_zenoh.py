@@ -345,7 +345,7 @@ def test_without_the_package_the_others_still_serve(tmp_path):
 
 def test_the_program_of_the_guide_runs(tmp_path):
     guide = (Path(__file__).parents[2] / "docs" / "how-to" / "zenoh.md").read_text()
-    (program,) = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
+    program = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)[0]
     table = re.findall(r"```toml\n(.*?)```", guide, re.DOTALL)[0]
     endpoint = free_endpoint()
     with serving(tmp_path, ROV + table.replace("tcp/127.0.0.1:7447", endpoint)) as server:

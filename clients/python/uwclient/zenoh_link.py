@@ -202,9 +202,7 @@ class ZenohLink:
         elif method == "cancel":
             self._ask(identity, f"{self._root}/@cancel", caller=params["id"])
         elif method == "subscribe" and identity is not None:
-            subscription = _Subscription(params)
-            key = f"{self._root}/@describe?pattern={subscription.pattern}"
-            self._ask(identity, key, then=lambda value: self._subscribe(identity, subscription, params, value))
+            self._subscribe(identity, _Subscription(params), params.get("delivery"))
         elif method == "unsubscribe" and identity is not None:
             self._unsubscribe(identity, str(params["pattern"]))
         else:
@@ -276,38 +274,40 @@ class ZenohLink:
 
     # Samples
 
-    def _subscribe(
-        self, identity: RequestId, subscription: _Subscription, params: Mapping[str, object], described: object
-    ) -> bytes:
+    def _subscribe(self, identity: RequestId, subscription: _Subscription, delivery: object) -> None:
         pattern = subscription.pattern
-        if params.get("delivery") == "reliable":
+        if delivery == "reliable":
             text = 'over zenoh samples go by "ring" or "latest": what a slow receiver has no room for is dropped'
-            return self._frames.refusal(identity, "bad_argument", text, "delivery")
+            self._frame(self._frames.refusal(identity, "bad_argument", text, "delivery"))
+            return
+
+        def on_sample(sample: Any) -> None:
+            if self._queue.qsize() < _QUEUE:
+                self._arrive(_Arrived(lambda: self._sample(subscription, sample)))
+
+        # Before the question: declarations overtake queries, so with its answer the server knows of the subscriber.
+        subscription.declared = self._session.declare_subscriber(
+            f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
+        )
+        key = f"{self._root}/@describe?pattern={pattern}"
+        self._ask(identity, key, then=lambda described: self._subscribed_to(identity, subscription, described))
+
+    def _subscribed_to(self, identity: RequestId, subscription: _Subscription, described: object) -> bytes:
+        pattern = subscription.pattern
         ports = [
             wire.as_map(port, "a port")
             for port in wire.as_list(wire.as_map(described, "a description").get("ports"), "ports")
         ]
         paths = [str(port["path"]) for port in ports if port.get("direction") == "sensor"]
         if not paths and "*" not in pattern:
+            subscription.declared.undeclare()
             code, text = (
                 ("bad_argument", "is an actuator: it gives no samples") if ports else ("unknown_port", "is no port")
             )
             return self._frames.refusal(identity, code, f'"{pattern}" {text}; describe() lists all', pattern)
         self._subscribed += 1
-        serial = self._subscribed
-
-        def on_sample(sample: Any) -> None:
-            if self._queue.qsize() < _QUEUE:
-                self._arrive(_Arrived(lambda: self._sample(subscription, sample)))
-
-        try:
-            subscription.declared = self._session.declare_subscriber(
-                f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
-            )
-        except self._zenoh.ZError as error:
-            return self._frames.refusal(identity, "bad_argument", str(error).split(" at /")[0], pattern)
-        self._subscriptions[serial] = subscription
-        return self._frames.result(identity, {"subscription": serial, "ports": paths})
+        self._subscriptions[self._subscribed] = subscription
+        return self._frames.result(identity, {"subscription": self._subscribed, "ports": paths})
 
     def _unsubscribe(self, identity: RequestId, pattern: str) -> None:
         ended = [serial for serial, entry in self._subscriptions.items() if entry.pattern == pattern]
