@@ -11,8 +11,9 @@ import msgspec
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Json, Port, Sample, matches
 from uwserver_adapters.sockets.codec import Codec
-from uwserver_adapters.sockets.encoding import Encoding, SampleForm
+from uwserver_adapters.sockets.encoding import Encoding
 from uwserver_adapters.sockets.outbox import Delivery, Outgoing
+from uwserver_adapters.values import SampleForm
 
 if TYPE_CHECKING:
     from uwserver_adapters.sockets.session import Session

@@ -167,7 +167,6 @@ def _open_into(held: list[Any], config: ZenohConfig, listen: tuple[str, ...]) ->
 def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     """Open a session. Not on the loop: it may take half a second."""
     try:
-        import msgpack  # noqa: F401  # of the same extra
         import zenoh
     except ImportError as error:
         raise CannotOpen(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Port, Sample
-from uwserver_adapters.zenoh_bus.codec import Codec, SampleForm
+from uwserver_adapters.values import SampleForm
+from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.sender import Sender
 

@@ -11,12 +11,12 @@ from typing import Protocol
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Fault, Progress, Refused, Reply, Sample
+from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import (
     Caller,
     Codec,
     EncodingName,
     FaultText,
-    SampleForm,
     decode_caller,
     decode_map,
     encoding_of,
