@@ -125,7 +125,7 @@ def test_a_refused_put_is_told(peer):
         ("rov/thrusters", b'{"u": [9, 0, 0, 0, 0, 0, 0, 0]}', {}, "out_of_range"),
         ("rov/thrusters", b'{"u": [0, 0', {}, "parse_error"),
         ("rov/thrusters", b"{}", {"encoding": "image/png"}, "bad_argument"),
-        ("rov/thrusters", b"{}", {"attachment": b"\xc1"}, "parse_error"),
+        ("rov/thrusters", b"{}", {"attachment": b"\xc1"}, "invalid_request"),
         ("rov/thrusters", b'{"u":"' + b"x" * (1 << 20) + b'"}', {}, "too_large"),
         ("rov/imu", b'{"f_S": [0, 0, 0]}', {}, "bad_argument"),
         ("rov/thruster", b"{}", {}, "unknown_port"),

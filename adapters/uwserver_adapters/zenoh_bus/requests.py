@@ -134,6 +134,17 @@ class Requests:
             _log.exception("a put to %s failed", path[:200])
             self._context.stats.errors += 1
 
+    def take_loss(self, put: Put) -> None:
+        """A client tells how many samples did not reach it since it last did: zenoh tells a publisher of none."""
+        try:
+            samples = decode_map(put.payload, encoding_of(put.media, self._default)).get("samples")
+            if type(samples) is not int or not 0 < samples < 1 << 32:
+                raise Refused("bad_argument", '"samples" is the number of those lost since the last report', "samples")
+        except Refused as refused:
+            self._count("@lost", refused.fault)
+        else:
+            self._context.stats.dropped += samples
+
     def _put_refused(self, client: str, path: str) -> Callable[[Reply | Progress], None]:
         def on_reply(outcome: Reply | Progress) -> None:
             if isinstance(outcome, Reply) and outcome.fault is not None:

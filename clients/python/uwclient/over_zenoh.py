@@ -12,10 +12,13 @@ from uwclient.zenoh_async import dial_zenoh_async
 from uwclient.zenoh_link import dial_zenoh
 from uwclient.zenoh_place import ZenohPlace
 
+LOOPBACK = ("tcp/127.0.0.1:7447",)
+"""Where a server on this machine listens unless told otherwise."""
+
 
 def connect_zenoh(
     server: str = "uwserver",
-    connect: Sequence[str] = (),
+    connect: Sequence[str] = LOOPBACK,
     *,
     prefix: str = "uw",
     mode: str = "peer",
@@ -29,7 +32,7 @@ def connect_zenoh(
 
     Args:
         server: the server's name in the keys.
-        connect: endpoints such as "tcp/127.0.0.1:7447"; without any, servers are found by multicast.
+        connect: endpoints of servers or routers; none at all, (), searches by multicast.
         prefix: first levels of the keys, as in the server's adapter.
         mode: of the zenoh session, "peer" or "client".
         config: zenoh settings by path, such as {"transport/link/tls/root_ca_certificate": "ca.pem"}.
@@ -49,7 +52,7 @@ def connect_zenoh(
 
 async def connect_zenoh_async(
     server: str = "uwserver",
-    connect: Sequence[str] = (),
+    connect: Sequence[str] = LOOPBACK,
     *,
     prefix: str = "uw",
     mode: str = "peer",

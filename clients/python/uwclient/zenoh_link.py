@@ -6,7 +6,6 @@ import importlib
 import json
 import queue
 import time
-import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -22,6 +21,8 @@ _QUEUE = 1 << 16
 """Samples that may wait for a program that does not read; more are lost, as their `seq` shows."""
 _BATCH = 256
 _ROUNDING_NS = 1000
+_REPORT_S = 1.0
+"""Wall time between two reports of lost samples."""
 
 
 def _nothing() -> None:
@@ -113,7 +114,10 @@ class ZenohLink:
         self._root = place.root
         self._prefix = place.prefix
         self._frames = frames
-        self._client = uuid.uuid4().hex[:16]
+        self._client = str(session.zid())
+        self._numbers: dict[str, int] = {}
+        self._lost = 0
+        self._next_report = 0.0
         self._queue: queue.SimpleQueue[_Arrived | _Gone] = queue.SimpleQueue()
         self._subscriptions: dict[int, _Subscription] = {}
         self._subscribed = 0
@@ -311,6 +315,7 @@ class ZenohLink:
 
     def _unsubscribe(self, identity: RequestId, pattern: str) -> None:
         ended = [serial for serial, entry in self._subscriptions.items() if entry.pattern == pattern]
+        self._numbers.clear()  # what comes while nobody subscribes is not lost
         for serial in ended:
             self._subscriptions.pop(serial).declared.undeclare()
         self._frame(self._frames.result(identity, {"removed": len(ended)}))
@@ -320,6 +325,7 @@ class ZenohLink:
             return b""  # a command of another client
         payload, attachment, media = sample.payload.to_bytes(), sample.attachment.to_bytes(), str(sample.encoding)
         key = str(sample.key_expr)
+        self._follow(key, sample.source_info)
         if len(self._subscriptions) > 1 and self._last.get(key) == attachment:
             return b""  # came by another subscription already
         if subscription.rate_hz is not None:
@@ -330,6 +336,19 @@ class ZenohLink:
         if subscription.fields is not None:
             return self._frames.selected(payload, attachment, media, subscription.fields)
         return self._frames.sample(payload, attachment, media)
+
+    def _follow(self, key: str, source: Any) -> None:
+        """Count the samples that are missing before this one, and report them to the server, which zenoh does not tell."""
+        if source is None:
+            return
+        number = source.source_sn
+        # A publisher that begins anew, or a sample that came by two subscriptions, gives no gap.
+        self._lost += max(number - self._numbers.get(key, number) - 1, 0)
+        self._numbers[key] = number
+        if self._lost and time.monotonic() >= self._next_report:
+            self._next_report = time.monotonic() + _REPORT_S
+            self._put(f"{self._root}/@lost/{self._client}", {"samples": self._lost})
+            self._lost = 0
 
     # From zenoh's threads
 
