@@ -118,6 +118,7 @@ class Publications:
             try:
                 payload = self._codec.encode(outlet.form.value(sample))
                 attachment = self._codec.attachment(sample)
+                stats.encoded += 1
                 if not self._put(outlet, outlet.publisher, payload, attachment):
                     continue
             except Exception as error:  # noqa: BLE001  # a fault of ours, or of a closing session, must not end the adapter
