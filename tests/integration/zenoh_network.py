@@ -59,11 +59,12 @@ class Server:
         return uwclient.connect(host, int(port), timeout=PATIENCE_S, **options)
 
     def end(self) -> str:
+        """What it said since it began to serve."""
         self.process.terminate()
-        _, errors = self.process.communicate(timeout=PATIENCE_S)
+        output, errors = self.process.communicate(timeout=PATIENCE_S)
         assert self.process.returncode == 0, errors
         assert "Traceback" not in errors
-        return str(errors)
+        return str(output + errors)
 
 
 @contextlib.contextmanager

@@ -27,6 +27,8 @@ RETRY_S = 0.5
 """Wall time between two attempts to open a session that must connect first."""
 TAKEN_S = 0.8
 """Wall time to wait for the answer whether the name is taken; peers that have nothing to say answer at once."""
+REFUSED_PEERS = "error,zenoh_link_tls=warn,zenoh_link_quic=warn"
+"""What zenoh logs (on stdout, as it always does) where certificates decide who may enter; RUST_LOG says otherwise."""
 PEERS_S = 0.5
 """Wall time between two counts of the peers."""
 
@@ -182,6 +184,8 @@ def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     except ImportError as error:
         raise CannotOpen(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error
     made = _zenoh_config(config, listen)
+    if any(endpoint.startswith(("tls/", "quic/")) for endpoint in listen):
+        zenoh.init_log_from_env_or(REFUSED_PEERS)
     try:
         return zenoh.open(made)
     except zenoh.ZError as error:

@@ -23,7 +23,7 @@ class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
     """Attributes:
     mode: peer; client of a router; or router, so that clients need no other one.
     listen: endpoints such as "tcp/0.0.0.0:7447"; default: "tcp/127.0.0.1:7447", where zenoh's clients look (a peer with `connect`:
-        a free loopback port; a client: none). TCP port 0 takes a free one.
+        a free loopback port; a client: none). Port 0 (tcp, tls) takes a free one.
     connect: endpoints of routers or peers; tried again for ever. Default: none; of a client without `scouting` "tcp/127.0.0.1:7447".
     scouting: find each other by multicast, which reaches the whole local network; default: off (or as `config_file` says).
     encoding: of samples, events, and answers to requests without a payload.
@@ -118,11 +118,12 @@ def _host(endpoint: str) -> str:
 
 def _with_free_port(endpoint: str) -> str:
     address, mark, rest = endpoint.partition("#")
-    if not (address.startswith("tcp/") and address.endswith(":0")):
+    if not (address.startswith(("tcp/", "tls/")) and address.endswith(":0")):
         return endpoint
-    host = address[len("tcp/") : -len(":0")]
+    protocol, _, place = address.partition("/")
+    host = place[: -len(":0")]
     # zenoh would take a free port, too, but has no way to tell which.
     family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
     with socket.socket(family) as probe:
         probe.bind((host.strip("[]"), 0))
-        return f"tcp/{host}:{probe.getsockname()[1]}{mark}{rest}"
+        return f"{protocol}/{host}:{probe.getsockname()[1]}{mark}{rest}"

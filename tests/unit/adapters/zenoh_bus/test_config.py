@@ -57,13 +57,16 @@ def test_a_configuration_file_keeps_what_the_table_leaves_out():
     assert made(config_file="zenoh.json5", listen=["tcp/[::1]:7447"])["listen/endpoints"] == ["tcp/[::1]:7447"]
 
 
-@pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:0", "tcp/127.0.0.1:0#so_sndbuf=65000", "tcp/[::1]:0"])
+@pytest.mark.parametrize(
+    "endpoint", ["tcp/127.0.0.1:0", "tls/127.0.0.1:0", "tcp/127.0.0.1:0#so_sndbuf=65000", "tcp/[::1]:0"]
+)
 def test_free_ports(endpoint):
     try:
         (found,) = endpoints(ZenohConfig(listen=(endpoint,)))
     except OSError:
         pytest.skip("this machine has no such loopback address")
     assert ":0" not in found.replace("::1", "")
+    assert found[:4] == endpoint[:4]
     assert found.partition("#")[1:] == endpoint.partition("#")[1:]
 
 
