@@ -170,7 +170,12 @@ class Requests:
         stats = self._context.stats
         stats.errors += 1
         stats.last_error = f"{path[:256]}: {fault.text[:500]}"
-        cause = (path[:256], fault.code)
+        self._log_once(path, fault)
+
+    def _log_once(self, path: str, fault: Fault) -> None:
+        known = path in self._context.ports or path in self._context.services or path.startswith("@")
+        # Names that are none are a peer's choice: they are one cause, or they would use up the log.
+        cause = (path if known else "", fault.code)
         if cause not in self._told and len(self._told) < CAUSES:
             self._told.add(cause)
             _log.warning("%s refused [%s]: %s (told once)", path[:256], fault.code, fault.text[:500])
@@ -185,6 +190,7 @@ class Requests:
             codec = self._codecs[encoding]
             is_answered = self._answer(question, codec)
         except Refused as refused:
+            self._log_once(self._keys.path(question.key) or question.key.rsplit("/", 1)[-1], refused.fault)
             self._refuse(question, codec, refused.fault)
         except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
             _log.exception("a get of %s failed", question.key[:200])
