@@ -256,6 +256,25 @@ def test_the_server_is_the_router(tmp_path):
         server.end()
 
 
+def test_peers_are_counted_once_each_also_in_client_mode_and_behind_a_router(tmp_path):
+    def peers(server: Server) -> int:
+        with server.tcp_client() as over_tcp:
+            return over_tcp.status()["adapters"]["bus"]["peers"]
+
+    with serving(tmp_path, ROV + TCP + BUS + LISTEN + 'mode = "router"\n') as server:
+        with server.client(mode="client"), session(server.endpoint, mode="client"), server.client():
+            until(lambda: peers(server) == 3, "a named client, a plain one, a peer")
+        until(lambda: peers(server) == 0, "all gone")
+    endpoint = free_endpoint()
+    with session(listen=endpoint, mode="router"):
+        behind = f'mode = "client"\nconnect = ["{endpoint}"]\n'
+        with serving(tmp_path, ROV + TCP + BUS + behind) as server:
+            until(lambda: peers(server) == 1, "the router")
+            with uwclient.connect_zenoh("uwserver", [endpoint], mode="client", timeout=PATIENCE_S):
+                until(lambda: peers(server) == 2, "the router, and the client behind it by its token")
+            until(lambda: peers(server) == 1, "the client gone")
+
+
 def test_router_restart_and_two_servers_in_one_network(tmp_path):
     endpoint = free_endpoint()
     client_mode = f'mode = "client"\nconnect = ["{endpoint}"]\n'
