@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver.ports import ErrorCode, Event, Fault, Progress, Sample
-from uwserver_adapters.values import SampleForm
+from uwserver_adapters.values import SampleForm, in_pieces
 
 TEXT_LIMIT = 2000
 """Longest text in an error, characters: what a peer sent must not come back at full length."""
@@ -92,7 +92,10 @@ class Encoding:
 
     def sample(self, form: SampleForm, sample: Sample) -> bytes:
         """What a sensor said."""
-        params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, form.value(sample))
+        value = form.value(sample)
+        if form.is_long and self.name == "json":
+            value = in_pieces(value, self._encode)
+        params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
         return self._encode(_Notice("sample", params))
 
     def event(self, event: Event) -> bytes:

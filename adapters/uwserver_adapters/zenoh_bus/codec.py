@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from uwserver.ports import Fault, Refused, Sample
 from uwserver_adapters.nesting import json_fault, msgpack_fault
+from uwserver_adapters.values import SampleForm, in_pieces
 
 EncodingName = Literal["json", "msgpack"]
 
@@ -71,6 +72,11 @@ class Codec:
     def fault(self, fault: Fault) -> bytes:
         """A refusal. What the peer sent does not come back at full length."""
         return self.encode(FaultText(fault.code, fault.text[:TEXT_LIMIT], fault.where[:TEXT_LIMIT]))
+
+    def payload(self, form: SampleForm, sample: Sample) -> bytes:
+        """The values of a sample."""
+        value = form.value(sample)
+        return self.encode(in_pieces(value, self.encode) if form.is_long and self.name == "json" else value)
 
     def attachment(self, sample: Sample) -> bytes:
         """What goes with the payload of a sample."""

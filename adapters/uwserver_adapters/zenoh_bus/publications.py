@@ -116,7 +116,7 @@ class Publications:
             if outlet is None or outlet.publisher is None or not outlet.is_heard:
                 continue
             try:
-                payload = self._codec.encode(outlet.form.value(sample))
+                payload = self._codec.payload(outlet.form, sample)
                 attachment = self._codec.attachment(sample)
                 stats.encoded += 1
                 if not self._put(outlet, outlet.publisher, payload, attachment):

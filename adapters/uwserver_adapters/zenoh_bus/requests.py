@@ -255,7 +255,7 @@ class Requests:
             if port.direction == "sensor" and question.intersects(key):
                 sample: Sample | None = self._context.last(path)
                 if sample is not None:
-                    payload = codec.encode(SampleForm(port).value(sample))
+                    payload = codec.payload(SampleForm(port), sample)
                     question.answer.reply(key, payload, codec.media, codec.attachment(sample))
 
     # -- calls ------------------------------------------------------------------------------------------------------------------------
