@@ -9,13 +9,17 @@ from typing import get_args
 import msgspec
 
 from uwserver import snapshot
+from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.faults import FaultConfig
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.requests import shown
 from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
 
 MAX_SNAPSHOTS = 32
+MAX_SNAPSHOT_NAME = 64
+"""Characters."""
 
 
 def offer_world_services(world: World) -> None:
@@ -30,6 +34,9 @@ def offer_world_services(world: World) -> None:
 
     def take(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
+        if len(name) > MAX_SNAPSHOT_NAME:
+            text = f"the name of a snapshot has at most {MAX_SNAPSHOT_NAME} characters, not {len(name)}"
+            raise Refused("out_of_range", text, "name")
         if name not in saved and len(saved) >= MAX_SNAPSHOTS:
             raise Refused("busy", f"there are {MAX_SNAPSHOTS} snapshots already: take one under a used name", "name")
         saved[name] = snapshot.take(world)
@@ -38,7 +45,9 @@ def offer_world_services(world: World) -> None:
     def restore(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
         if name not in saved:
-            raise Refused("bad_argument", f'no snapshot "{name}", there are: {", ".join(saved) or "none"}', "name")
+            raise Refused(
+                "bad_argument", f'no snapshot "{shown(name)}", there are: {", ".join(saved) or "none"}', "name"
+            )
         snapshot.restore(world, saved[name])
         world.say("reset", f'the world is at its snapshot "{name}"')
         return {"tick": world.tick, "t_ns": world.t_ns}
@@ -155,7 +164,12 @@ def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
 
 def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
     timeout = Argument(
-        "timeout_s", "float", "watchdog: neutral after this long without a command; 0 for never", "s", minimum=0.0
+        "timeout_s",
+        "float",
+        "watchdog: neutral after this long without a command; 0 for never",
+        "s",
+        minimum=0.0,
+        maximum=LONGEST_TIMEOUT_S,
     )
 
     def activate(_: Mapping[str, Json]) -> Json:

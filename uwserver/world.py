@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 
@@ -19,6 +20,8 @@ from uwserver.sensors import Scope
 from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 CONFLICT_WINDOW_S = 1.0
 """Two sources that command one actuator within this simulation time are in conflict."""
@@ -284,6 +287,10 @@ class World:
             return Reply(tick, t_ns, self._carry[call.service](call.args))
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
+        except Exception as error:  # a fault of one service must not end the simulation
+            log.exception("%s failed in tick %d", call.service, tick)
+            text = f"{call.service} failed by a fault of the server ({type(error).__name__}): please report it with the server's log"
+            return Reply(tick, t_ns, fault=Refused("internal", text, call.service).fault)
 
     def _accept(self, command: Command, newest: dict[str, Command]) -> Reply:
         slot = self.actuators.get(command.port)
