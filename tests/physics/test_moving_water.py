@@ -12,8 +12,9 @@ from uwserver.environment.currents import ProfileConfig, profile_rows
 from uwserver.environment.sea import Sea
 from uwserver.environment.waves import wave_number
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray
+from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
 from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.lag import Lag
 from uwserver.physics.layout import (
     FLOW_GRADIENT,
     FLOW_V_T,
@@ -41,7 +42,7 @@ def wave(
     amplitude: float, omega: float, heading: float = 0.0, depth: float = math.inf, phase: float = 0.0
 ) -> FloatArray:
     """One component as a row (1, WAVE_SIZE)."""
-    k = float(wave_number(np.array([omega]), G, depth)[0])
+    k = wave_number(omega, G, depth)
     return np.array([[k * math.cos(heading), k * math.sin(heading), k, omega, amplitude, phase, depth]])
 
 
@@ -281,7 +282,7 @@ def test_at_rest_in_the_slope_nothing_pulls_along_it() -> None:
 
 
 def test_waves_reach_deeper_than_the_still_surface() -> None:
-    """A body whose highest part lies below z = 0 comes out of the water in a trough, and its thrust with it."""
+    """A body whose highest part lies below z = 0 comes out of the water in a trough."""
     rows = sea(wave(1.0, 2.0 * math.pi / 8.0, phase=math.pi))  # trough at the origin
     body = replace(box(1.0, (0.1, 0.1, 0.1)), D_L=ZERO6)
     hydro = Hydrodynamics([body, body], 0.01)
@@ -313,3 +314,18 @@ def test_a_sphere_under_a_crest_is_as_deep_as_the_crest_is_high() -> None:
     nu_dot, _ = hydro.rates_of_change(0.0)
     assert abs(nu_dot[0, 2]) < 1.0  # immersed though above z = 0: neutral
     assert nu_dot[1, 2] == pytest.approx(G, rel=1e-6)
+
+
+def test_a_propeller_pulls_where_the_wave_leaves_it_in_water() -> None:
+    """In a trough it is dry though below z = 0, under a crest wet though above; half out where its hub is at the surface."""
+    table = ForceTable((16.0,), (((-1.0, -30.0), (1.0, 30.0)),))
+    thruster = ThrusterParams("t", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), table, 16.0, Lag(), disc_radius=0.05)
+    body = replace(box(1.0, (0.1, 0.1, 0.1)), thrusters=(thruster,))
+    a = 0.5
+    for phase, depths, parts in ((math.pi, (0.3, a, 0.8), (0.0, 0.5, 1.0)), (0.0, (-0.3, -a, -0.8), (1.0, 0.5, 0.0))):
+        hydro = Hydrodynamics([body] * 3, 0.01)
+        hydro.sea = sea(wave(a, 1.0, phase=phase))
+        hydro.state[:, 2] = depths
+        hydro.thrusters["demand"] = 20.0
+        _, tau = hydro.rates_of_change(0.0)
+        np.testing.assert_allclose(tau[:, 1], 20.0 * np.array(parts), atol=1e-9)

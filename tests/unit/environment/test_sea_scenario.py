@@ -182,3 +182,13 @@ def test_the_builder_has_the_verbs():
     assert scenario.environment.waves.peak_period_s == 6.0
     with pytest.raises(ScenarioError, match="unknown kind"):
         ScenarioBuilder("sea").add_current("eddy", "whirl")
+
+
+def test_the_wrench_of_a_vehicle_is_that_of_now():
+    """Thrust depends on the inflow; asked between two ticks it is what the truth sensor says."""
+    world = make(z=(5.0,))
+    entry = world.vehicles["rov0"]
+    world.command("rov0/thrusters", u=[0.4] * 8)
+    world.step(2000)
+    rates = world.hydro.rates_of_change(world.t_ns / 1e9)[1][0]
+    assert entry.wrench == pytest.approx(tuple(rates), abs=1e-6)
