@@ -21,7 +21,7 @@ from uwserver.environment.waves import WavesConfig
 from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Port, Service
-from uwserver.scenario import schema, vehicle_schema
+from uwserver.scenario import schema, solid_schema, vehicle_schema
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.sensors import SensorConfig
@@ -100,6 +100,7 @@ def scenario_page() -> str:
     ]
     lines += ["## Scenario", "", *_tables(schema, schema.Scenario)]
     lines += ["## Vehicle and device", "", *_tables(vehicle_schema, vehicle_schema.Vehicle)]
+    lines += ["## Solid things", "", *_tables(solid_schema, solid_schema.Contact)]
     lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]
     for title, union in (
         ("Currents", CurrentConfig),

@@ -11,6 +11,7 @@ from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.scenario.appendage_schema import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller, Six, Sourced
+from uwserver.scenario.solid_schema import Collision, Contact
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Positive, Table, Vector3
 
@@ -130,6 +131,8 @@ class Vehicle(Table, kw_only=True, frozen=True):
     ballasts: dict[str, Ballast] = field(default_factory=dict)
     moving_masses: dict[str, MovingMass] = field(default_factory=dict)
     hull: Hull = Hull()
+    collision: dict[str, Collision] = field(default_factory=dict)
+    contact: Contact = Contact()
     actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
 
