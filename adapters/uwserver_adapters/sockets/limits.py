@@ -23,16 +23,16 @@ class RateMeter:
 
     Args:
         most: allowed in a window.
-        window_s: wall time of a window.
+        window_s: wall time of a window; default `WINDOW_S`.
 
     Attributes:
         count: requests in this window.
         end: wall time (of the loop) at which the window ends.
     """
 
-    def __init__(self, most: int, window_s: float = WINDOW_S) -> None:
+    def __init__(self, most: int, window_s: float | None = None) -> None:
         self.most = most
-        self._window_s = window_s
+        self._window_s = WINDOW_S if window_s is None else window_s
         self.count = 0
         self.end = 0.0
 
