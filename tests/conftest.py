@@ -11,8 +11,9 @@ from uwserver.modifiers import Delay, WhiteNoise
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.resolved import Resolved
-from uwserver.scenario.schema import Scenario, Server, Truth, VehicleEntry, WorldTable
+from uwserver.scenario.schema import Scenario, Server, VehicleEntry, WorldTable
 from uwserver.sensors import ImuConfig
+from uwserver.sensors.truth import Truth
 from uwserver.world import World
 
 # A shell without job control starts its background commands with SIGINT ignored, and whatever they start inherits that: tests of Ctrl-C

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from typing import get_args
 
@@ -13,7 +13,7 @@ from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.faults import FaultConfig
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.requests import shown
-from uwserver.slots import ActuatorSlot, SensorSlot
+from uwserver.slots import ActuatorSlot, Carry, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
 
@@ -23,7 +23,7 @@ MAX_SNAPSHOT_NAME = 64
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash, set_current and those of faults, and the services of each component, to a finished world."""
+    """Add reset, snapshot, restore, state_hash, set_current and those of faults to a finished world; reset comes back to what it is now."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
 
@@ -79,10 +79,6 @@ def offer_world_services(world: World) -> None:
         set_current,
     )
     _offer_faults(world)
-    for path, sensor in world.sensors.items():
-        _offer_sensor(world, path, sensor)
-    for path, actuator in world.actuators.items():
-        _offer_actuator(world, path, actuator)
 
 
 def _offer_faults(world: World) -> None:
@@ -131,7 +127,17 @@ def _offer_faults(world: World) -> None:
     world.offer(Service("world/faults", "All faults with their state: waiting, active or over."), faults)
 
 
-def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
+def component_services(
+    world: World, sensors: Iterable[SensorSlot], actuators: Iterable[ActuatorSlot]
+) -> Iterator[tuple[Service, Carry]]:
+    """Services of the components of one body, and what they do."""
+    for sensor in sensors:
+        yield from _sensor_services(world, sensor.port.path, sensor)
+    for actuator in actuators:
+        yield from _actuator_services(world, actuator.port.path, actuator)
+
+
+def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tuple[Service, Carry]]:
     rate = Argument("rate_hz", "float", "samples a second; divides the physics rate", "Hz", minimum=1e-3)
 
     def activate(active: bool) -> Json:
@@ -156,13 +162,13 @@ def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
         world.set_divisor(slot, divisor)
         return None
 
-    world.offer(Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True))
-    world.offer(Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False))
-    world.offer(Service(f"{path}/get", "Properties of the sensor."), get)
-    world.offer(Service(f"{path}/set", "Change properties of the sensor.", (rate,)), set_rate)
+    yield Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True)
+    yield Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False)
+    yield Service(f"{path}/get", "Properties of the sensor."), get
+    yield Service(f"{path}/set", "Change properties of the sensor.", (rate,)), set_rate
 
 
-def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
+def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[tuple[Service, Carry]]:
     timeout = Argument(
         "timeout_s",
         "float",
@@ -200,7 +206,7 @@ def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
         world.set_timeout(slot, round(Fraction(str(args["timeout_s"])) * world.rate_hz))
         return None
 
-    world.offer(Service(f"{path}/activate", "Accept commands."), activate)
-    world.offer(Service(f"{path}/deactivate", "Go to neutral and refuse commands."), deactivate)
-    world.offer(Service(f"{path}/get", "Properties of the actuator and its last command."), get)
-    world.offer(Service(f"{path}/set", "Change properties of the actuator.", (timeout,)), set_timeout)
+    yield Service(f"{path}/activate", "Accept commands."), activate
+    yield Service(f"{path}/deactivate", "Go to neutral and refuse commands."), deactivate
+    yield Service(f"{path}/get", "Properties of the actuator and its last command."), get
+    yield Service(f"{path}/set", "Change properties of the actuator.", (timeout,)), set_timeout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -9,8 +10,10 @@ from msgspec import Struct
 
 from uwserver.actuators import Actuator
 from uwserver.modifiers import Modifier
-from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample, Value
+from uwserver.physics.shapes import Solid
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Reply, Sample, Service, Value
 from uwserver.sensors import Sensor
+from uwserver.vehicle import Vehicle
 
 
 @dataclass(slots=True)
@@ -43,6 +46,28 @@ class ActuatorSlot:
     other_tick: int = -(10**18)
     conflicts: int = 0
     timeouts: int = 0
+
+
+Carry = Callable[[Mapping[str, Json]], Json]
+"""What a service does; runs at the start of a tick."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Member:
+    """One body of a world with all that belongs to it; it comes and goes as a whole.
+
+    Attributes:
+        vehicle: the body, also of a free object.
+        sensors, actuators: its components.
+        services: those of its components, and what they do.
+        solid: its collision shapes; None for none.
+    """
+
+    vehicle: Vehicle
+    sensors: tuple[SensorSlot, ...] = ()
+    actuators: tuple[ActuatorSlot, ...] = ()
+    services: tuple[tuple[Service, Carry], ...] = ()
+    solid: Solid | None = None
 
 
 class Posted(Struct):

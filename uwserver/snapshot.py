@@ -11,8 +11,9 @@ from msgspec import Struct
 
 from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
-from uwserver.physics.contact import Impulses
-from uwserver.ports import Refused, Sample, Value
+from uwserver.physics.hydrodynamics import Saved
+from uwserver.ports import Sample, Value
+from uwserver.slots import Member
 from uwserver.world import World
 
 
@@ -46,8 +47,8 @@ class Snapshot(Struct, frozen=True):
     """
 
     tick: int
-    arrays: tuple[bytes, ...]
-    touched: Impulses
+    members: tuple[Member, ...]
+    rows: Saved
     current: tuple[float, float, float]
     drifts: tuple[tuple[Any, tuple[float, ...]], ...]
     sensors: dict[str, SensorState]
@@ -60,18 +61,13 @@ class Snapshot(Struct, frozen=True):
     def hash(self) -> str:
         """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
         digest = hashlib.sha256()
-        for array in self.arrays:
-            digest.update(array)
-        for column in (*self.touched.contacts, self.touched.impulse):
-            digest.update(column.tobytes())
+        for array in (*self.rows.running, *self.rows.touched.contacts, self.rows.touched.impulse):
+            digest.update(array.tobytes())
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
         water = (self.current, self.drifts)
         rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
         digest.update(repr(rest).encode())
         return digest.hexdigest()
-
-
-_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 
 
 def _drifts(world: World) -> tuple[GaussMarkov, ...]:
@@ -82,8 +78,8 @@ def take(world: World) -> Snapshot:
     """The state of a world now."""
     return Snapshot(
         tick=world.tick,
-        arrays=tuple(getattr(world.hydro, name).tobytes() for name in _ARRAYS),
-        touched=world.hydro.touched,  # its arrays are made anew each tick and never changed
+        members=tuple(world.members.values()),
+        rows=world.hydro.save(),
         current=world.water.current,
         drifts=tuple((drift.rng.bit_generator.state, tuple(drift.ends.flat)) for drift in _drifts(world)),
         sensors={
@@ -111,24 +107,17 @@ def take(world: World) -> Snapshot:
         },
         pending=tuple(sorted(world.pending)),
         pending_order=world.pending_order,
-        watch=world.watch,
+        watch=world.commands.watch,
         faults=tuple(world.faults.entries.values()),
     )
 
 
 def restore(world: World, snapshot: Snapshot) -> None:
-    """Put a world back, bit for bit.
-
-    Raises:
-        Refused: the snapshot is of a world with other components.
-    """
-    if snapshot.sensors.keys() != world.sensors.keys() or snapshot.actuators.keys() != world.actuators.keys():
-        raise Refused("bad_argument", "the snapshot is of a world with other vehicles or components", "name")
+    """Put a world back, bit for bit: bodies that came since are gone, and those that went are back."""
     world.jump(snapshot.tick)
-    for name, saved in zip(_ARRAYS, snapshot.arrays, strict=True):
-        array = getattr(world.hydro, name)
-        array[...] = np.frombuffer(saved, array.dtype).reshape(array.shape)
-    world.hydro.touched = snapshot.touched
+    world.hydro.load(snapshot.rows)
+    if tuple(world.members.values()) != snapshot.members:
+        world.set_members(snapshot.members)
     for drift, (stream, ends) in zip(_drifts(world), snapshot.drifts, strict=True):
         drift.rng.bit_generator.state = stream
         drift.ends[...] = np.reshape(ends, drift.ends.shape)
@@ -148,6 +137,6 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.pending = list(snapshot.pending)
     heapq.heapify(world.pending)
     world.pending_order = snapshot.pending_order
-    world.watch = snapshot.watch
+    world.commands.watch = snapshot.watch
     world.faults.restore(snapshot.faults)
     world.schedule()

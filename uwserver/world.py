@@ -4,30 +4,30 @@ from __future__ import annotations
 
 import heapq
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 from msgspec import structs
 
+from uwserver.commands import Commands
 from uwserver.environment.water import Water
 from uwserver.faults import Faults
 from uwserver.frames import Vec3
 from uwserver.modifiers import Measurement
+from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Scope
-from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
+from uwserver.slots import ActuatorSlot, Carry, Member, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
 
+if TYPE_CHECKING:
+    from uwserver.physics.scene import Scene
+
 log = logging.getLogger(__name__)
-
-CONFLICT_WINDOW_S = 1.0
-"""Two sources that command one actuator within this simulation time are in conflict."""
-
-Carry = Callable[[Mapping[str, Json]], Json]
-"""What a service does; runs at the start of a tick."""
 
 
 class Diverged(Exception):
@@ -50,7 +50,10 @@ class World:
     Attributes:
         t_ns: simulation time, ns, computed from `tick`.
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
-        vehicles: by name.
+        members: all bodies with their components, by name; `vehicles`, `sensors` and `actuators` follow from them.
+        vehicles: the bodies by name, free objects too.
+        scene: solid things; None where nothing is solid.
+        geometry: the same, as sensors see it.
         water: the environment.
         faults: of thrusters, sensors and hulls.
         jumps: how often a reset or restore has set the time.
@@ -72,6 +75,12 @@ class World:
         self.services: Mapping[str, Service] = {}
         self.sensors: dict[str, SensorSlot] = {}
         self.actuators: dict[str, ActuatorSlot] = {}
+        self.members: dict[str, Member] = {}
+        self.scene: Scene | None = None
+        self.geometry: Geometry = OpenWater()
+        self._solids: dict[Member, int] = {}
+        self._own_services: dict[str, Service] = {}
+        self._own_carry: dict[str, Carry] = {}
         self._carry: dict[str, Carry] = {}
         self._due: list[tuple[int, list[SensorSlot]]] = []
         self.pending: list[tuple[int, int, Sample]] = []
@@ -79,8 +88,7 @@ class World:
         self._posted: list[Posted] = []
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
-        self._conflict_ticks = round(CONFLICT_WINDOW_S * rate_hz)
-        self.watch: int | None = None
+        self.commands = Commands(self.actuators, rate_hz, self.say)
         self.jumps = 0
         self.faults = Faults(
             hydro, water, self.vehicles, self.sensors, self.actuators, rate_hz, lambda text: self.say("fault", text)
@@ -88,17 +96,44 @@ class World:
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
 
-    def install(
-        self, vehicles: Iterable[Vehicle], sensors: Iterable[SensorSlot], actuators: Iterable[ActuatorSlot]
-    ) -> None:
-        """Put vehicles and their components into the world."""
-        self.vehicles |= {vehicle.name: vehicle for vehicle in vehicles}
-        self.sensors |= {slot.port.path: slot for slot in sensors}
-        self.actuators |= {slot.port.path: slot for slot in actuators}
-        self.ports = {path: slot.port for path, slot in self.sensors.items()} | {
-            path: slot.port for path, slot in self.actuators.items()
-        }
+    def set_scene(self, scene: Scene) -> None:
+        """Give the world its solid things; before any body is in it."""
+        self.scene = self.hydro.collider = self.geometry = scene
+
+    def set_members(self, members: Iterable[Member]) -> None:
+        """Let these bodies, and no others, be in the world. Their rows are there already."""
+        self.members = {member.vehicle.name: member for member in members}
+        self._set_solids()
+        self.vehicles.clear()
+        self.sensors.clear()
+        self.actuators.clear()
+        self._carry = dict(self._own_carry)
+        services = dict(self._own_services)
+        for name, member in self.members.items():
+            self.vehicles[name] = member.vehicle
+            self.sensors |= {slot.port.path: slot for slot in member.sensors}
+            self.actuators |= {slot.port.path: slot for slot in member.actuators}
+            for service, carry in member.services:
+                services[service.path], self._carry[service.path] = service, carry
+        slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
+        self.ports = {slot.port.path: slot.port for slot in slots}
+        self.services = services
+        self.pending = [entry for entry in self.pending if entry[2].port in self.ports]
+        heapq.heapify(self.pending)
+        self._last = {path: sample for path, sample in self._last.items() if path in self.ports}
+        self.commands.watch = self.tick
         self.schedule()
+        self.say("ports_changed", "bodies came or went")
+
+    def _set_solids(self) -> None:
+        if self.scene is None:
+            return
+        there = set(self.members.values())
+        for member in [member for member in self._solids if member not in there]:
+            self.scene.remove(self._solids.pop(member))
+        for member in self.members.values():
+            if member.solid is not None and member not in self._solids:
+                self._solids[member] = self.scene.add_moving(member.solid, member.vehicle.row)
 
     def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
         """Let a sensor measure every `divisor` ticks, from now on."""
@@ -116,7 +151,7 @@ class World:
             return
         slot.timeout_ticks = ticks
         slot.port = self._replaced(structs.replace(slot.port, timeout_s=float(ticks / self.rate_hz) or None))
-        self.watch = self.tick
+        self.commands.watch = self.tick
 
     def _replaced(self, port: Port) -> Port:
         self.ports = {**self.ports, port.path: port}
@@ -124,7 +159,8 @@ class World:
         return port
 
     def offer(self, service: Service, carry: Carry) -> None:
-        """Add a service that runs at the start of a tick."""
+        """Add a service of the world itself, which runs at the start of a tick."""
+        self._own_services[service.path], self._own_carry[service.path] = service, carry
         self.services = {**self.services, service.path: service}
         self._carry[service.path] = carry
 
@@ -235,8 +271,8 @@ class World:
             self.faults.turn(self.tick)
         if self._posted:
             self._carry_out(output)
-        if self.watch is not None and self.tick >= self.watch:
-            self._watchdogs()
+        if self.commands.watch is not None and self.tick >= self.commands.watch:
+            self.commands.expire(self.tick)
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
         if self.water.sea is not None:
@@ -269,21 +305,28 @@ class World:
 
     def _carry_out(self, output: TickOutput) -> None:
         posted, self._posted = self._posted, []
-        newest: dict[str, Command] = {}
         for entry in posted:
             if isinstance(entry.item, Command):
-                reply = self._accept(entry.item, newest)
+                reply = self._accept(entry.item)
             else:
                 # A call may depend on the commands before it.
-                self._apply(newest)
+                self.commands.apply(self.tick)
                 reply = self._run(entry.item)
             if entry.on_reply is not None:
                 output.replies.append((entry.on_reply, reply))
-        self._apply(newest)
+        self.commands.apply(self.tick)
+
+    def _accept(self, command: Command) -> Reply:
+        try:
+            return Reply(self.tick, self.t_ns, conflict=self.commands.accept(command, self.tick))
+        except Refused as refused:
+            return Reply(self.tick, self.t_ns, fault=refused.fault)
 
     def _run(self, call: Call) -> Reply:
         tick, t_ns = self.tick, self.t_ns
         try:
+            if call.service not in self._carry:
+                raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
             return Reply(tick, t_ns, self._carry[call.service](call.args))
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
@@ -291,57 +334,6 @@ class World:
             log.exception("%s failed in tick %d", call.service, tick)
             text = f"{call.service} failed by a fault of the server ({type(error).__name__}): please report it with the server's log"
             return Reply(tick, t_ns, fault=Refused("internal", text, call.service).fault)
-
-    def _accept(self, command: Command, newest: dict[str, Command]) -> Reply:
-        slot = self.actuators.get(command.port)
-        if slot is None:
-            return Reply(
-                self.tick, self.t_ns, fault=Refused("unknown_port", f'"{command.port}" is gone', command.port).fault
-            )
-        if not slot.active:
-            text = f'"{command.port}" is deactivated: call {command.port}/activate first'
-            return Reply(self.tick, self.t_ns, fault=Refused("denied", text, command.port).fault)
-        conflict = False
-        if slot.source and slot.source != command.source:
-            conflict = self.tick - slot.last_tick <= self._conflict_ticks
-            if conflict and self.tick - slot.other_tick > self._conflict_ticks:
-                self.say(
-                    "conflict",
-                    f'"{command.port}" is commanded by {slot.source} and {command.source}: the last command wins',
-                )
-            if conflict:
-                slot.conflicts += 1
-                slot.other_tick = self.tick
-        slot.source, slot.last_tick = command.source, self.tick
-        newest[command.port] = command  # of several in one tick only the last can act
-        return Reply(self.tick, self.t_ns, conflict=conflict)
-
-    def _apply(self, newest: dict[str, Command]) -> None:
-        for port, command in newest.items():
-            slot = self.actuators[port]
-            slot.actuator.apply(command.value)
-            slot.last_value = command.value
-            if slot.timeout_ticks:
-                expires = self.tick + slot.timeout_ticks
-                self.watch = expires if self.watch is None else min(self.watch, expires)
-        newest.clear()
-
-    def _watchdogs(self) -> None:
-        following: int | None = None
-        for slot in self.actuators.values():
-            if not slot.timeout_ticks or not slot.last_value:
-                continue
-            expires = slot.last_tick + slot.timeout_ticks
-            if expires <= self.tick:
-                slot.actuator.neutral()
-                slot.last_value = ()
-                slot.timeouts += 1
-                self.say(
-                    "watchdog", f'no command for "{slot.port.path}" in {slot.port.timeout_s:g} s: it went to neutral'
-                )
-            else:
-                following = expires if following is None else min(following, expires)
-        self.watch = following
 
     def _measure(self, slots: Sequence[SensorSlot], samples: list[Sample]) -> None:
         scopes: dict[int, Scope] = {}
@@ -354,8 +346,9 @@ class World:
             if scope is None:
                 x = self.hydro.state[slot.row].tolist()
                 scope = scopes[slot.row] = Scope(
-                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water
-                )
+                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
+                    geometry=self.geometry,
+                )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
             valid, values = slot.sensor.measure(scope)

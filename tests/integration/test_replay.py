@@ -32,7 +32,8 @@ from uwserver.requests import checked_args
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.resolved import Resolved
-from uwserver.scenario.schema import Scenario, Truth, VehicleEntry
+from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.sensors.truth import Truth
 from uwserver.simulation import Simulation, Timing
 
 U = (0.1, -0.2, 0.3, 0.1, 0.4, 0.4, -0.4, 0.4)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,10 @@ def install_megabyte(world: World, vehicle: str) -> str:
     path = f"{vehicle}/megabyte"
     port = Port(path, "sensor", "megabyte", Megabyte.fields, Megabyte.doc, float(MEGABYTE_HZ))
     divisor = round(world.rate_hz / MEGABYTE_HZ)
-    world.install((), [SensorSlot(port, world.vehicles[vehicle].row, Megabyte(), (), divisor, 0)], ())
+    member = world.members[vehicle]
+    slot = SensorSlot(port, member.vehicle.row, Megabyte(), (), divisor, 0)
+    carrier = replace(member, sensors=(*member.sensors, slot))
+    world.set_members(carrier if other is member else other for other in world.members.values())
     return path
 
 

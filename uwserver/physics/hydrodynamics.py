@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +50,29 @@ def _sea_kernel() -> ModuleType:
     from uwserver.physics import flow
 
     return flow
+
+
+_RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
+"""Arrays that change in a run."""
+_FIXED = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")
+"""Arrays that only `add` changes, by making new ones."""
+
+
+class Saved(NamedTuple):
+    """All rows of a world at an instant.
+
+    Attributes:
+        params, tables, lags, fixed: what only `add` changes.
+        running: copies of the other arrays.
+        touched: contacts of the last tick.
+    """
+
+    params: tuple[BodyParams, ...]
+    tables: dict[ForceTable, int]
+    lags: dict[Lag, int]
+    fixed: tuple[Records, ...]
+    running: tuple[Records | FloatArray, ...]
+    touched: Impulses
 
 
 class Hydrodynamics:
@@ -125,10 +149,37 @@ class Hydrodynamics:
     def change(self, row: int, body: BodyParams) -> None:
         """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
         new = body_row(body)
-        kept = ("fitted", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
+        kept = ("fitted", "retired", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
         for name in kept:
             new[name] = self.bodies[name][row]
         self.bodies[row] = new[0]
+
+    def retire(self, row: int) -> None:
+        """Take a body out. Its rows stay, at rest, so that those of the others keep their places."""
+        self.bodies["retired"][row] = 1
+        self.state[row] = 0.0
+        self.state[row, layout.Q] = 1.0
+        self.contact_nu_dot[row] = 0.0
+
+    def save(self) -> Saved:
+        """All rows as they are."""
+        running = tuple(getattr(self, name).copy() for name in _RUNNING)
+        fixed = tuple(getattr(self, name) for name in _FIXED)
+        return Saved(self.params, dict(self._tables), dict(self._lags), fixed, running, self.touched)
+
+    def load(self, saved: Saved) -> None:
+        """Put all rows back, bit for bit; bodies that were added since are gone. The water at the bodies is not part of it."""
+        if saved.params is not self.params:
+            self.params, self._tables, self._lags = saved.params, dict(saved.tables), dict(saved.lags)
+            for name, rows in zip(_FIXED, saved.fixed, strict=True):
+                setattr(self, name, rows)
+            for name, array in zip(_RUNNING, saved.running, strict=True):
+                setattr(self, name, array.copy())
+            self.flows = np.zeros((len(self), layout.FLOW_SIZE))
+            self._gather()
+        for name, array in zip(_RUNNING, saved.running, strict=True):
+            getattr(self, name)[...] = array
+        self.touched = saved.touched
 
     def _append_appendages(self, body: BodyParams, row: Records) -> None:
         """Rows of the body's appendages; their ranges go into its BODY row."""

@@ -330,6 +330,8 @@ def advance(rows: Any, fitted: Any, state: Array, flows: Array, t: float, dt: fl
     for k in range(thrusters.shape[0]):
         set_demand(thrusters[k], rows.tables)
     for n in range(rows.bodies.shape[0]):
+        if rows.bodies[n].retired != 0:
+            continue
         step_any(rows, fitted, n, state[n], flows[n], t, dt, w)
         if not keep_state(w.s, state[n]):
             return n
@@ -350,6 +352,10 @@ def rates_of_change(rows: Any, fitted: Any, state: Array, flows: Array, t: float
     s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
     for n in range(rows.bodies.shape[0]):
         body = rows.bodies[n]
+        if body.retired != 0:
+            for i in range(6):
+                nu_dot[n, i] = tau[n, i] = 0.0
+            continue
         for i in range(STATE_SIZE):
             s[STATE, i] = state[n, i]
         held = _hold_inertia(rows.shapes, body, state[n], flows[n], t, 0.0, w)

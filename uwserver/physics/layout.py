@@ -72,6 +72,7 @@ BODY = np.dtype(
         ("thruster_count", "i8"),
         ("wrench_first", "i8"),
         ("wrench_count", "i8"),
+        ("retired", "i8"),  # 1: taken out of the world; the kernel passes it over
         ("fitted", "i8"),  # 1: the body has any of the following
         ("servo_first", "i8"),
         ("servo_count", "i8"),

@@ -35,6 +35,8 @@ MARGIN = 0.005
 """m; contacts are reported from this gap on, and from farther for what moves fast."""
 _ENGINE_SLACK = 0.004
 """m; Bullet rounds edges and thickens meshes by margins, so it is asked a little farther than needed."""
+_IDENTS, _MOVING_IDENTS, _SHAPES_OF_A_BODY = 16384, 12288, 16
+"""Numbers of shapes in keys; those of static shapes begin where those of 768 bodies end, beyond which keys may repeat."""
 _TURN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 """Axis x of our cylinders and capsules is axis z of Bullet's."""
 
@@ -123,7 +125,7 @@ class Solids:
         solid_id, self._next_solid = self._next_solid, self._next_solid + 1
         entries: list[tuple[Part, int]] = []
         for p, placed in made:
-            p.slot["ident"], self._next_part = self._next_part, self._next_part + 1
+            p.slot["ident"] = self._ident(row, len(entries))
             p.slot["row"], p.slot["solid"] = row, solid_id
             p.slot["friction"], p.slot["restitution"] = solid.friction, solid.restitution
             p.slot["q"] = _engine_attitude(placed)
@@ -132,6 +134,13 @@ class Solids:
         self._rows_of[solid_id] = row
         self._rebuild()
         return solid_id
+
+    def _ident(self, row: int, k: int) -> int:
+        """Number of a shape in keys of contacts. Of what moves it follows from its row, so it does not depend on who else was ever there."""
+        if row >= 0:
+            return (row * _SHAPES_OF_A_BODY + k) % _MOVING_IDENTS
+        ident, self._next_part = self._next_part, self._next_part + 1
+        return _MOVING_IDENTS + ident % (_IDENTS - _MOVING_IDENTS)
 
     def _engine_body(self, p: Part, placed: Placed) -> int:
         bullet, shape = self._bullet, placed.shape
@@ -167,8 +176,9 @@ class Solids:
         )
 
     def _rebuild(self) -> None:
-        """Arrays of all slots, those of moving bodies first, in the order in which they were added."""
-        moving = [key for key, row in self._rows_of.items() if row >= 0]
+        """Arrays of all slots, those of moving bodies first."""
+        # By row: the order of contacts, too, must not depend on who came when.
+        moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
         entries = [entry for key in (*moving, *static) for entry in self._parts[key]]
         self._all = rows([p for p, _ in entries])

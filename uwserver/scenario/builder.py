@@ -13,9 +13,10 @@ from uwserver.scenario.convert import Report, check_name, convert, convert_kind,
 from uwserver.scenario.documents import from_tables
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, did_you_mean
 from uwserver.scenario.load import scenario_from
-from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, Truth, VehicleEntry, WorldTable
+from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, VehicleEntry, WorldTable
 from uwserver.scenario.solid_schema import ObjectEntry, Seabed, Structure
 from uwserver.sensors import SensorConfig
+from uwserver.sensors.truth import Truth
 
 
 class ScenarioBuilder:

@@ -12,7 +12,8 @@ from uwserver.scenario.assembly import named
 from uwserver.scenario.convert import Report, convert, silent
 from uwserver.scenario.environment_checks import check_environment
 from uwserver.scenario.errors import KeyPath
-from uwserver.scenario.schema import Scenario, Truth, WorldTable
+from uwserver.scenario.schema import Scenario, WorldTable
+from uwserver.sensors.truth import Truth
 
 _RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 

@@ -66,3 +66,9 @@ class Resolved:
     static: Mapping[str, Solid] = field(default_factory=dict)
     objects: Mapping[str, ResolvedObject] = field(default_factory=dict)
     materials: tuple[str, ...] = ()
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether anything can touch anything; what is spawned later does not count."""
+        moving = [vehicle.solid for vehicle in self.vehicles.values()] + [body.solid for body in self.objects.values()]
+        return bool(self.static) or sum(solid is not None for solid in moving) > 1

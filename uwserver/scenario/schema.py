@@ -15,6 +15,7 @@ from uwserver.environment.waves import WavesConfig
 from uwserver.faults import FaultConfig
 from uwserver.scenario.solid_schema import Latitude, ObjectEntry, Seabed, Structure
 from uwserver.sensors import SensorConfig
+from uwserver.sensors.truth import Truth
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
 
@@ -77,17 +78,12 @@ class Environment(Table, kw_only=True, frozen=True):
     waves: WavesConfig | UnsetType = UNSET
 
 
-class Truth(Table, kw_only=True, frozen=True):
-    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench. Adapters serve it only if they are told to."""
-
-    rate_hz: Positive = 20.0
-
-
 class VehicleEntry(Table, kw_only=True, frozen=True):
     """One vehicle of the scenario.
 
     Attributes:
         model: name of a shipped vehicle file, or the path of one relative to the scenario file.
+        present: False keeps it out at the start; ``world/spawn`` can add vehicles like it.
         override: tables of the vehicle file, key by key replaced for this vehicle.
         sensors: added to those of the vehicle file (same name: replaces it; ``enabled = false`` removes it).
     """
@@ -97,6 +93,7 @@ class VehicleEntry(Table, kw_only=True, frozen=True):
     attitude_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
     velocity_frd_mps: Vector3 = (0.0, 0.0, 0.0)
     angular_velocity_frd_degps: Vector3 = (0.0, 0.0, 0.0)
+    present: bool = True
     truth: Truth | UnsetType = UNSET
     override: dict[str, Any] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
+from uwserver.sensors.truth import Truth
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 
 Edges = tuple[Positive, Positive, Positive]
@@ -154,9 +155,13 @@ class HullCollision(OnVehicle, tag="hull", tag_field="kind", kw_only=True, froze
 class FreeObject(InScenario, kw_only=True, frozen=True):
     """Something that drifts, sinks and is pushed; homogeneous, so its origin is its centre. Give `mass_kg` or `density_kgpm3`.
 
+    With `present = false` it is not there at the start; ``world/spawn`` can add objects like it.
+
     Its added mass and drag follow from its form; docs/how-to/seabed-and-structures.md has the coefficients.
     """
 
+    present: bool = True
+    truth: Truth | UnsetType = UNSET
     mass_kg: Positive | UnsetType = UNSET
     density_kgpm3: Positive | UnsetType = UNSET
     velocity_frd_mps: Vector3 = (0.0, 0.0, 0.0)

@@ -6,6 +6,13 @@ from collections.abc import Callable
 
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import Scope, Sensor
+from uwserver.table import Positive, Table
+
+
+class Truth(Table, kw_only=True, frozen=True):
+    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench. Adapters serve it only if they are told to."""
+
+    rate_hz: Positive = 20.0
 
 
 class TruthPose:

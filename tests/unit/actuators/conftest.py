@@ -10,7 +10,8 @@ from uwserver.actuators import Body
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, Truth, VehicleEntry
+from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.sensors.truth import Truth
 from uwserver.world import World
 
 MakeWorld = Callable[..., World]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers import Bias, Delay, Dropout, GaussMarkov, Quantise, WhiteNoise
-from uwserver.scenario.build import build, stream_of
+from uwserver.scenario.build import build
 from uwserver.scenario.load import load
+from uwserver.scenario.members import stream_of
 from uwserver.scenario.schema import Scenario, VehicleEntry
 from uwserver.sensors import ImuConfig, PressureConfig
 

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from uwserver.frames import quat_from_rpy
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
-from uwserver.scenario.schema import Current, Environment, Scenario, Truth, VehicleEntry, WorldTable
+from uwserver.scenario.schema import Current, Environment, Scenario, VehicleEntry, WorldTable
 from uwserver.sensors import ImuConfig, Pose
+from uwserver.sensors.truth import Truth
 from uwserver.units import rad
 
 G = 9.81

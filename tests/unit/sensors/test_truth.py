@@ -8,9 +8,9 @@ import pytest
 from uwserver.physics.layout import NU
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, Truth, VehicleEntry
+from uwserver.scenario.schema import Scenario, VehicleEntry
 from uwserver.sensors import ImuConfig, MotionCaptureConfig, PressureConfig
-from uwserver.sensors.truth import TRUTH, TruthAcceleration, TruthPose, TruthVelocity, TruthWrench
+from uwserver.sensors.truth import TRUTH, Truth, TruthAcceleration, TruthPose, TruthVelocity, TruthWrench
 
 ZERO = (0.0, 0.0, 0.0)
 

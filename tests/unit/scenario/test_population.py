@@ -1,0 +1,157 @@
+"""Bodies that come and go in a run: what they bring, what they leave, and that reset and restore know about them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uwserver.ports import Refused
+from uwserver.scenario.build import build
+from uwserver.scenario.load import load
+from uwserver.scenario.schema import Scenario, Server, VehicleEntry
+from uwserver.scenario.solid_schema import BoxObject, FlatSeabed
+from uwserver.sensors.truth import Truth
+from uwserver.world import World
+
+
+def world_of(**tables: object) -> World:
+    """A heavy vehicle on a flat seabed at 10 m, a crate, and a second vehicle that is not there yet."""
+    scenario = Scenario(
+        schema=1,
+        seed=3,
+        seabed=FlatSeabed(depth_m=10.0, friction=0.6),
+        vehicles={
+            "rov": VehicleEntry(model="bluerov2_heavy", position_ned_m=(0.0, 0.0, 9.5), truth=Truth()),
+            "spare": VehicleEntry(model="bluerov2", present=False),
+        },
+        objects={
+            "crate": BoxObject(size_m=(0.4, 0.4, 0.4), density_kgpm3=1300.0, position_ned_m=(1.5, 0.0, 9.7), truth=Truth())
+        },
+        server=Server(metrics=False),
+    )
+    return build(load(scenario, adapters={}))
+
+
+def state_of(world: World, name: str) -> np.ndarray:
+    return world.hydro.state[world.vehicles[name].row].copy()
+
+
+def test_a_spawned_vehicle_is_like_one_that_was_there() -> None:
+    world = world_of()
+    assert set(world.vehicles) == {"rov", "crate"}
+    world.step(5)
+    world.call("world/spawn", name="second", like="spare", p_NB=[5.0, 0.0, 4.0])
+    assert {"second/thrusters", "second/imu"} <= set(world.ports)
+    assert "second/imu/set" in world.services
+    world.command("second/thrusters", u=[0.5] * 6)
+    samples = world.step(240)
+    assert {sample.port.split("/")[0] for sample in samples} >= {"rov", "crate", "second"}
+    assert np.linalg.norm(state_of(world, "second")[:3] - [5.0, 0.0, 4.0]) > 0.05
+    assert world.read("second/imu") is not None
+
+
+def test_the_others_do_not_notice() -> None:
+    """Not by a bit, though rows and shapes were added and taken out in between."""
+    alone, company = world_of(), world_of()
+    for k in range(300):
+        if k == 10:
+            company.call("world/spawn", name="a", like="spare", p_NB=[5.0, 0.0, 4.0])
+        if k == 20:
+            company.call("world/spawn", name="b", like="rov", p_NB=[-5.0, 0.0, 4.0])
+        if k == 60:
+            company.call("world/remove", name="a")
+        alone.step()
+        company.step()
+        for name in ("rov", "crate"):
+            np.testing.assert_array_equal(state_of(company, name), state_of(alone, name))
+
+
+def test_what_is_removed_is_gone() -> None:
+    world = world_of()
+    world.call("world/set_fault", name="weak", kind="thruster_weak", target="rov/thrusters", parameters={"factor": 0.5})
+    world.step(5)
+    world.call("world/remove", name="rov")
+    assert "rov" not in world.vehicles
+    assert not any(path.startswith("rov/") for path in (*world.ports, *world.services))
+    assert world.call("world/faults") == []
+    assert {sample.port.split("/")[0] for sample in world.step(240)} == {"crate"}
+    with pytest.raises(Refused, match="no port"):
+        world.command("rov/thrusters", u=[0.0] * 8)
+
+
+def test_reset_brings_back_who_was_there_and_nobody_else() -> None:
+    world = world_of()
+    hash_of = lambda: world.call("world/state_hash")["hash"]  # type: ignore[index,call-overload]  # noqa: E731
+    first = hash_of()
+    world.step(200)
+    later = hash_of()
+    world.call("world/reset")
+    world.call("world/spawn", name="second", like="spare", p_NB=[5.0, 0.0, 4.0])
+    world.call("world/remove", name="rov")
+    world.step(50)
+    world.call("world/reset")
+    assert set(world.vehicles) == {"rov", "crate"}
+    assert hash_of() == first
+    world.step(200)
+    assert hash_of() == later
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_restored_world_goes_on_as_if_nothing_had_been(seed: int) -> None:
+    """At random ticks, at rest, in contact, with bodies coming and going: the same samples and the same hash."""
+    rng = np.random.default_rng(seed)
+    world = world_of()
+    world.step(int(rng.integers(0, 400)))
+    world.command("rov/thrusters", u=rng.uniform(-1.0, 1.0, 8).tolist())
+    world.call("world/spawn", name="second", like="crate", p_NB=[0.0, 3.0, 9.0])
+    world.step(int(rng.integers(0, 200)))
+    world.call("world/snapshot", name="here")
+    runs = []
+    for _ in range(3):
+        samples = world.step(150)
+        runs.append((samples, world.call("world/state_hash")))
+        world.call("world/remove", name=("rov", "second", "crate")[len(runs) % 3])
+        world.step(7)
+        world.call("world/restore", name="here")
+    assert runs[0] == runs[1] == runs[2]
+    assert len(world.hydro.touched.impulse) > 0
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        ({"name": "rov", "like": "spare", "p_NB": [0, 0, 2]}, "already"),
+        ({"name": "a/b", "like": "spare", "p_NB": [0, 0, 2]}, "cannot be a name"),
+        ({"name": "world", "like": "spare", "p_NB": [0, 0, 2]}, "cannot be a name"),
+        ({"name": "x", "like": "whale", "p_NB": [0, 0, 2]}, "whale"),
+        ({"name": "x", "like": "spare", "p_NB": [0, 0, 12]}, "begin inside the seabed"),
+        ({"name": "x", "like": "spare", "p_NB": [1.5, 0, 9.7]}, 'begin inside "crate"'),
+        ({"name": "x", "like": "spare", "p_NB": [0, 0, 2], "q_NB": [0, 0, 0, 0]}, "zero length"),
+    ],
+)
+def test_a_refused_spawn_changes_nothing(args: dict[str, object], text: str) -> None:
+    world = world_of()
+    world.step(3)
+    before = world.call("world/state_hash")
+    with pytest.raises(Refused, match=text):
+        world.call("world/spawn", **args)
+    assert world.call("world/state_hash") == before
+    assert set(world.vehicles) == {"rov", "crate"}
+    world.step(10)
+
+
+def test_two_that_meet_after_a_spawn_without_anything_solid_before() -> None:
+    scenario = Scenario(
+        schema=1,
+        vehicles={"rov": VehicleEntry(model="bluerov2_heavy", position_ned_m=(0.0, 0.0, 5.0))},
+        server=Server(metrics=False),
+    )
+    world = build(load(scenario, adapters={}))
+    assert world.scene is None
+    world.call("world/spawn", name="other", like="rov", p_NB=[1.0, 0.0, 5.0])
+    world.hydro.state[world.vehicles["other"].row, 7] = -1.0
+    met = False
+    for _ in range(480):
+        world.step()
+        met = met or bool(world.hydro.touched.impulse.any())
+    assert met

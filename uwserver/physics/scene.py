@@ -1,0 +1,49 @@
+"""All solid things of one world in both engines: contacts by Bullet, rays by Embree. Made when a scenario has something solid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from uwserver.physics.contact import Contacts
+from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.rays import Rays
+from uwserver.physics.shapes import Solid
+from uwserver.physics.solids import Solids
+
+
+class Scene:
+    """A `contact.Collider` and a `geometry.Geometry` of the same solids, by the same ids. Not thread-safe.
+
+    Args:
+        state: gives the present state (n, 13) of all bodies, for rays.
+    """
+
+    def __init__(self, state: Callable[[], FloatArray]) -> None:
+        self._state = state
+        self._solids = Solids()
+        self._rays = Rays()
+
+    def add_static(self, solid: Solid) -> int:
+        """Add something that never moves, placed in N; returns its id. Raises shapes.BadSolid."""
+        body = self._solids.add_static(solid)
+        self._rays.add_static(body, solid)
+        return body
+
+    def add_moving(self, solid: Solid, row: int) -> int:
+        """Add what the body in `row` carries, placed in B; returns its id. Raises shapes.BadSolid."""
+        body = self._solids.add_moving(solid, row)
+        self._rays.add_moving(body, solid, row)
+        return body
+
+    def remove(self, body: int) -> None:
+        """Take a solid away; KeyError if there is none of this id."""
+        self._solids.remove(body)
+        self._rays.remove(body)
+
+    def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
+        """As `contact.Collider`."""
+        return self._solids.find_contacts(state, dt)
+
+    def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+        """As `geometry.Geometry`, where the bodies are now."""
+        return self._rays.at(self._state()).raycast(origin, direction, max_range)

@@ -1,0 +1,106 @@
+"""From resolved vehicles and objects to bodies of a world, with their components."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+
+import numpy as np
+from msgspec import UNSET, UnsetType
+
+from uwserver.actuators import ActuatorConfig, Body
+from uwserver.frames import quat_from_rpy
+from uwserver.modifiers import Modifier, Stream
+from uwserver.physics.bodies import BodyParams
+from uwserver.ports import Field, Port
+from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
+from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
+from uwserver.sensors import Pose, Sensor, SensorConfig
+from uwserver.sensors.truth import TRUTH
+from uwserver.services import component_services
+from uwserver.slots import ActuatorSlot, Member, SensorSlot
+from uwserver.units import NANOSECONDS, rad
+from uwserver.vehicle import Vehicle
+from uwserver.world import World
+
+
+def physics_rate(rate_hz: float) -> Fraction:
+    """The rate as the exact rational that the user wrote in decimals."""
+    return Fraction(str(rate_hz))
+
+
+def build_scene(world: World, resolved: Resolved) -> None:
+    """Give a world the solid things of its scenario that never move."""
+    from uwserver.physics.scene import Scene  # the engines, which a world without anything solid does not need
+
+    scene = Scene(lambda: world.hydro.state)
+    for solid in resolved.static.values():
+        scene.add_static(solid)
+    world.set_scene(scene)
+
+
+def object_member(world: World, resolved: ResolvedObject, name: str) -> Member:
+    """A free object as a body of the world, at rest at the origin."""
+    row = world.hydro.add(resolved.params)
+    truth = resolved.entry.truth
+    sensors = () if isinstance(truth, UnsetType) else tuple(_truth(world, name, truth.rate_hz, row))
+    services = tuple(component_services(world, sensors, ()))
+    return Member(Vehicle(name, "object", row, world.hydro), sensors, (), services, resolved.solid)
+
+
+def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, name: str) -> Member:
+    """A vehicle with its components as a body of the world, at rest at the origin."""
+    file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
+    first_thruster, first_wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
+    row = hydro.add(params)
+    thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
+    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    body = Body(hydro, row, thrusters, first_wrench, servos)
+    sensors = [_sensor(world, f"{name}/{key}", config, file, row) for key, config in file.sensors.items()]
+    if not isinstance(entry.truth, UnsetType):
+        sensors += _truth(world, name, entry.truth.rate_hz, row)
+    actuators = tuple(_actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items())
+    services = tuple(component_services(world, sensors, actuators))
+    return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), actuators, services, resolved.solid)
+
+
+def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
+    """X_BS of a sensor: its mount's, or its own."""
+    place = config if config.mount is UNSET else file.mounts[str(config.mount)]
+    roll, pitch, yaw = (rad(angle) for angle in place.rpy_deg)
+    return Pose(place.position_frd_m, quat_from_rpy(roll, pitch, yaw))
+
+
+def _sensor(world: World, path: str, config: SensorConfig, file: VehicleFile, row: int) -> SensorSlot:
+    sensor: Sensor = config.build(mount_of(config, file))
+    divisor = round(world.rate_hz / physics_rate(config.rate_hz))
+    kind = str(config.__struct_config__.tag)
+    port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+    modifiers: list[Modifier] = [
+        modifier.build(Stream(sensor.fields, float(divisor / world.rate_hz), stream_of(world.seed, f"{path}/{key}")))
+        for key, modifier in config.modifiers.items()
+    ]
+    return SensorSlot(port, row, sensor, tuple(modifiers), divisor, round(config.latency_s * NANOSECONDS))
+
+
+def stream_of(seed: int, path: str) -> np.random.Generator:
+    """The random stream of one path: it depends on nothing but the scenario's seed and the path itself."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=tuple(path.encode()))))
+
+
+def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
+    divisor = round(world.rate_hz / physics_rate(rate_hz))
+    for name, kind in TRUTH.items():
+        sensor = kind()
+        path = f"{vehicle}/truth/{name}"
+        port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+        yield SensorSlot(port, row, sensor, (), divisor, 0)
+
+
+def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> ActuatorSlot:
+    actuator = config.build(body)
+    fields: tuple[Field, ...] = actuator.fields
+    kind = str(config.__struct_config__.tag)
+    timeout = config.timeout_s or None
+    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=timeout)
+    return ActuatorSlot(port, actuator, round(physics_rate(config.timeout_s) * world.rate_hz))
