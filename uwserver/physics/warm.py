@@ -113,7 +113,7 @@ def _solid_kernels() -> tuple[Any, ...]:
     with solids:
         solids.add_static(ground)
         solids.add_moving(ball, 0)
-        if len(solids.find_contacts(state, _DT)) != 2 or hit.body[0] != 1:
+        if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
             raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
     return (
         near.move, near.near_pairs, near.place, near.bound, touch.collect, surface.fill_cells, hits.settle, hits.passing,

@@ -1,6 +1,7 @@
 """Free objects as bodies in water: mass, added mass and drag in closed form from their shape.
 
-Coefficients, with Re-dependence, edges and free surface left out:
+The numbers below but Lamb's were written down without the tables at hand: treat them as guesses until someone compares them. The value for
+a cylinder of no length (0) is ours. Re-dependence, rounded edges and the free surface are left out:
 - added mass of a sphere: 2/3 pi rho r^3 (Lamb 1932);
 - of a box or cylinder along an axis: DNV-RP-C205 (2010) appendix D, table D-2, square plates and prisms, of the same frontal area;
 - of a cylinder across its axis: the same table, right circular cylinder; turning: the strips of a body so long (C205 6.4);
