@@ -15,24 +15,12 @@ from uwserver.physics.layout import NU
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Environment, Scenario, VehicleEntry, WorldTable
-from uwserver.testing.remus import OVERRIDE, RHO, Remus
+from uwserver.testing.remus import OVERRIDE, PUBLISHED, RHO, STEPS, Remus, remus_track
 from uwserver.world import World
 
 DEPTH = 200.0
 FIVE = math.radians(5.0)
 FULL_RPM = 1525.0
-STEPS: list[tuple[float, float, tuple[float, float, float]]] = [
-    (0.0, 25.0, (FIVE, -FIVE, FULL_RPM)),
-    (25.0, 50.0, (FIVE, -FIVE, FULL_RPM)),
-    (50.0, 100.0, (FIVE, 0.0, FULL_RPM)),
-]
-"""The simulator's step inputs: rudder and stern planes 5 degrees, planes back to zero at 50 s."""
-
-PUBLISHED = {
-    0.0025: (3.7267858898, -9.1193892217, -39.5438085497),
-    0.00125: (3.7227548176, -9.1193845789, -39.5423081701),
-}
-"""Place at 100 s that the simulator itself (commit c717e07, no current) reaches with Euler steps of so many seconds."""
 
 
 def ocean(model: str, rate_hz: float = 240.0, density: float = 1025.0, **override: object) -> World:
@@ -53,36 +41,25 @@ def hold(world: World, seconds: float, **commands: dict[str, float | list[float]
     return state
 
 
-def steps_through_the_world(rate_hz: float, **override: object) -> list[FloatArray]:
-    world = ocean("remus100", rate_hz, RHO, **override)
-    return [
-        hold(
-            world, end - start, rudder={"angle_rad": rudder}, stern_planes={"angle_rad": planes},
-            propeller={"speed_radps": rpm / 60.0 * 2.0 * math.pi},
-        )
-        for start, end, (rudder, planes, rpm) in STEPS
-    ]  # fmt: skip
-
-
 def test_remus_steps_against_the_same_equations_by_another_integrator() -> None:
     """Bar: 1e-3 m at 100 s. The equations of tests/physics/remus.py, DOP853."""
     expected = Remus().run(STEPS)
-    for got, wanted in zip(steps_through_the_world(240.0, **OVERRIDE), expected, strict=True):
-        np.testing.assert_allclose(got[:3] - [0.0, 0.0, DEPTH], wanted[:3], atol=1e-6)
+    for got, wanted in zip(remus_track(240.0), expected, strict=True):
+        np.testing.assert_allclose(got[:3], wanted[:3], atol=1e-6)
         np.testing.assert_allclose(got[NU:], wanted[6:12], atol=1e-7)
 
 
 def test_remus_steps_against_the_figures_of_the_python_vehicle_simulator() -> None:
     """Bar: 0.02 m at 100 s. Its Euler steps move 4 mm from 2.5 to 1.25 ms; extrapolated to zero they meet ours."""
     coarse, fine = (np.array(PUBLISHED[dt]) for dt in (0.0025, 0.00125))
-    got = steps_through_the_world(240.0, **OVERRIDE)[-1][:3] - [0.0, 0.0, DEPTH]
+    got = remus_track(240.0)[-1][:3]
     assert np.linalg.norm(got - fine) <= 0.02
     assert np.linalg.norm(got - (2.0 * fine - coarse)) <= 1e-4
 
 
 def test_the_shipped_remus_stays_near_the_simulators() -> None:
     """Where it is ours and not the simulator's (inflow of the propeller along its axis) it is 1.1 m away after 245 m."""
-    got = steps_through_the_world(240.0, buoyancy={"volume_m3": 31.02938498 / RHO})[-1][:3] - [0.0, 0.0, DEPTH]
+    got = remus_track(240.0, {"buoyancy": OVERRIDE["buoyancy"]})[-1][:3]
     assert np.linalg.norm(got - PUBLISHED[0.00125]) <= 1.5
 
 

@@ -13,14 +13,51 @@ from collections.abc import Callable
 import numpy as np
 
 from uwserver.physics.bodies import FloatArray
+from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.scenario.body import body_params
+from uwserver.scenario.load import load
+from uwserver.scenario.schema import Environment, Scenario, VehicleEntry
+from uwserver.testing.motion import DEEP, record
 
 RHO, G, LENGTH, DIAMETER = 1026.0, 9.81, 1.6, 0.19
 OVERRIDE: dict[str, object] = {
     "buoyancy": {"volume_m3": 31.02938498 / RHO},
-    "foils": {"hull": {"inflow": "speed", "stall_deg": 180.0}},
+    "foils": {"hull": {"inflow": "speed", "stall_deg": 178.0}},
     "propellers": {"main": {"inflow": "speed", "position_frd_m": [0.0, 0.0, 0.0]}},
 }
 """Makes the shipped vehicle file the simulator's model to the last term: neutral in its water, propeller and hull with its inflow, no stall."""
+
+
+FIVE = 0.0872664625997165
+"""rad."""
+STEPS: list[tuple[float, float, tuple[float, float, float]]] = [
+    (0.0, 25.0, (FIVE, -FIVE, 1525.0)),
+    (25.0, 50.0, (FIVE, -FIVE, 1525.0)),
+    (50.0, 100.0, (FIVE, 0.0, 1525.0)),
+]
+"""The simulator's step inputs, from, to, (rudder, stern planes, rpm): rudder and planes 5 degrees, planes back to zero at 50 s."""
+
+PUBLISHED = {
+    0.0025: (3.7267858898, -9.1193892217, -39.5438085497),
+    0.00125: (3.7227548176, -9.1193845789, -39.5423081701),
+}
+"""Place at 100 s that the simulator itself (commit c717e07, no current) reaches with Euler steps of so many seconds, m."""
+
+
+def remus_track(rate_hz: float, override: dict[str, object] | None = None) -> list[FloatArray]:
+    """States (13) of the kernel's REMUS 100 at the ends of STEPS, from the start; `override` replaces OVERRIDE."""
+    changes = OVERRIDE if override is None else override
+    entry = VehicleEntry(model="remus100", position_ned_m=(0.0, 0.0, DEEP), override=changes)
+    environment = Environment(density_kgpm3=RHO)
+    resolved = load(Scenario(schema=1, environment=environment, vehicles={"auv": entry}), adapters={}).vehicles["auv"]
+    hydro = Hydrodynamics([body_params(resolved.vehicle, resolved.devices, environment)], 1.0 / rate_hz)
+    hydro.state[0, 2] = DEEP
+    ends = []
+    for start, end, (rudder, planes, rpm) in STEPS:
+        hydro.servos["command"] = rudder, planes, rpm / 60.0 * 2.0 * math.pi  # in the order of the vehicle file
+        record(hydro, end - start)
+        ends.append(hydro.state[0] - np.array([0.0, 0.0, DEEP, *[0.0] * 10]))
+    return ends
 
 
 class Remus:
@@ -79,7 +116,7 @@ class Remus:
                 C_A[i, j] = C_A[j, i] = 0.0
         D = self.D.copy()
         D[:2] *= math.exp(-3.0 * speed)
-        tau = -(self._coriolis(self.M_RB, nu) + C_A) @ nu - D * nu
+        tau: FloatArray = -(self._coriolis(self.M_RB, nu) + C_A) @ nu - D * nu
         angle = math.atan2(w, u)
         lift = math.pi * self.ratio / (1.0 + math.sqrt(1.0 + (0.5 * self.ratio) ** 2)) * angle
         drag = self.drag + lift**2 / (math.pi * 0.7 * self.ratio)
@@ -100,8 +137,8 @@ class Remus:
         tau[3] += 0.1 * RHO * D_p**5 * (0.07 * n * n + slope_Q * Va / D_p * n)
         side = 0.5 * RHO * (u * u + v * v) * 0.0133 * 0.5 * rudder
         up = 0.5 * RHO * (u * u + w * w) * 0.0133 * 0.7 * planes
-        tau += [-side * rudder - up * planes, -side, -up, 0.0, -0.8 * up, 0.8 * side]
-        result: FloatArray = np.linalg.solve(self.M, tau)
+        fins = np.array([-side * rudder - up * planes, -side, -up, 0.0, -0.8 * up, 0.8 * side])
+        result: FloatArray = np.linalg.solve(self.M, tau + fins)
         return result
 
     def derivative(
