@@ -467,7 +467,7 @@ def test_every_vector_has_a_frame(all_ports):
     """Three components without frame are a guess too. A list of commands, one for each device, has none."""
     for path, port in all_ports.items():
         for field in port.fields:
-            lists_devices = port.kind == "thrusters"
+            lists_devices = port.kind in ("thrusters", "fins")
             if field.shape and not lists_devices:
                 assert field.frame, f"{path}.{field.name} has no frame"
             if not field.shape or lists_devices:

@@ -20,6 +20,11 @@ SCENARIOS = sorted(
 )
 
 
+def _small(field):
+    """A value that every command takes."""
+    return 0.1 if field.maximum is None else min(0.1, field.maximum)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_it_runs_through_the_command(name):
     command = [sys.executable, "-m", "uwserver", "run", name, "--port", "0", "--mode", "freerun", "--until", "0.5"]
@@ -32,7 +37,7 @@ def test_every_sensor_speaks_and_every_actuator_takes_a_command(name):
     world = uwserver.load(name)
     for path, port in world.ports.items():
         if port.direction == "actuator" and port.kind != "teleport":
-            world.command(path, **{f.name: [0.1] * f.size if f.shape else 0.1 for f in port.fields})
+            world.command(path, **{f.name: [_small(f)] * f.size if f.shape else _small(f) for f in port.fields})
     spoken = {sample.port for sample in world.step(round(world.rate_hz))}
     assert spoken == {path for path, port in world.ports.items() if port.direction == "sensor"}
     assert all(max(map(abs, vehicle.nu)) < 5.0 for vehicle in world.vehicles.values())

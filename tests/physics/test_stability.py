@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from uwserver.physics.layout import NU
 from uwserver.testing.closed_forms import ZERO6, table_a1
 from uwserver.testing.motion import DEEP, energy_excess, record
 
-VEHICLES = ("bluerov2", "bluerov2_heavy", "rexrov", "lauv", "eca_a9", "tethys")
+SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"
+VEHICLES = tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.004, 0.01, 0.02])

@@ -20,11 +20,12 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     """Measure physics, solids, server, start and net (or one PART) on an idle machine; about seven minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
-    take part when they are installed: pip install "uwserver[bench]".
+    take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder.
     """
     from uwserver.bench.net import bench_net
     from uwserver.bench.physics import bench_physics
     from uwserver.bench.processes import BenchFailed
+    from uwserver.bench.remus import bench_remus
     from uwserver.bench.report import Report, machine_facts
     from uwserver.bench.rows import Row
     from uwserver.bench.server import bench_server
@@ -32,7 +33,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     from uwserver.bench.start import bench_start
 
     parts: dict[str, Callable[[bool, Callable[[str], None]], list[Row]]] = {
-        "physics": bench_physics,
+        "physics": lambda quick, say: [*bench_physics(quick, say), *bench_remus(quick, say)],
         "solids": bench_solids,
         "server": bench_server,
         "start": bench_start,

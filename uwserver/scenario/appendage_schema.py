@@ -47,7 +47,7 @@ class Foil(Sourced, kw_only=True, frozen=True):
     oswald: Positive = 0.7
     drag: NonNegative = 0.0
     plate_drag: NonNegative = 1.2
-    stall_deg: Annotated[float, Meta(gt=0, le=180)] = 15.0
+    stall_deg: Annotated[float, Meta(gt=0, lt=179)] = 15.0
     stall_width_deg: Positive = 10.0
     inflow: Literal["plane", "speed"] = "plane"
     span_m: Positive | UnsetType = UNSET

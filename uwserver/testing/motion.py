@@ -51,39 +51,51 @@ def random_wrenches(
 def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int = 1) -> FloatArray:
     """(n) the largest rise of kinetic energy in one step beyond the work done in it, over the kinetic energy of the step.
 
-    Bodies deep in still water, from rest, under `random_wrenches`, each held over whole steps. A stable integrator stays below 1e-6. Work of
-    the wrench: integral of nu over the step by Hermite's rule, h/2 (nu0 + nu1) + h^2/12 (nu_dot0 - nu_dot1); work of weight and buoyancy:
-    difference of the potential energy. Damping only takes energy, so it is left out.
+    Bodies deep in still water, from rest, under `random_wrenches` and random commands to all fins, propellers, ballasts and moving masses, each
+    held over half a second. A stable integrator stays below 1e-6. Work of the wrench, of what servos move and of hull derivatives: Simpson's rule,
+    with the middle of the step from a second world of half the step; work of weight and buoyancy: difference of the potential energy. Damping and
+    the drag of foils and strips only take energy, so they are left out.
 
     Raises:
         FloatingPointError: a state diverged.
     """
     steps = round(seconds / dt)
-    hydro = Hydrodynamics(bodies, dt)
+    hydro, middle = Hydrodynamics(bodies, dt), Hydrodynamics(bodies, 0.5 * dt)
     hydro.state[:, 2] = DEEP
-    wrench = random_wrenches(bodies, steps, dt, seed)
+    wrench, rng = random_wrenches(bodies, steps, dt, seed), np.random.default_rng(seed)
     states = np.empty((steps + 1, len(bodies), STATE_SIZE))
-    tau = np.empty((steps, len(bodies), 6))
-    nu_dot = np.empty((2, steps, len(bodies), 6))
-    states[0] = hydro.state
+    work = np.empty((steps, len(bodies)))
+    states[0], start = hydro.state, _power(hydro, 0.0)
     for k in range(steps):
         drawn = wrench(k)
-        if drawn is not None or k == 0:
+        if drawn is not None:
             hydro.wrenches["bias"] = drawn
-            nu_dot[0, k], tau[k] = hydro.rates_of_change(k * dt)
-        else:
-            nu_dot[0, k], tau[k] = nu_dot[1, k - 1], tau[k - 1]
-        if hydro.advance(k * dt) >= 0:
+            hydro.servos["command"] = rng.uniform(hydro.servos["low"], hydro.servos["high"])
+            start = _power(hydro, k * dt)
+        for name in ("state", "servos", "wrenches"):
+            getattr(middle, name)[...] = getattr(hydro, name)
+        if hydro.advance(k * dt) >= 0 or middle.advance(k * dt) >= 0:
             raise FloatingPointError(f"diverged in step {k} of {dt} s")
-        nu_dot[1, k] = hydro.rates_of_change((k + 1) * dt)[0]
-        states[k + 1] = hydro.state
-    nu = states[:, :, NU : NU + 6]
-    path = 0.5 * dt * (nu[:-1] + nu[1:]) + dt * dt / 12.0 * (nu_dot[0] - nu_dot[1])
-    work = np.einsum("tni,tni->tn", tau, path) - np.diff(potential_energy(hydro, states), axis=0)
+        end = _power(hydro, (k + 1) * dt)
+        work[k] = dt / 6.0 * (start + 4.0 * _power(middle, (k + 0.5) * dt) + end)
+        states[k + 1], start = hydro.state, end
+    work -= np.diff(potential_energy(hydro, states), axis=0)
     kinetic = np.array([kinetic_energy(hydro.bodies, row, hydro.currents) for row in states])
     excess = np.diff(kinetic, axis=0) - work
     largest: FloatArray = np.max(excess / np.maximum(kinetic[:-1], kinetic[1:]), axis=0)
     return largest
+
+
+def _power(hydro: Hydrodynamics, t: float) -> FloatArray:
+    """(n) power of all that may add energy, W: the applied wrench, and derivatives of the hull."""
+    nu = hydro.state[:, NU : NU + 6]
+    power: FloatArray = np.einsum("ni,ni->n", nu, hydro.rates_of_change(t)[1])
+    for row, body in enumerate(hydro.bodies):
+        first, count = body["derivative_first"], body["derivative_count"]
+        terms = hydro.derivatives[first : first + count]
+        terms = terms[terms["servo"] < 0]
+        power[row] += terms["coefficient"] @ (nu[row, terms["axis"]] * nu[row, terms["j"]] * nu[row, terms["k"]])
+    return power
 
 
 def record(hydro: Hydrodynamics, seconds: float) -> tuple[FloatArray, FloatArray]:

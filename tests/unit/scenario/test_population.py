@@ -25,7 +25,9 @@ def world_of(**tables: object) -> World:
             "spare": VehicleEntry(model="bluerov2", present=False),
         },
         objects={
-            "crate": BoxObject(size_m=(0.4, 0.4, 0.4), density_kgpm3=1300.0, position_ned_m=(1.5, 0.0, 9.7), truth=Truth())
+            "crate": BoxObject(
+                size_m=(0.4, 0.4, 0.4), density_kgpm3=1300.0, position_ned_m=(1.5, 0.0, 9.7), truth=Truth()
+            )
         },
         server=Server(metrics=False),
     )
