@@ -1,0 +1,1 @@
+"""MOOS: its wire, a client that joins a MOOSDB, a MOOSDB of our own, and a bridge for lines of text (README.md beside this file)."""
