@@ -1,1 +1,6 @@
 """MOOS: its wire, a client that joins a MOOSDB, a MOOSDB of our own, and a bridge for lines of text (README.md beside this file)."""
+
+from uwserver_adapters.moos.adapter import MoosAdapter
+from uwserver_adapters.moos.moosdb import MoosDbAdapter
+
+__all__ = ["MoosAdapter", "MoosDbAdapter"]

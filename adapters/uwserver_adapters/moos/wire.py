@@ -24,6 +24,8 @@ HELLO = b"ELKS CAN'T DANCE 2/8/10".ljust(32, b"\0")
 """What a client sends first."""
 PACKET_LIMIT = 16 << 20
 """Longest packet that is taken, bytes."""
+MESSAGES_LIMIT = 16_384
+"""Messages in a packet, at most: C++ clients send a thousand."""
 
 NOTIFY = "N"
 REGISTER = "R"
@@ -255,6 +257,8 @@ def _messages(data: bytes) -> tuple[Message, ...]:
         raise _Fault("a compressed packet: MOOS V10 has none")
     if not 0 <= number <= (size - _PACKET.size) // _SHORTEST:
         raise _Fault(f"{number} messages in a packet of {size} bytes")
+    if number > MESSAGES_LIMIT:
+        raise _Fault(f"{number} messages in a packet: the most that are taken are {MESSAGES_LIMIT}")
     at = _PACKET.size
     found = []
     for _ in range(number):
