@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
+from typing import Any
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Progress, Reply, Sample
@@ -99,8 +100,8 @@ class Community:
             while True:
                 try:
                     await self._visit()
-                except (OSError, LinkLost, asyncio.TimeoutError) as error:
-                    text = f"MOOSDB at {self.address}: {str(error) or 'no answer'}; it is tried again"
+                except (OSError, LinkLost) as error:
+                    text = f"MOOSDB at {self.address}: {error}; it is tried again"
                     stats.last_error = text
                     if text != told:
                         _log.warning("%s: %s", self._context.name, text)
@@ -117,8 +118,8 @@ class Community:
         link: Link
         link = Link(table.client, self._clock, lambda messages: self._take(link, messages))
         try:
-            await asyncio.wait_for(loop.create_connection(lambda: link, table.host, table.port), CONNECT_S)
-            await asyncio.wait_for(link.join(), CONNECT_S)
+            await _within(CONNECT_S, loop.create_connection(lambda: link, table.host, table.port))
+            await _within(CONNECT_S, link.join())
             if not self._clock.is_credible:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
                 stats.last_error = f"the clock of the MOOSDB at {self.address} differs by {gap}"
@@ -136,6 +137,23 @@ class Community:
         finally:
             link.abort()
             await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
+
+
+async def _within(seconds: float, work: Coroutine[Any, Any, object]) -> None:
+    """Do it in this time. `asyncio.wait_for` would lose a cancellation that comes as the work ends.
+
+    Raises:
+        LinkLost: it took longer.
+    """
+    task = asyncio.ensure_future(work)
+    try:
+        await asyncio.wait([task], timeout=seconds)
+        if not task.done():
+            raise LinkLost("no answer")
+        task.result()
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 class MoosAdapter:

@@ -200,7 +200,10 @@ async def test_a_database_that_reads_nothing_costs_samples_not_memory(join, unti
         await reader.read(1000)
         writer.write(WELCOME)
         writer.transport.pause_reading()
-        await asyncio.sleep(20)
+        try:
+            await asyncio.sleep(20)
+        finally:
+            writer.transport.abort()
 
     server = await asyncio.start_server(deaf, "127.0.0.1", 0)
     async with join(server.sockets[0].getsockname()[1]) as context:
@@ -217,7 +220,8 @@ async def test_a_database_that_reads_nothing_costs_samples_not_memory(join, unti
 async def test_two_communities(database, make_auv, serve, connect, until):
     async with database() as one, database() as two:
         tables = {
-            name: CommunityTable(port=port_of(db), client="sim", nav=NavTable(prefix=name)) for name, db in (("A", one), ("B", two))
+            name: CommunityTable(port=port_of(db), client="sim", nav=NavTable(prefix=name))
+            for name, db in (("A", one), ("B", two))
         }
         async with serve(MoosAdapter(MoosConfig(communities=tables), make_auv())) as context:
             await until(lambda: context.stats.peers == 2, "both joined")
