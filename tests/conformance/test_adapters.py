@@ -70,6 +70,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     # Each community is one connection, and so can have one peer.
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
+    "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }

@@ -2,5 +2,6 @@
 
 from uwserver_adapters.moos.adapter import MoosAdapter
 from uwserver_adapters.moos.moosdb import MoosDbAdapter
+from uwserver_adapters.moos.text_adapter import MoosTextAdapter
 
-__all__ = ["MoosAdapter", "MoosDbAdapter"]
+__all__ = ["MoosAdapter", "MoosDbAdapter", "MoosTextAdapter"]

@@ -9,7 +9,7 @@ import msgspec
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Fault, Port, Progress, Refused, Reply, Sample, matches
-from uwserver_adapters.moos.calls import Calls
+from uwserver_adapters.moos.calls import Answer, Calls
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.moos.mixing import CannotServe, Mixer
@@ -52,7 +52,7 @@ class Bridge:
         ports = context.ports
         self._mixer = Mixer(table.commands, ports, vehicle)
         self._nav = None if table.nav is None else Navigation(table.nav, ports, vehicle)
-        self._calls = Calls(context, lambda text: post([(REPLY, text)]))
+        self._calls = Calls(context, lambda answer: post([(REPLY, msgspec.json.encode(answer).decode())]))
         fix = self._nav.fix if self._nav is not None else Fix()
         teleport = next((p.path for p in ports.values() if p.kind == "teleport" and p.path.startswith(f"{vehicle}/")), None)  # fmt: skip
         self._usm = UsmInputs(context, teleport, fix, self._neutral, lambda name, value: post([(name, value)]))
@@ -173,7 +173,7 @@ class Bridge:
         elif self._table.usm and name in self._usm.names:
             self._usm.take(name, value, source, lambda fault: self._tell(name, value, source, fault))
 
-    def call(self, text: str, source: str, answer: Callable[[str], None]) -> None:
+    def call(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
         """Begin a service call whose one answer goes to its caller alone."""
         self._calls.take(text, source, answer)
 

@@ -14,14 +14,15 @@ import msgspec
 from msgspec import Struct
 
 from uwserver.adapter import AdapterContext
-from uwserver.ports import Fault, Progress, Refused, Reply
+from uwserver.ports import Fault, Json, Progress, Refused, Reply
 
 TIMEOUT_S = 10.0
 OPEN = 64
 """Calls that may be under way."""
 TEXT_LIMIT = 1 << 16
 
-_encode = msgspec.json.Encoder().encode
+Answer = dict[str, Json]
+"""`id`, `service`, `src`, and either `tick`, `t_ns` and `value`, or `error`."""
 
 
 class Request(Struct, frozen=True):
@@ -62,22 +63,22 @@ class Calls:
 
     Args:
         context: where they go.
-        reply: takes the text of each answer.
+        reply: takes each answer.
     """
 
-    def __init__(self, context: AdapterContext, reply: Callable[[str], None]) -> None:
+    def __init__(self, context: AdapterContext, reply: Callable[[Answer], None]) -> None:
         self._context = context
         self._reply = reply
         self._running: dict[object, Callable[[], bool]] = {}
         self._timers: dict[object, asyncio.TimerHandle] = {}
 
-    def take(self, text: str, source: str, answer: Callable[[str], None] | None = None) -> None:
+    def take(self, text: str, source: str, answer: Callable[[Answer], None] | None = None) -> None:
         """Begin a call, or say why not.
 
         Args:
             text: see `parse`.
             source: client that wrote it.
-            answer: takes the text of the one answer instead of `reply`.
+            answer: takes the one answer instead of `reply`.
         """
         stats = self._context.stats
         stats.calls += 1
@@ -96,7 +97,7 @@ class Calls:
             stats.errors += 1
             answer(_error(id, service, source, refused.fault))
 
-    def _begin(self, request: Request, source: str, answer: Callable[[str], None]) -> None:
+    def _begin(self, request: Request, source: str, answer: Callable[[Answer], None]) -> None:
         token = object()
         is_done = is_late = False
 
@@ -117,8 +118,8 @@ class Calls:
                 self._context.stats.errors += 1
                 answer(_error(request.id, request.service, source, fault))
                 return
-            said = {"id": request.id, "service": request.service, "src": source, "tick": outcome.tick}
-            answer(_encode({**said, "t_ns": outcome.t_ns, "value": outcome.result}).decode())
+            said: Answer = {"id": request.id, "service": request.service, "src": source, "tick": outcome.tick}
+            answer({**said, "t_ns": outcome.t_ns, "value": outcome.result})
 
         def give_up() -> None:
             nonlocal is_late
@@ -142,6 +143,6 @@ class Calls:
         self._timers.clear()
 
 
-def _error(id: str | int | None, service: str, source: str, fault: Fault) -> str:
-    error = {"code": fault.code, "message": fault.text, "where": fault.where}
-    return _encode({"id": id, "service": service, "src": source, "error": error}).decode()
+def _error(id: str | int | None, service: str, source: str, fault: Fault) -> Answer:
+    error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
+    return {"id": id, "service": service, "src": source, "error": error}

@@ -147,19 +147,21 @@ class Database:
         elif message.type == wire.SERVER_REQUEST:
             self._answer(name, message)
 
-    def _refuse(self, client: str, key: str, reason: str) -> None:
+    def _refuse(self, client: str, key: str, reason: str) -> str:
+        """Tell everybody; returns the reason."""
         self.refused += 1
         if not self._is_refusing:  # a full database cannot even say so
             self._is_refusing = True
             self.say(REFUSED, f"client={client[:60]},variable={key[:60]},reason={reason}")
             self._is_refusing = False
+        return reason
 
     # -- registrations --------------------------------------------------------------------------------------------------------------
 
     def register(self, name: str, key: str, interval: float) -> None:
         """A client hears a variable, at most every `interval` MOOS seconds, and its last value at once."""
         variable = self._variable(name, key)
-        if variable is None:
+        if isinstance(variable, str):
             return
         subscription = Subscription(interval if 0.0 < interval < float("inf") else 0.0)
         variable.subscribers[name] = subscription
@@ -201,22 +203,22 @@ class Database:
         """Write a variable of our own."""
         self.write(wire.notify(key, value, self._now(), self.name))
 
-    def write(self, message: Message) -> bool:
-        """Keep a value and deliver it; whether it was taken. The first write of a variable fixes its type."""
+    def write(self, message: Message) -> str:
+        """Keep a value and deliver it. The first write of a variable fixes its type.
+
+        Returns:
+            "", or why it was not taken.
+        """
         variable = self._variable(message.src, message.key)
-        if variable is None:
-            return False
+        if isinstance(variable, str):
+            return variable
         old = variable.letter
         if message.kind not in _KINDS or (old is not None and old.message.kind != message.kind):
-            has = _WORDS.get(variable.kind, "none")
-            self._refuse(
-                message.src, message.key, f"a write as {_WORDS.get(message.kind, 'unknown type')}, its type is {has}"
-            )
-            return False
+            given, has = (_WORDS.get(kind, "unknown type") for kind in (message.kind, variable.kind))
+            return self._refuse(message.src, message.key, f"a write as {given}, its type is {has}")
         kept = self._kept + len(message.data) - (len(old.message.data) if old is not None else 0)
         if kept > KEPT_BYTES:
-            self._refuse(message.src, message.key, f"all values together have {KEPT_BYTES} bytes")
-            return False
+            return self._refuse(message.src, message.key, f"all values together have at most {KEPT_BYTES} bytes")
         self._kept = kept
         if not message.community:
             message = _with_community(message, self.community)
@@ -236,7 +238,7 @@ class Database:
             if not subscription.interval or now - subscription.last >= subscription.interval:
                 subscription.last = now
                 self._clients[name].deliver(letter)
-        return True
+        return ""
 
     def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
         for name, client in self._clients.items():
@@ -245,15 +247,14 @@ class Database:
                     variable.subscribers[name] = Subscription(interval)
                     client.hears.add(key)
 
-    def _variable(self, client: str, key: str) -> Variable | None:
+    def _variable(self, client: str, key: str) -> Variable | str:
+        """The variable, made if need be, or why there can be none."""
         variable = self.variables.get(key)
         if variable is None:
             if not 0 < len(key) <= NAME_LIMIT:
-                self._refuse(client, key, f"the name of a variable has 1 to {NAME_LIMIT} characters")
-                return None
+                return self._refuse(client, key, f"the name of a variable has 1 to {NAME_LIMIT} characters")
             if len(self.variables) >= self._max_variables:
-                self._refuse(client, key, f"{self._max_variables} variables are the most there can be")
-                return None
+                return self._refuse(client, key, f"{self._max_variables} variables are the most there can be")
             variable = self.variables[key] = Variable()
         return variable
 

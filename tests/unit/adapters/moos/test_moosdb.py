@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from uwserver_adapters.moos import MoosDbAdapter, guests, wire
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
-from uwserver_adapters.moos.moosdb import CannotListen
+from uwserver_adapters.moos.local import CannotListen
 from uwserver_adapters.moos.wire import Message
 
 from uwserver.ports import Sample
