@@ -92,19 +92,20 @@ class Processes:
         self.folder = folder
         self._running: list[subprocess.Popen[str]] = []
 
-    def start(self, *command: str | Path) -> subprocess.Popen[str]:
+    def start(self, *command: str | Path, program: Path | None = None) -> subprocess.Popen[str]:
         log = self.folder / f"{Path(command[0]).name}{len(self._running)}.log"
         with log.open("w") as output:
             started = subprocess.Popen(
                 [str(word) for word in command], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
-                text=True, start_new_session=True,
+                text=True, start_new_session=True, executable=program,
             )  # fmt: skip
         self._running.append(started)
         return started
 
     def moos(self, program: str, *words: str | Path) -> subprocess.Popen[str]:
         assert BIN is not None
-        return self.start(BIN / program, *words)
+        # A MOOS program looks for its settings under the name by which it was called.
+        return self.start(program, *words, program=BIN / program)
 
     def serve(self, text: str) -> subprocess.Popen[str]:
         (self.folder / "sim.toml").write_text(text)
@@ -350,9 +351,9 @@ def prepared(run: Processes, mission: str, file: str, port: int, warp: float, **
     for source in (MISSIONS / mission).iterdir():
         if source.suffix in (".moos", ".bhv"):
             text = source.read_text()
-            text = re.sub(r"(?m)^\s*ServerHost\s*=.*$", "ServerHost = 127.0.0.1", text)
-            text = re.sub(r"(?m)^\s*ServerPort\s*=.*$", f"ServerPort = {port}", text)
-            text = re.sub(r"(?m)^\s*MOOSTimeWarp\s*=.*$", f"MOOSTimeWarp = {warp:g}", text)
+            text = re.sub(r"(?m)^ServerHost\s*=.*$", "ServerHost = 127.0.0.1", text)
+            text = re.sub(r"(?m)^ServerPort\s*=.*$", f"ServerPort = {port}", text)
+            text = re.sub(r"(?m)^MOOSTimeWarp\s*=.*$", f"MOOSTimeWarp = {warp:g}", text)
             for key, value in changes.items():
                 text = re.sub(rf"(?m)^(\s*){key}\s*=.*$", rf"\g<1>{key} = {value}", text)
             (run.folder / source.name).write_text(text)
@@ -372,12 +373,13 @@ def test_s1_alpha_completes(run, watch, kind, warp):
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
     table = database_table(port) if kind == "moosdb" else client_table(port)
     run.serve(SCENARIO.format(warp=warp, depth=0) + table)
-    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME", "PID_STALE")
+    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME", "DEPLOY")
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter", "uProcessWatch"):
         run.moos(program, mission)
-    watcher.until(lambda v: "IVPHELM_STATE" in v and "DESIRED_THRUST" in v, "helm and autopilot")
-    run.moos("uPokeDB", mission, "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false", "RETURN=false")
+    # The helm sets DEPLOY=false as it starts: who pokes before that is overruled.
+    watcher.until(lambda v: {"IVPHELM_STATE", "DESIRED_THRUST", "DEPLOY"} <= v.keys(), "helm and autopilot")
     begin = watcher.values.get("UWSERVER_TIME", 0.0)
+    run.moos("uPokeDB", mission, "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false", "RETURN=false")
     watcher.until(lambda v: v.get("MISSION") == "complete", "the mission", 1000.0 / warp + 60.0)
     v = watcher.values
     print(
