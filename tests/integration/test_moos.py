@@ -61,7 +61,7 @@ origin_deg = [43.8253, -70.3304]
 [{table}.commands]
 DESIRED_THRUST = [{{ port = "wrench", field = "force_B", full = [50.0, 0.0, 0.0] }}]
 DESIRED_RUDDER = [{{ port = "wrench", field = "torque_B", full = [0.0, 0.0, 10.0] }}]
-DESIRED_ELEVATOR = [{{ port = "wrench", field = "torque_B", full = [0.0, -30.0, 0.0] }}]
+DESIRED_ELEVATOR = [{{ port = "wrench", field = "torque_B", full = [0.0, -40.0, 0.0] }}]
 """
 
 
@@ -386,3 +386,43 @@ def test_s1_alpha_completes(run, watch, kind, warp):
         f"s1_alpha, {kind}, warp {warp}: {v['UWSERVER_TIME'] - begin:.0f} s, end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f})"
     )
     assert (v["NAV_X"] ** 2 + (v["NAV_Y"] + 20.0) ** 2) ** 0.5 < 10.0
+
+
+@needs_missions
+@pytest.mark.parametrize("warp", [10])
+def test_s10_juliet_holds_its_depths(run, watch, warp):
+    """The mission goes to 40, 30 and 20 m; each is reached within 1 m. Its helm and gains are unchanged; simulator and autopilot are today's."""
+    port = free_port()
+    mission = prepared(run, "s10_juliet", "juliet.moos", port, warp)
+    mission.write_text(
+        re.sub(r"(?m)^ProcessConfig = pMarinePID\b", "ProcessConfig = pMarinePIDV22", mission.read_text())
+    )
+    run.serve(SCENARIO.format(warp=warp, depth=0) + database_table(port))
+    watcher = watch(
+        port,
+        "NAV_DEPTH",
+        "NAV_PITCH",
+        "NAV_SPEED",
+        "DESIRED_DEPTH",
+        "DESIRED_ELEVATOR",
+        "DEPLOY",
+        "GOTO_DEPTH",
+        "UWSERVER_TIME",
+    )
+    for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):
+        run.moos(program, mission)
+    watcher.until(lambda v: "DEPLOY" in v and "GOTO_DEPTH" in v, "the helm")
+    run.moos("uPokeDB", mission, "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false", "RETURN=false", "GOTO_DEPTH=true")
+    for depth in (40.0, 30.0, 20.0):
+        watcher.until(
+            lambda v, depth=depth: v.get("DESIRED_DEPTH") == depth, f"the helm wants {depth} m", 1000.0 / warp
+        )
+        watcher.until(lambda v, depth=depth: abs(v["NAV_DEPTH"] - depth) < 0.5, f"{depth} m are reached", 1000.0 / warp)
+        print(f"s10_juliet: {depth} m at {watcher.values['UWSERVER_TIME']:.0f} s")
+        settled = watcher.values["UWSERVER_TIME"] + 40.0
+        watcher.until(
+            lambda v, settled=settled: v["UWSERVER_TIME"] > settled,
+            "forty seconds more, of the 45 or 60 that it holds each",
+        )
+        print(f"s10_juliet: then {watcher.values['NAV_DEPTH']:.2f} m")
+        assert abs(watcher.values["NAV_DEPTH"] - depth) < 1.0
