@@ -360,6 +360,17 @@ def prepared(run: Processes, mission: str, file: str, port: int, warp: float, **
     return run.folder / file
 
 
+def deploy(run: Processes, watcher: Watcher, mission: Path, *more: str) -> None:
+    """Press DEPLOY until the helm drives: it sets DEPLOY=false as it starts, and overrules who was quicker."""
+    end = time.monotonic() + PATIENCE_S
+    while watcher.values.get("IVPHELM_STATE") != "DRIVE":
+        assert time.monotonic() < end, f"the helm does not drive: {watcher.values}"
+        run.moos("uPokeDB", mission, "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false", "RETURN=false", *more)
+        again = time.monotonic() + 5.0
+        while time.monotonic() < again and watcher.values.get("IVPHELM_STATE") != "DRIVE":
+            watcher.read()
+
+
 @needs_missions
 @pytest.mark.parametrize("kind", ["moosdb", "moos"])
 @pytest.mark.parametrize(
@@ -373,13 +384,12 @@ def test_s1_alpha_completes(run, watch, kind, warp):
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
     table = database_table(port) if kind == "moosdb" else client_table(port)
     run.serve(SCENARIO.format(warp=warp, depth=0) + table)
-    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME", "DEPLOY")
+    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME")
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter", "uProcessWatch"):
         run.moos(program, mission)
-    # The helm sets DEPLOY=false as it starts: who pokes before that is overruled.
-    watcher.until(lambda v: {"IVPHELM_STATE", "DESIRED_THRUST", "DEPLOY"} <= v.keys(), "helm and autopilot")
+    watcher.until(lambda v: {"IVPHELM_STATE", "DESIRED_THRUST"} <= v.keys(), "helm and autopilot")
     begin = watcher.values.get("UWSERVER_TIME", 0.0)
-    run.moos("uPokeDB", mission, "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false", "RETURN=false")
+    deploy(run, watcher, mission)
     watcher.until(lambda v: v.get("MISSION") == "complete", "the mission", 1000.0 / warp + 60.0)
     v = watcher.values
     print(
@@ -405,14 +415,13 @@ def test_s10_juliet_holds_its_depths(run, watch, warp):
         "NAV_SPEED",
         "DESIRED_DEPTH",
         "DESIRED_ELEVATOR",
-        "DEPLOY",
-        "GOTO_DEPTH",
+        "IVPHELM_STATE",
         "UWSERVER_TIME",
     )
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):
         run.moos(program, mission)
-    watcher.until(lambda v: "DEPLOY" in v and "GOTO_DEPTH" in v, "the helm")
-    run.moos("uPokeDB", mission, "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false", "RETURN=false", "GOTO_DEPTH=true")
+    watcher.until(lambda v: "IVPHELM_STATE" in v and "DESIRED_ELEVATOR" in v, "helm and autopilot")
+    deploy(run, watcher, mission, "GOTO_DEPTH=true")
     for depth in (40.0, 30.0, 20.0):
         watcher.until(
             lambda v, depth=depth: v.get("DESIRED_DEPTH") == depth, f"the helm wants {depth} m", 1000.0 / warp

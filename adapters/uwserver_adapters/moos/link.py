@@ -150,7 +150,7 @@ class Link(asyncio.Protocol):
         Returns:
             Bytes written; 0 when too much waits already.
         """
-        if not self.is_joined or self._transport.get_write_buffer_size() > WAITING:
+        if not self.is_joined or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
             return 0
         now = self._clock.now()
         encoded = [wire.encode(wire.notify(name, value, now, self._name, self._next_id())) for name, value in pairs]
