@@ -35,5 +35,5 @@ def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: 
 
 def _pure_water(t: float) -> float:
     if t <= 20.0:
-        return 4.937e-4 - 2.59e-5 * t + 9.11e-7 * t * t - 1.50e-8 * t**3
-    return 3.964e-4 - 1.146e-5 * t + 1.45e-7 * t * t - 6.5e-10 * t**3
+        return 4.937e-4 - 2.59e-5 * t + 9.11e-7 * t * t - 1.50e-8 * t * t * t
+    return 3.964e-4 - 1.146e-5 * t + 1.45e-7 * t * t - 6.5e-10 * t * t * t
