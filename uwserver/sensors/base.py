@@ -13,6 +13,7 @@ from uwserver.modifiers import ModifierConfig
 from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.ports import Field, Value
 from uwserver.table import Name, NonNegative, Positive, Table
+from uwserver.units import NANOSECONDS
 
 
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
@@ -69,6 +70,11 @@ class Scope:
     nu_dot: tuple[float, ...] = field(default=(0.0,) * 6)
     tau: tuple[float, ...] = field(default=(0.0,) * 6)
     geometry: Geometry = field(default=_OPEN_WATER)
+
+    @property
+    def t(self) -> float:
+        """Simulation time, s."""
+        return self.t_ns / NANOSECONDS
 
     def position(self, p_BS: Vec3) -> Vec3:
         """p_NS (m) of a point fixed to the body at p_BS."""
