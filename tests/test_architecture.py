@@ -64,7 +64,7 @@ CLOCKS = {"uwserver.clock"}
 DEGREES = {"uwserver.units"}
 """Where degrees become radians. Loader and codecs call it."""
 
-EXTRA = {"uwserver.physics.geometry", "uwserver.bench"}
+EXTRA = {"uwserver.physics.solids", "uwserver.bench"}
 """The only homes of pybullet, which is an optional dependency and holds the interpreter lock: one module of physics, and the bench."""
 
 

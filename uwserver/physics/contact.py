@@ -16,11 +16,11 @@ class Contacts(NamedTuple):
 
     Attributes:
         body_a, body_b: (k) rows of the two bodies; `body_b` is -1 for what does not move.
-        point: (k, 3) in N, m.
+        point: (k, 3) in N, m: midway between the two surfaces.
         normal: (k, 3) unit vector in N, from b towards a.
         gap: (k) distance along the normal, m; negative where they penetrate.
         key: (k) tells the same contact in two successive ticks.
-        friction, restitution: (k) of the pair of materials.
+        friction, restitution: (k) geometric mean, and the larger, of the two.
     """
 
     body_a: IntArray
@@ -33,10 +33,10 @@ class Contacts(NamedTuple):
     restitution: FloatArray
 
 
-def no_contacts() -> Contacts:
-    """The empty set."""
-    ints, floats = np.zeros(0, np.int64), np.zeros(0)
-    return Contacts(ints, ints, np.zeros((0, 3)), np.zeros((0, 3)), floats, ints, floats, floats)
+_NO_ROWS = np.zeros(0, np.int64)
+NO_CONTACTS = Contacts(
+    _NO_ROWS, _NO_ROWS, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), _NO_ROWS, np.zeros(0), np.zeros(0)
+)
 
 
 class Collider(Protocol):
@@ -63,6 +63,4 @@ class Impulses(NamedTuple):
     impulse: FloatArray
 
 
-def no_impulses() -> Impulses:
-    """Nothing was touched."""
-    return Impulses(no_contacts(), np.zeros((0, 3)))
+NO_IMPULSES = Impulses(NO_CONTACTS, np.zeros((0, 3)))

@@ -1,4 +1,4 @@
-"""What sensors may ask of solid things. The engine behind it is chosen at load; nothing here imports one."""
+"""What sensors and the contact solver may ask of solid things. The engines behind it are chosen at load; nothing here imports one."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ class Hits(NamedTuple):
         distance: (n) m; inf where nothing is hit.
         normal: (n, 3) outward unit normal in N; zeros where nothing is hit.
         body: (n) id of what is hit; -1 for nothing.
+        material: (n) number of its material; -1 for nothing.
     """
 
     distance: FloatArray
     normal: FloatArray
     body: IntArray
+    material: IntArray
 
 
 class Geometry(Protocol):
@@ -38,10 +40,15 @@ class Geometry(Protocol):
         """
 
 
+def no_hits(n: int) -> Hits:
+    """The answer to n rays that meet nothing; its arrays may be filled in."""
+    nothing = np.full(n, -1, dtype=np.int64)
+    return Hits(np.full(n, np.inf), np.zeros((n, 3)), nothing, nothing.copy())
+
+
 class OpenWater:
     """A world without anything solid."""
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """Nothing is hit."""
-        n = len(origin)
-        return Hits(np.full(n, np.inf), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64))
+        return no_hits(len(origin))

@@ -22,7 +22,7 @@ from uwserver.physics.bodies import (
     thruster_row,
     wrench_rows,
 )
-from uwserver.physics.contact import Collider, Contacts, Impulses, no_contacts, no_impulses
+from uwserver.physics.contact import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
 from uwserver.physics.lag import Lag
 
 
@@ -68,7 +68,7 @@ class Hydrodynamics:
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.currents: FloatArray = np.zeros((0, 3))
         self.collider: Collider | None = None
-        self.touched: Impulses = no_impulses()
+        self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
         for body in bodies:
             self.add(body)
@@ -112,7 +112,7 @@ class Hydrodynamics:
             if len(contacts.gap):
                 return self._advance_touching(contacts, t)
             if len(self.touched.impulse):
-                self.touched = no_impulses()
+                self.touched = NO_IMPULSES
                 self.contact_nu_dot[:] = 0.0
         return self._advance_free(t)
 
@@ -147,7 +147,7 @@ class Hydrodynamics:
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)
         if self.collider is not None:
-            nothing._advance_touching(no_contacts(), 0.0)
+            nothing._advance_touching(NO_CONTACTS, 0.0)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

@@ -37,3 +37,9 @@ def solve(A: Array, B: Array) -> None:
             for i in range(k + 1, n):
                 B[k, j] -= A[k, i] * B[i, j]
             B[k, j] /= A[k, k]
+
+
+@compiled
+def dot(a: Array, b: Array) -> float:
+    """Scalar product of two vectors (3); numba's own asks for a BLAS."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

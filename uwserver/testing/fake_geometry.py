@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.geometry import FloatArray, Hits, no_hits
 
 Vec3 = tuple[float, float, float]
 
@@ -49,19 +49,20 @@ class Sphere:
 
 
 class FakeGeometry:
-    """A `uwserver.physics.geometry.Geometry` of analytic shapes; a shape's id is its place in the list."""
+    """A `uwserver.physics.geometry.Geometry` of analytic shapes; a shape's id is its place in the list, `materials` are theirs (default 0)."""
 
-    def __init__(self, shapes: Sequence[Plane | Sphere]) -> None:
+    def __init__(self, shapes: Sequence[Plane | Sphere], materials: Sequence[int] = ()) -> None:
         self._shapes = tuple(shapes)
+        self._materials = tuple(materials) or (0,) * len(self._shapes)
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """The nearest shape that each ray meets."""
-        n = len(origin)
-        best, normal, body = np.full(n, np.inf), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64)
+        best, normal, body, material = no_hits(len(origin))
         for k, shape in enumerate(self._shapes):
             distance, normals = shape.hit(origin, direction)
             nearer = (distance < best) & (distance <= max_range)
             best = np.where(nearer, distance, best)
             normal = np.where(nearer[:, None], normals, normal)
             body = np.where(nearer, k, body)
-        return Hits(best, normal, body)
+            material = np.where(nearer, self._materials[k], material)
+        return Hits(best, normal, body, material)
