@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import ActuatorConfig, Body
+from uwserver.environment.column import WaterColumn
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, Stream
@@ -55,12 +56,14 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
 
 
 def _water(environment: Environment) -> Water:
+    density, gravity, config = environment.density_kgpm3, environment.gravity_mps2, environment.water
     return Water(
-        density=environment.density_kgpm3,
-        gravity=environment.gravity_mps2,
+        density=density,
+        gravity=gravity,
         temperature=environment.temperature_degc,
         atmospheric_pressure=environment.atmospheric_pressure_pa,
         current=environment.current.velocity_ned_mps,
+        given=None if isinstance(config, UnsetType) else WaterColumn(config, gravity, density),
     )
 
 

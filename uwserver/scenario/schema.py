@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType, field
 
+from uwserver.environment.column import ColumnConfig
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
@@ -53,13 +54,20 @@ class Current(Table, kw_only=True, frozen=True):
 
 
 class Environment(Table, kw_only=True, frozen=True):
-    """Water and gravity. The sea surface is the plane z = 0 of N."""
+    """Water and gravity. The sea surface is the plane z = 0 of N.
+
+    Attributes:
+        density_kgpm3: which forces act with.
+        water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
+            default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
+    """
 
     density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] = 1025.0
     gravity_mps2: Annotated[float, Meta(ge=0, le=30)] = 9.81
     temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
     current: Current = Current()
+    water: ColumnConfig | UnsetType = UNSET
 
 
 class Truth(Table, kw_only=True, frozen=True):

@@ -32,4 +32,4 @@ class Imu:
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Always valid."""
         w_S = rotate(conjugate(self._mount.q), scope.w_NB_B)
-        return True, [scope.specific_force(self._mount), w_S, scope.water.temperature]
+        return True, [scope.specific_force(self._mount), w_S, scope.water.temperature_at(scope.p_NB[2])]
