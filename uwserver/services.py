@@ -7,6 +7,7 @@ from fractions import Fraction
 
 from uwserver import snapshot
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.sensors import Instrument
 from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
@@ -65,7 +66,10 @@ def offer_world_services(world: World) -> None:
 
 
 def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
-    rate = Argument("rate_hz", "float", "samples a second; divides the physics rate", "Hz", minimum=1e-3)
+    instrument = slot.sensor if isinstance(slot.sensor, Instrument) else None
+    rate = Argument(
+        "rate_hz", "float", "samples a second; divides the physics rate", "Hz", required=instrument is None, minimum=1e-3
+    )
 
     def activate(active: bool) -> Json:
         slot.active = active
@@ -77,22 +81,31 @@ def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
             "rate_hz": float(world.rate_hz / slot.divisor),
             "active": slot.active,
             "latency_s": slot.latency_ns / 1e9,
+            **(instrument.properties() if instrument else {}),
         }
 
-    def set_rate(args: Mapping[str, Json]) -> Json:
-        wanted = Fraction(str(args["rate_hz"]))
+    def change(args: Mapping[str, Json]) -> Json:
+        given = {name: value for name, value in args.items() if value is not None}
+        divisor = divisor_of(given.pop("rate_hz")) if "rate_hz" in given else slot.divisor
+        if instrument:
+            instrument.change(given)
+        world.set_divisor(slot, divisor)
+        return None
+
+    def divisor_of(rate_hz: Json) -> int:
+        wanted = Fraction(str(rate_hz))
         divisor = round(world.rate_hz / wanted) if wanted <= world.rate_hz else 0
         if divisor == 0 or abs(world.rate_hz / wanted - divisor) > Fraction(1, 10**9):
             legal = sorted({float(world.rate_hz / k) for k in (max(1, divisor - 1), max(1, divisor), divisor + 1)})
             text = f"{float(wanted):g} Hz does not divide the physics rate; near it are {', '.join(f'{r:g}' for r in legal)} Hz"
             raise Refused("bad_argument", text, "rate_hz")
-        world.set_divisor(slot, divisor)
-        return None
+        return divisor
 
+    settings = instrument.arguments if instrument else ()
     world.offer(Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True))
     world.offer(Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False))
     world.offer(Service(f"{path}/get", "Properties of the sensor."), get)
-    world.offer(Service(f"{path}/set", "Change properties of the sensor.", (rate,)), set_rate)
+    world.offer(Service(f"{path}/set", "Change properties of the sensor.", (rate, *settings)), change)
 
 
 def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from msgspec import Struct
 
 from uwserver.actuators import Actuator
-from uwserver.modifiers import Modifier
+from uwserver.modifiers import Measurement, Modifier
 from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample
-from uwserver.sensors import Sensor
+from uwserver.sensors import Instrument, Scope, Sensor
 
 
 @dataclass(slots=True)
@@ -24,6 +24,20 @@ class SensorSlot:
     latency_ns: int
     seq: int = 0
     active: bool = True
+
+    def read(self, scope: Scope) -> Measurement | None:
+        """A reading with its errors; None when the device has none to give."""
+        if isinstance(self.sensor, Instrument):
+            reading = self.sensor.sense(scope)
+            if reading is None:
+                return None
+            reading.delay_ns += self.latency_ns
+        else:
+            valid, values = self.sensor.measure(scope)
+            reading = Measurement(values, valid, self.latency_ns)
+        for modifier in self.modifiers:
+            modifier.apply(reading)
+        return reading
 
 
 @dataclass(slots=True)

@@ -11,16 +11,18 @@ from msgspec import Struct
 
 from uwserver.physics.contact import Impulses
 from uwserver.ports import Refused, Sample
+from uwserver.sensors import Instrument, Settings
 from uwserver.world import World
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, and the random stream and memory of each modifier."""
+    """What one sensor remembers: counters, the random stream and memory of each modifier, and those and the settings of an instrument."""
 
     seq: int
     active: bool
     divisor: int
     modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
+    instrument: tuple[Any, tuple[float, ...], Settings] | None
 
 
 class ActuatorState(Struct, frozen=True):
@@ -78,6 +80,9 @@ def take(world: World) -> Snapshot:
                 slot.active,
                 slot.divisor,
                 tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
+                (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
+                if isinstance(slot.sensor, Instrument)
+                else None,
             )
             for path, slot in world.sensors.items()
         },
@@ -121,6 +126,9 @@ def restore(world: World, snapshot: Snapshot) -> None:
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream
             modifier.memory = list(memory)
+        if isinstance(slot.sensor, Instrument) and sensor.instrument is not None:
+            slot.sensor.rng.bit_generator.state, own, slot.sensor.settings = sensor.instrument
+            slot.sensor.memory = list(own)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)

@@ -10,7 +10,7 @@ from msgspec import structs
 
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
-from uwserver.modifiers import Measurement
+from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
@@ -48,6 +48,7 @@ class World:
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         vehicles: by name.
         water: the environment.
+        geometry: solid things, as sensors see them.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -60,6 +61,7 @@ class World:
         self.epoch_utc = epoch_utc
         self.hydro = hydro
         self.water = water
+        self.geometry: Geometry = OpenWater()
         self._rate = (rate_hz.numerator, rate_hz.denominator)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -333,14 +335,14 @@ class World:
             if scope is None:
                 x = self.hydro.state[slot.row].tolist()
                 scope = scopes[slot.row] = Scope(
-                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water
-                )
+                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
+                    geometry=self.geometry, vehicles=self.vehicles,
+                )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            valid, values = slot.sensor.measure(scope)
-            reading = Measurement(values, valid, slot.latency_ns)
-            for modifier in slot.modifiers:
-                modifier.apply(reading)
+            reading = slot.read(scope)
+            if reading is None:
+                continue
             seq, slot.seq = slot.seq, slot.seq + 1
             if reading.dropped:
                 continue

@@ -20,7 +20,7 @@ from uwserver.scenario.body import body_params
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
-from uwserver.sensors import Pose, Sensor, SensorConfig
+from uwserver.sensors import Instrument, Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.services import offer_world_services
 from uwserver.slots import ActuatorSlot, SensorSlot
@@ -96,6 +96,8 @@ def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
 
 def _sensor(world: World, path: str, config: SensorConfig, file: VehicleFile, row: int) -> SensorSlot:
     sensor: Sensor = config.build(mount_of(config, file))
+    if isinstance(sensor, Instrument):
+        sensor.start(stream_of(world.seed, path))
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))

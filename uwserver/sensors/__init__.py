@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.imu import ImuConfig
+from uwserver.sensors.instrument import Instrument, Settings
 from uwserver.sensors.motion_capture import MotionCaptureConfig
 from uwserver.sensors.pressure import PressureConfig
 
 SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig
 
 __all__ = [
-    "ImuConfig", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig", "SensorTable",
+    "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -21,6 +22,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
 
     Attributes:
         rate_hz: samples a second; divides the physics rate.
+        profile: a shipped device file (``a50``) or the path of one; its values stand where this table gives none.
         mount: a mount of the vehicle file; or `position_frd_m` and `rpy_deg` of the sensor on the vehicle.
         latency_s: from the measurement to its delivery.
         enabled: False takes the sensor out.
@@ -28,6 +30,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """
 
     rate_hz: Positive
+    profile: Name | msgspec.UnsetType = msgspec.UNSET
     mount: Name | msgspec.UnsetType = msgspec.UNSET
     position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -42,6 +45,18 @@ class Pose:
 
     p: Vec3 = (0.0, 0.0, 0.0)
     q: Quat = IDENTITY
+
+
+class Place(Protocol):
+    """Where another vehicle is."""
+
+    @property
+    def p_NB(self) -> Vec3:
+        """Position of its origin in N, m."""
+
+    @property
+    def q_NB(self) -> Quat:
+        """Its attitude."""
 
 
 _OPEN_WATER = OpenWater()
@@ -59,6 +74,7 @@ class Scope:
         tau: applied force and moment about the origin in B; likewise.
         water: the environment.
         geometry: solid things, for rays.
+        vehicles: all of the world, by name.
     """
 
     t_ns: int
@@ -70,6 +86,7 @@ class Scope:
     nu_dot: tuple[float, ...] = field(default=(0.0,) * 6)
     tau: tuple[float, ...] = field(default=(0.0,) * 6)
     geometry: Geometry = field(default=_OPEN_WATER)
+    vehicles: Mapping[str, Place] = field(default_factory=dict)
 
     @property
     def t(self) -> float:
