@@ -344,13 +344,15 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader (files) and by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of a sensor's table (files), by codecs (wires), and by the report of an oracle's attitude error."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            assert module.part == "scenario" or module.name == "uwserver.physics.oracle", f"{module.name} uses {uses}"
+            assert module.part in ("scenario", "sensors") or module.name == "uwserver.physics.oracle", (
+                f"{module.name} uses {uses}"
+            )
     for module in modules("uwserver_adapters"):
         if any(i.target == "uwserver.units" for i in imports(module)):
             assert module.name.rsplit(".", 1)[-1] == "codec", f"{module.name}: units are converted in codec.py"
@@ -426,6 +428,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 
 UNITS = {
     "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W",
+    "J", "N s", "S/m", "m^2", "ns",
 }  # fmt: skip
 
 

@@ -8,13 +8,17 @@ from msgspec import Struct
 
 from uwserver.actuators import Actuator
 from uwserver.modifiers import Measurement, Modifier
-from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample
+from uwserver.ports import Call, Command, Event, Field, OnReply, Port, Reply, Sample, Value
 from uwserver.sensors import Instrument, Scope, Sensor
 
 
 @dataclass(slots=True)
 class SensorSlot:
-    """A sensor in the world: when it is due, what it counted, and its errors."""
+    """A sensor in the world: when it is due, what it counted, and its errors.
+
+    Attributes:
+        shared: a compound sensor wants `latest`: time, validity and values of the last reading.
+    """
 
     port: Port
     row: int
@@ -24,6 +28,13 @@ class SensorSlot:
     latency_ns: int
     seq: int = 0
     active: bool = True
+    shared: bool = False
+    latest: tuple[int, bool, tuple[Value, ...]] | None = None
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Of the port."""
+        return self.port.fields
 
     def read(self, scope: Scope) -> Measurement | None:
         """A reading with its errors; None when the device has none to give."""
@@ -37,6 +48,8 @@ class SensorSlot:
             reading = Measurement(values, valid, self.latency_ns)
         for modifier in self.modifiers:
             modifier.apply(reading)
+        if self.shared and not reading.dropped:
+            self.latest = (scope.t_ns, reading.valid, tuple(reading.values))
         return reading
 
 

@@ -10,19 +10,21 @@ import numpy as np
 from msgspec import Struct
 
 from uwserver.physics.contact import Impulses
-from uwserver.ports import Refused, Sample
+from uwserver.ports import Refused, Sample, Value
 from uwserver.sensors import Instrument, Settings
 from uwserver.world import World
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, the random stream and memory of each modifier, and those and the settings of an instrument."""
+    """What one sensor remembers: counters, the random stream and memory of each modifier, those and the settings of an instrument, and
+    what a compound sensor may still repeat."""
 
     seq: int
     active: bool
     divisor: int
     modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
     instrument: tuple[Any, tuple[float, ...], Settings] | None
+    latest: tuple[int, bool, tuple[Value, ...]] | None
 
 
 class ActuatorState(Struct, frozen=True):
@@ -83,6 +85,7 @@ def take(world: World) -> Snapshot:
                 (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
                 if isinstance(slot.sensor, Instrument)
                 else None,
+                slot.latest,
             )
             for path, slot in world.sensors.items()
         },
@@ -121,7 +124,7 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.water.current = snapshot.current
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
-        slot.seq, slot.active = sensor.seq, sensor.active
+        slot.seq, slot.active, slot.latest = sensor.seq, sensor.active, sensor.latest
         world.set_divisor(slot, sensor.divisor)
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream

@@ -8,13 +8,15 @@ from fractions import Fraction
 
 from msgspec import structs
 
+from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
-from uwserver.sensors import Scope
+from uwserver.sensors import Compound, Instrument, Scope
+from uwserver.sensors.wiring import Wiring
 from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
@@ -48,6 +50,8 @@ class World:
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         vehicles: by name.
         water: the environment.
+        earth: where N lies.
+        wirings: what the instruments of a body are wired to, by its row.
         geometry: solid things, as sensors see them.
         jumps: how often a reset or restore has set the time.
     """
@@ -62,6 +66,8 @@ class World:
         self.hydro = hydro
         self.water = water
         self.geometry: Geometry = OpenWater()
+        self.earth = Earth()
+        self.wirings: dict[int, Wiring] = {}
         self._rate = (rate_hz.numerator, rate_hz.denominator)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -99,6 +105,8 @@ class World:
         if slot.divisor == divisor:
             return
         slot.divisor = divisor
+        if isinstance(slot.sensor, Instrument):
+            slot.sensor.dt = float(divisor / self.rate_hz)
         for modifier in slot.modifiers:
             modifier.stream.dt = float(divisor / self.rate_hz)
         slot.port = self._replaced(structs.replace(slot.port, rate_hz=float(self.rate_hz / divisor)))
@@ -124,11 +132,12 @@ class World:
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
-        groups: dict[int, list[SensorSlot]] = {}
+        groups: dict[tuple[bool, int], list[SensorSlot]] = {}
         for slot in self.sensors.values():
             if slot.active:
-                groups.setdefault(slot.divisor, []).append(slot)
-        self._due = sorted(groups.items())
+                last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
+                groups.setdefault((last, slot.divisor), []).append(slot)
+        self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform current, m/s in N, from the next tick on."""
@@ -336,7 +345,7 @@ class World:
                 x = self.hydro.state[slot.row].tolist()
                 scope = scopes[slot.row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry, vehicles=self.vehicles,
+                    geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=self.wirings.get(slot.row),
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)

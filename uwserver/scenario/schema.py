@@ -40,10 +40,13 @@ class WorldTable(Table, kw_only=True, frozen=True):
     """Attributes:
     rate_hz: physics ticks a second; every sensor rate divides it.
     epoch_utc: RFC 3339 instant of t = 0.
+    origin_lat_deg, origin_lon_deg: where the origin of N lies (WGS 84), positive north and east; GPS and magnetometer need it.
     """
 
     rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 240.0
     epoch_utc: str = "2026-01-01T00:00:00Z"
+    origin_lat_deg: Annotated[float, Meta(ge=-89, le=89)] | UnsetType = UNSET
+    origin_lon_deg: Annotated[float, Meta(ge=-180, le=180)] | UnsetType = UNSET
     clock: Clock = Clock()
 
 
