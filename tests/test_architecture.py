@@ -461,13 +461,13 @@ def test_every_field_has_unit_and_text(all_ports):
 
 
 def test_every_vector_has_a_frame(all_ports):
-    """Three components without frame are a guess too. A list of commands, one for each device, has none."""
+    """Three components without frame are a guess too. A list of things of one kind has none: commands of devices, or a plural name."""
     for path, port in all_ports.items():
         for field in port.fields:
-            lists_devices = port.kind == "thrusters"
-            if field.shape and not lists_devices:
+            is_list = port.kind == "thrusters" or (field.name.endswith("s") and field.shape)
+            if field.shape and not is_list:
                 assert field.frame, f"{path}.{field.name} has no frame"
-            if not field.shape or lists_devices:
+            if not field.shape or is_list:
                 assert field.frame == "", f"{path}.{field.name} has a frame"
 
 
@@ -478,7 +478,7 @@ def test_names_of_vectors_end_in_their_frame(all_ports):
             if field.frame in ("B", "S"):
                 assert field.name.endswith(f"_{field.frame}"), f"{path}.{field.name} in {field.frame}"
             elif field.frame:
-                assert re.fullmatch(r"[pqv]_N[BS]", field.name), f"{path}.{field.name} in {field.frame}"
+                assert re.fullmatch(r"(\w+_)?[pqv]_N[BS]", field.name), f"{path}.{field.name} in {field.frame}"
 
 
 def test_every_service_and_argument_has_a_text(world):

@@ -10,7 +10,7 @@ from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.environment.column import WaterColumn
-from uwserver.environment.earth import NO_FIELD, Earth, magnetic_about
+from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, Stream
@@ -19,6 +19,7 @@ from uwserver.physics.layout import NU, P, Q
 from uwserver.ports import Field, Port
 from uwserver.scenario.body import body_params
 from uwserver.scenario.epoch import instant, nanoseconds, year_of
+from uwserver.scenario.magnetic import magnetic_about
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from msgspec import UNSET, Struct
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
-from uwserver.environment.earth import WMM_YEARS
 from uwserver.modifiers import ModifierConfig, Stream
 from uwserver.scenario.assembly import Draft, named
 from uwserver.scenario.body import buoyancy_and_weight, matrices
@@ -17,6 +16,7 @@ from uwserver.scenario.checks import check_rate
 from uwserver.scenario.convert import Report
 from uwserver.scenario.epoch import instant, year_of
 from uwserver.scenario.errors import KeyPath, suggestion
+from uwserver.scenario.magnetic import WMM_YEARS
 from uwserver.scenario.schema import Environment, WorldTable
 from uwserver.scenario.vehicle_schema import Damping, Vehicle
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig

@@ -32,7 +32,7 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
 
     ideal: bool = False
     beams: Annotated[int, Meta(ge=1, le=4096)] = 1
-    field_of_view_deg: Annotated[float, Meta(ge=0, le=360)] = 0.0
+    field_of_view_deg: Annotated[float, Meta(ge=0, lt=361)] = 0.0
     min_range_m: NonNegative = 0.0
     max_range_m: Positive = 10.0
     sigma_m: NonNegative = 0.0
