@@ -16,6 +16,7 @@ from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Compound, Instrument, Scope
+from uwserver.sensors.base import SEDIMENT
 from uwserver.sensors.wiring import Wiring
 from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
@@ -53,6 +54,7 @@ class World:
         earth: where N lies.
         wirings: what the instruments of a body are wired to, by its row.
         geometry: solid things, as sensors see them.
+        lambert: (n) backscatter of their materials, by number.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -68,6 +70,7 @@ class World:
         self.geometry: Geometry = OpenWater()
         self.earth = Earth()
         self.wirings: dict[int, Wiring] = {}
+        self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -346,6 +349,7 @@ class World:
                 scope = scopes[slot.row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
                     geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=self.wirings.get(slot.row),
+                    lambert=self.lambert,
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)

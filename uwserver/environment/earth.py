@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import Vec3
 
-_A, _F = 6_378_137.0, 1.0 / 298.257223563
-_E2 = _F * (2.0 - _F)
-_B = _A * (1.0 - _F)
 NO_FIELD: tuple[Vec3, Vec3, Vec3, Vec3] = ((0.0, 0.0, 0.0),) * 4
 """`Earth.magnetic` where nothing asks for it."""
 
@@ -18,8 +16,8 @@ NO_FIELD: tuple[Vec3, Vec3, Vec3, Vec3] = ((0.0, 0.0, 0.0),) * 4
 class Earth:
     """The Earth around the origin of N.
 
-    N is the plane that touches the ellipsoid there, and its z = 0 is the sea: far away the plane would leave the ellipsoid, so latitude and
-    longitude are those below the point in the plane, and the height is -z.
+    N is the plane that touches the ellipsoid there, and its z = 0 is the sea: latitude and longitude are those of the point on the ellipsoid
+    under the point of the plane, and the height is -z.
 
     Attributes:
         latitude, longitude: of the origin, rad.
@@ -34,7 +32,7 @@ class Earth:
 
     def geodetic(self, p: Vec3) -> Vec3:
         """Latitude, longitude (rad) and height (m) of a point of N (m)."""
-        latitude, longitude = geodetic_of(self.latitude, self.longitude, p[0], p[1])
+        latitude, longitude = latitude_longitude(p[0], p[1], self.latitude, self.longitude)
         return latitude, longitude, -p[2]
 
     def magnetic_field(self, p: Vec3) -> Vec3:
@@ -51,21 +49,3 @@ class Earth:
     def declination(self) -> float:
         """Magnetic declination at the origin, rad, positive east."""
         return math.atan2(self.magnetic[0][1], self.magnetic[0][0])
-
-
-def geodetic_of(latitude: float, longitude: float, north: float, east: float) -> tuple[float, float]:
-    """Latitude and longitude (rad) of a point in the plane that touches the ellipsoid at (latitude, longitude).
-
-    Through earth-centred coordinates; back by Bowring's formula, which near the ellipsoid errs by less than a nanometre.
-    """
-    s, c = math.sin(latitude), math.cos(latitude)
-    normal = _A / math.sqrt(1.0 - _E2 * s * s)
-    radial = normal * c - s * north
-    z = normal * (1.0 - _E2) * s + c * north
-    across = math.hypot(radial, east)
-    beta = math.atan2(z * _A, across * _B)
-    for _ in range(2):
-        fitted = math.atan2(z + _E2 / (1.0 - _E2) * _B * math.sin(beta) ** 3, across - _E2 * _A * math.cos(beta) ** 3)
-        beta = math.atan2((1.0 - _F) * math.sin(fitted), math.cos(fitted))
-    turned = longitude + math.atan2(east, radial)
-    return fitted, math.remainder(turned, 2.0 * math.pi)

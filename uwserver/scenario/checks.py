@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from msgspec import UNSET
-
 from uwserver.scenario.assembly import named
 from uwserver.scenario.convert import Report, convert, silent
 from uwserver.scenario.epoch import instant
@@ -62,8 +60,6 @@ def _check_time(world: WorldTable, report: Report) -> None:
         instant(world.epoch_utc)
     except ValueError as error:
         report(path, f'"{world.epoch_utc}" is no instant: {error}')
-    if (world.origin_lat_deg is UNSET) != (world.origin_lon_deg is UNSET):
-        report(("world",), "origin_lat_deg and origin_lon_deg go together: give both or none")
     clock = world.clock
     if clock.mode == "lockstep" and not clock.lockstep_clients:
         report(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.environment.earth import geodetic_of
+from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import Vec3
 from uwserver.units import deg
 
@@ -28,7 +28,7 @@ def magnetic_about(latitude: float, longitude: float, year: float) -> tuple[Vec3
     model = GeoMag(coefficients_file="wmm/WMM_2025.COF")
 
     def field(north: float, east: float, down: float) -> Vec3:
-        lat, lon = geodetic_of(latitude, longitude, north, east)
+        lat, lon = latitude_longitude(north, east, latitude, longitude)
         found = model.calculate(glat=deg(lat), glon=deg(lon), alt=-down * 1e-3, time=year)
         return found.x * _TESLA, found.y * _TESLA, found.z * _TESLA
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.sensors.altimeter import AltimeterConfig
 from uwserver.sensors.attitude import AttitudeConfig
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.battery import BatteryConfig
@@ -9,6 +10,7 @@ from uwserver.sensors.clock import ClockConfig
 from uwserver.sensors.compound import Compound, CompoundConfig
 from uwserver.sensors.contact import ContactConfig
 from uwserver.sensors.ctd import CtdConfig
+from uwserver.sensors.dvl import DvlConfig
 from uwserver.sensors.gps import GpsConfig
 from uwserver.sensors.imu import ImuConfig
 from uwserver.sensors.instrument import Instrument, Settings
@@ -24,6 +26,8 @@ SensorConfig = (
     ImuConfig
     | PressureConfig
     | MotionCaptureConfig
+    | DvlConfig
+    | AltimeterConfig
     | MagnetometerConfig
     | AttitudeConfig
     | GpsConfig
@@ -39,7 +43,7 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AttitudeConfig", "BatteryConfig", "ClockConfig", "Compound", "CompoundConfig", "ContactConfig", "CtdConfig", "GpsConfig", "ImuConfig",
-    "Instrument", "LeakConfig", "MagnetometerConfig", "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "Scope",
-    "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig",
+    "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "Compound", "CompoundConfig", "ContactConfig", "CtdConfig", "DvlConfig",
+    "GpsConfig", "ImuConfig", "Instrument", "LeakConfig", "MagnetometerConfig", "MotionCaptureConfig", "Pose", "PressureConfig",
+    "RangeArrayConfig", "RpmConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig",
 ]  # fmt: skip

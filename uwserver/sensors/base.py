@@ -9,10 +9,11 @@ from typing import Protocol
 import msgspec
 
 from uwserver.environment.earth import Earth
+from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
 from uwserver.modifiers import ModifierConfig
-from uwserver.physics.geometry import Geometry, OpenWater
+from uwserver.physics.geometry import FloatArray, Geometry, OpenWater
 from uwserver.ports import Field, Value
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
@@ -63,6 +64,8 @@ class Place(Protocol):
 
 _OPEN_WATER = OpenWater()
 _EARTH = Earth()
+SEDIMENT = lambert(["sediment"])
+"""Backscatter where nobody names materials."""
 
 
 @dataclass(slots=True)
@@ -80,6 +83,7 @@ class Scope:
         vehicles: all of the world, by name.
         earth: where N lies.
         wiring: thrusters and hull of this vehicle; None where a sensor stands alone.
+        lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
     """
 
     t_ns: int
@@ -94,6 +98,7 @@ class Scope:
     vehicles: Mapping[str, Place] = field(default_factory=dict)
     earth: Earth = field(default=_EARTH)
     wiring: Wiring | None = None
+    lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
 
     @property
     def t(self) -> float:

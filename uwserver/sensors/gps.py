@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta, structs
 
-from uwserver.environment.earth import geodetic_of
+from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field
@@ -109,7 +109,7 @@ class Gps(Instrument):
         if not self._has_fix(in_air and satellites >= 4, scope.t):
             return Measurement([None, None, None, (None,) * 3, None, None, None, satellites, 0], False)
         north, east, down = (m[_ERROR + i] + c.noise_m * draws[3 + i] for i in range(3))
-        latitude, longitude = geodetic_of(scope.earth.latitude, scope.earth.longitude, x + north, y + east)
+        latitude, longitude = latitude_longitude(x + north, y + east, scope.earth.latitude, scope.earth.longitude)
         vx, vy, vz = rotate(scope.q_NB, scope.velocity_of(self._mount.p))
         s = c.velocity_sigma_mps
         velocity = (vx + s * draws[6], vy + s * draws[7], vz + s * draws[8])
