@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from msgspec import Struct
 
@@ -10,15 +11,13 @@ from uwserver.actuators import Actuator
 from uwserver.modifiers import Measurement, Modifier
 from uwserver.ports import Call, Command, Event, Field, OnReply, Port, Reply, Sample, Value
 from uwserver.sensors import Instrument, Scope, Sensor
+from uwserver.sensors.wiring import Wiring
 
 
 @dataclass(slots=True)
 class SensorSlot:
-    """A sensor in the world: when it is due, what it counted, and its errors.
-
-    Attributes:
-        shared: a compound sensor wants `latest`: time, validity and values of the last reading.
-    """
+    """A sensor in the world: when it is due, what it counted, its errors, and its last reading (valid, values) for when it freezes or a
+    compound sensor repeats it, with its time (ns); and the vehicle's inside."""
 
     port: Port
     row: int
@@ -28,13 +27,22 @@ class SensorSlot:
     latency_ns: int
     seq: int = 0
     active: bool = True
-    shared: bool = False
-    latest: tuple[int, bool, tuple[Value, ...]] | None = None
+    fault: Literal["", "frozen", "silent"] = ""
+    held: tuple[bool, tuple[Value, ...]] | None = None
+    held_ns: int = 0
+    wiring: Wiring | None = None
 
     @property
     def fields(self) -> tuple[Field, ...]:
         """Of the port."""
         return self.port.fields
+
+    def set_interval(self, dt: float) -> None:
+        """Tell the sensor and its errors the time (s) from one reading to the next."""
+        if isinstance(self.sensor, Instrument):
+            self.sensor.dt = dt
+        for modifier in self.modifiers:
+            modifier.stream.dt = dt
 
     def read(self, scope: Scope) -> Measurement | None:
         """A reading with its errors; None when the device has none to give."""
@@ -48,8 +56,6 @@ class SensorSlot:
             reading = Measurement(values, valid, self.latency_ns)
         for modifier in self.modifiers:
             modifier.apply(reading)
-        if self.shared and not reading.dropped:
-            self.latest = (scope.t_ns, reading.valid, tuple(reading.values))
         return reading
 
 

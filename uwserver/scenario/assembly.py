@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from uwserver.actuators import ActuatorConfig
+from uwserver.scenario.appendage_schema import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.convert import convert, fields, silent
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath, Problem, Severity
@@ -40,6 +41,12 @@ class Draft:
     thrusters: Mapping[str, Thruster] = field(default_factory=dict)
     actuators: Mapping[str, ActuatorConfig] = field(default_factory=dict)
     sensors: Mapping[str, SensorConfig] = field(default_factory=dict)
+    fins: Mapping[str, Fin] = field(default_factory=dict)
+    foils: Mapping[str, Foil] = field(default_factory=dict)
+    propellers: Mapping[str, ShaftPropeller] = field(default_factory=dict)
+    ballasts: Mapping[str, Ballast] = field(default_factory=dict)
+    moving_masses: Mapping[str, MovingMass] = field(default_factory=dict)
+    hull: Hull | None = None
     devices: Mapping[str, ThrusterDevice] = field(default_factory=dict)
 
     def names(self, table: str) -> tuple[str, ...]:
@@ -102,9 +109,9 @@ def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice]) -> Dr
     """All tables that are free of faults; says nothing about the others."""
     types = {info.name: info.type for info in fields(Vehicle)}
     parts: dict[str, Any] = {}
-    for table in ("rigid_body", "buoyancy", "added_mass", "damping"):
+    for table in ("rigid_body", "buoyancy", "added_mass", "damping", "hull"):
         parts[table] = convert(raw.get(table), types[table], (), silent)
-    for table in ("thrusters", "actuators", "sensors"):
+    for table in ("thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors"):
         parts[table] = {}
         for name, value in named(raw, table).items():
             converted = convert({name: value}, types[table], (), silent)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import ActuatorConfig, Body
-from uwserver.environment.column import WaterColumn
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert
-from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, Stream
 from uwserver.physics.hydrodynamics import Hydrodynamics
@@ -23,6 +22,7 @@ from uwserver.scenario.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.magnetic import magnetic_about
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment
+from uwserver.scenario.sea import water_of
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
 from uwserver.sensors import Compound, CompoundConfig, Instrument, MagnetometerConfig, Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
@@ -49,15 +49,18 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
     hydro = Hydrodynamics((), float(1 / rate))
-    hydro.load_kernels()
-    water = _water(scenario.environment)
     seed = scenario.seed if seed is None else seed
+    water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
+    hydro.sea = None if water.sea is None else water.sea.rows
+    hydro.load_kernels()
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
     world.earth = _earth(resolved)
     world.lambert = lambert(resolved.materials)
     for vehicle in resolved.vehicles.values():
         _install(world, vehicle, scenario.environment)
     world.set_current(water.current)
+    for name, fault in scenario.faults.items():
+        world.faults.set(name, fault, world.tick)
     offer_world_services(world)
     return world
 
@@ -75,23 +78,12 @@ def _earth(resolved: Resolved) -> Earth:
     return Earth(latitude, longitude, nanoseconds(epoch), field)
 
 
-def _water(environment: Environment) -> Water:
-    density, gravity, config = environment.density_kgpm3, environment.gravity_mps2, environment.water
-    return Water(
-        density=density,
-        gravity=gravity,
-        temperature=environment.temperature_degc,
-        atmospheric_pressure=environment.atmospheric_pressure_pa,
-        current=environment.current.velocity_ned_mps,
-        given=None if isinstance(config, UnsetType) else WaterColumn(config, gravity, density),
-    )
-
-
 def _install(world: World, resolved: ResolvedVehicle, environment: Environment) -> None:
     file, entry, name = resolved.vehicle, resolved.entry, resolved.name
     hydro = world.hydro
-    first_thruster, first_wrench = len(hydro.thrusters), len(hydro.wrenches)
-    row = hydro.add(body_params(file, resolved.devices, environment))
+    first_thruster, first_wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
+    params = body_params(file, resolved.devices, environment)
+    row = hydro.add(params)
     roll, pitch, yaw = (rad(angle) for angle in entry.attitude_rpy_deg)
     state = hydro.state[row]
     state[P : P + 3] = entry.position_ned_m
@@ -99,11 +91,14 @@ def _install(world: World, resolved: ResolvedVehicle, environment: Environment) 
     state[NU : NU + 3] = entry.velocity_frd_mps
     state[NU + 3 : NU + 6] = [rad(rate) for rate in entry.angular_velocity_frd_degps]
     thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
-    body = Body(hydro, row, thrusters, first_wrench)
-    world.wirings[row] = Wiring(hydro, row, thrusters, _electrics(resolved))
+    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    body = Body(hydro, row, thrusters, first_wrench, servos)
+    wiring = Wiring(hydro, row, thrusters, _electrics(resolved))
     built: dict[str, SensorSlot] = {}
     for key, config in sorted(file.sensors.items(), key=lambda item: isinstance(item[1], CompoundConfig)):
         built[key] = _sensor(world, f"{name}/{key}", config, file, row, built)
+    for slot in built.values():
+        slot.wiring = wiring
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
@@ -136,8 +131,6 @@ def _sensor(
         sensor.dt = float(divisor / world.rate_hz)
         sensor.start(stream_of(world.seed, path))
     if isinstance(sensor, Compound):
-        for part in sensor.members:
-            built[part].shared = True
         sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))

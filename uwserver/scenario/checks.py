@@ -8,6 +8,7 @@ from typing import Any
 
 from uwserver.scenario.assembly import named
 from uwserver.scenario.convert import Report, convert, silent
+from uwserver.scenario.environment_checks import check_environment
 from uwserver.scenario.epoch import instant
 from uwserver.scenario.errors import KeyPath
 from uwserver.scenario.schema import Scenario, Truth, WorldTable
@@ -34,6 +35,7 @@ def check_scenario(
         report(
             ("vehicles", "world"), '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
         )
+    check_environment(named(raw, "environment"), report, warn)
     if scenario is not None:
         _check_ports(scenario, warn)
 

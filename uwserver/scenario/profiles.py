@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from msgspec import field
 
+from uwserver.scenario.appendage_schema import Sourced
 from uwserver.scenario.assembly import merged, named
 from uwserver.scenario.convert import Report, convert_kind, convert_struct, kinds_of
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath
-from uwserver.scenario.vehicle_schema import Sourced
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 

@@ -10,6 +10,7 @@ from msgspec import UNSET, Struct
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
 from uwserver.modifiers import ModifierConfig, Stream
+from uwserver.scenario.appendage_checks import check_appendages
 from uwserver.scenario.assembly import Draft, named
 from uwserver.scenario.body import buoyancy_and_weight, matrices
 from uwserver.scenario.checks import check_rate
@@ -47,6 +48,7 @@ def check_vehicle(
                 "the axis has no direction: give the direction of the force at a positive command",
             )
     _check_members(draft, report)
+    check_appendages(draft, report)
     _check_names(draft, report)
     for name, sensor in draft.sensors.items():
         if sensor.enabled:

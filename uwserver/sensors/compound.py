@@ -25,8 +25,12 @@ class Latest(Protocol):
         """Of its port."""
 
     @property
-    def latest(self) -> tuple[int, bool, tuple[Value, ...]] | None:
-        """Time (ns), validity and values of its last reading, errors included; None before the first."""
+    def held(self) -> tuple[bool, tuple[Value, ...]] | None:
+        """Validity and values of its last reading, errors included; None before the first."""
+
+    @property
+    def held_ns(self) -> int:
+        """When that was."""
 
 
 class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
@@ -68,9 +72,9 @@ class Compound(Instrument):
         values: list[Value] = []
         oldest, valid = scope.t_ns, True
         for part in self._parts:
-            if part.latest is None:
+            if part.held is None:
                 return None
-            t_ns, fine, read = part.latest
-            oldest, valid = min(oldest, t_ns), valid and fine
+            fine, read = part.held
+            oldest, valid = min(oldest, part.held_ns), valid and fine
             values += [fine, *read]
         return Measurement([(scope.t_ns - oldest) / NANOSECONDS, *values], valid)
