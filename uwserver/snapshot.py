@@ -13,18 +13,22 @@ from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
 from uwserver.physics.hydrodynamics import Saved
 from uwserver.ports import Sample, Value
+from uwserver.sensors import Instrument, Settings
 from uwserver.slots import Member
 from uwserver.world import World
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, its last reading, and the random stream and memory of each modifier."""
+    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, and those and the settings of an
+    instrument."""
 
     seq: int
     active: bool
     divisor: int
     held: tuple[bool, tuple[Value, ...]] | None
+    held_ns: int
     modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
+    instrument: tuple[Any, tuple[float, ...], Settings] | None
 
 
 class ActuatorState(Struct, frozen=True):
@@ -88,7 +92,11 @@ def take(world: World) -> Snapshot:
                 slot.active,
                 slot.divisor,
                 slot.held,
+                slot.held_ns,
                 tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
+                (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
+                if isinstance(slot.sensor, Instrument)
+                else None,
             )
             for path, slot in world.sensors.items()
         },
@@ -124,11 +132,14 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.set_current(snapshot.current)
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
-        slot.seq, slot.active, slot.held = sensor.seq, sensor.active, sensor.held
+        slot.seq, slot.active, slot.held, slot.held_ns = sensor.seq, sensor.active, sensor.held, sensor.held_ns
         world.set_divisor(slot, sensor.divisor)
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream
             modifier.memory = list(memory)
+        if isinstance(slot.sensor, Instrument) and sensor.instrument is not None:
+            slot.sensor.rng.bit_generator.state, own, slot.sensor.settings = sensor.instrument
+            slot.sensor.memory = list(own)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)

@@ -17,6 +17,7 @@ from uwserver.scenario.documents import Document, find, from_tables, read
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError
 from uwserver.scenario.export import tables
 from uwserver.scenario.fault_checks import check_faults
+from uwserver.scenario.profiles import check_profile, expanded
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment, Scenario, WorldTable
 from uwserver.scenario.solid_files import SolidFiles
@@ -70,10 +71,11 @@ class _Load:
     """One run through all files. Collects problems; `result` raises them or gives what was read."""
 
     def __init__(self, document: Document, adapters: Mapping[str, type]) -> None:
-        self._document = document
         self._problems: list[Problem] = []
         self._files: dict[Path, Document | None] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
+        self._profiles: dict[Path, Mapping[str, Any] | None] = {}
+        self._document = document = self._with_profiles(document)
         self._scenario = scenario_from(document.raw, adapters, self._report(document))
         self._world = _quietly(document.raw, "world", WorldTable)
         self._environment = _quietly(document.raw, "environment", Environment)
@@ -118,7 +120,7 @@ class _Load:
         file = self._read(find(model, "vehicles", beside, lambda text: self._report(document)(path, text)))
         if file is None:
             return
-        merged = merged_file(document, name, entry, file)
+        merged = merged_file(document, name, entry, self._with_profiles(file))
         vehicle = convert_struct(merged.raw, Vehicle, (), self._report(merged))
         devices = self._thruster_devices(merged)
         draft: Draft = drafted(merged.raw, devices)
@@ -154,6 +156,20 @@ class _Load:
                 check_device(document.raw, report)
             self._devices[path] = device
         return self._devices[path]
+
+    def _with_profiles(self, document: Document) -> Document:
+        """The file with the sensors' device files filled in."""
+        report = self._report(document)
+        beside = document.path.parent if document.path else Path.cwd()
+
+        def keys_of(reference: str, place: KeyPath) -> Mapping[str, Any] | None:
+            path = find(reference, "devices", beside, lambda text: report(place, text))
+            if path is not None and path not in self._profiles:
+                file = self._read(path)
+                self._profiles[path] = None if file is None else check_profile(file.raw, self._report(file))
+            return None if path is None else self._profiles[path]
+
+        return expanded(document, keys_of, report)
 
     def _read(self, path: Path | None) -> Document | None:
         if path is None:
