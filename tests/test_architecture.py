@@ -344,13 +344,15 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader (files) and by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of a sensor's table (files), by codecs (wires), and by the report of an oracle's attitude error."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            assert module.part == "scenario" or module.name == "uwserver.physics.oracle", f"{module.name} uses {uses}"
+            assert module.part in ("scenario", "sensors") or module.name == "uwserver.physics.oracle", (
+                f"{module.name} uses {uses}"
+            )
     for module in modules("uwserver_adapters"):
         if any(i.target == "uwserver.units" for i in imports(module)):
             assert module.name.rsplit(".", 1)[-1] == "codec", f"{module.name}: units are converted in codec.py"
@@ -425,7 +427,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 # -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------
 
 UNITS = {
-    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W",
+    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^2/s^2",
 }  # fmt: skip
 
 
@@ -458,13 +460,13 @@ def test_every_field_has_unit_and_text(all_ports):
 
 
 def test_every_vector_has_a_frame(all_ports):
-    """Three components without frame are a guess too. A list of commands, one for each device, has none."""
+    """Three components without frame are a guess too. A list of things of one kind has none: commands of devices, or a plural name."""
     for path, port in all_ports.items():
         for field in port.fields:
-            lists_devices = port.kind == "thrusters"
-            if field.shape and not lists_devices:
+            is_list = port.kind == "thrusters" or (field.name.endswith("s") and field.shape)
+            if field.shape and not is_list:
                 assert field.frame, f"{path}.{field.name} has no frame"
-            if not field.shape or lists_devices:
+            if not field.shape or is_list:
                 assert field.frame == "", f"{path}.{field.name} has a frame"
 
 

@@ -68,7 +68,12 @@ def offer_world_services(world: World) -> None:
 def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
     instrument = slot.sensor if isinstance(slot.sensor, Instrument) else None
     rate = Argument(
-        "rate_hz", "float", "samples a second; divides the physics rate", "Hz", required=instrument is None, minimum=1e-3
+        "rate_hz",
+        "float",
+        "samples a second; divides the physics rate",
+        "Hz",
+        required=instrument is None,
+        minimum=1e-3,
     )
 
     def activate(active: bool) -> Json:

@@ -15,6 +15,7 @@ from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Scope
+from uwserver.sensors.base import SEDIMENT
 from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
@@ -49,6 +50,7 @@ class World:
         vehicles: by name.
         water: the environment.
         geometry: solid things, as sensors see them.
+        lambert: (n) backscatter of their materials, by number.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -62,6 +64,7 @@ class World:
         self.hydro = hydro
         self.water = water
         self.geometry: Geometry = OpenWater()
+        self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -336,7 +339,7 @@ class World:
                 x = self.hydro.state[slot.row].tolist()
                 scope = scopes[slot.row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry, vehicles=self.vehicles,
+                    geometry=self.geometry, vehicles=self.vehicles, lambert=self.lambert,
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)

@@ -58,8 +58,8 @@ def check_profile(raw: Mapping[str, Any], report: Report) -> dict[str, Any] | No
             places.setdefault(key, (*path, key))
 
     def placed(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
-        first = str(path[0]) if path else ""
-        report((*places.get(first, (first,)), *path[1:]) if path else (), text)
+        place = path if at is None else at
+        report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
     sensor = convert_kind({"rate_hz": 1.0, **keys}, kinds_of(SensorConfig), (), placed)
     return keys if fine and sensor is not None else None

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.dvl import DvlConfig
 from uwserver.sensors.imu import ImuConfig
 from uwserver.sensors.instrument import Instrument, Settings
 from uwserver.sensors.motion_capture import MotionCaptureConfig
 from uwserver.sensors.pressure import PressureConfig
 
-SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig
+SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig | DvlConfig
 
 __all__ = [
-    "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings",
+    "DvlConfig", "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig",
+    "SensorTable", "Settings",
 ]  # fmt: skip

@@ -8,10 +8,11 @@ from typing import Protocol
 
 import msgspec
 
+from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
 from uwserver.modifiers import ModifierConfig
-from uwserver.physics.geometry import Geometry, OpenWater
+from uwserver.physics.geometry import FloatArray, Geometry, OpenWater
 from uwserver.ports import Field, Value
 from uwserver.table import Name, NonNegative, Positive, Table
 
@@ -59,6 +60,8 @@ class Place(Protocol):
 
 
 _OPEN_WATER = OpenWater()
+SEDIMENT = lambert(["sediment"])
+"""Backscatter where nobody names materials."""
 
 
 @dataclass(slots=True)
@@ -74,6 +77,7 @@ class Scope:
         water: the environment.
         geometry: solid things, for rays.
         vehicles: all of the world, by name.
+        lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
     """
 
     t_ns: int
@@ -86,6 +90,7 @@ class Scope:
     tau: tuple[float, ...] = field(default=(0.0,) * 6)
     geometry: Geometry = field(default=_OPEN_WATER)
     vehicles: Mapping[str, Place] = field(default_factory=dict)
+    lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
 
     def position(self, p_BS: Vec3) -> Vec3:
         """p_NS (m) of a point fixed to the body at p_BS."""

@@ -70,7 +70,7 @@ class Instrument(ABC):
         self.check(settings)
         self.settings = settings
 
-    def check(self, settings: Settings) -> None:
+    def check(self, settings: Settings) -> None:  # noqa: B027 - most have nothing to check
         """Raise Refused where single limits do not say it all."""
 
 
