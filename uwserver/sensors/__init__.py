@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.sensors.altimeter import AltimeterConfig
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.dvl import DvlConfig
 from uwserver.sensors.imu import ImuConfig
@@ -9,9 +10,9 @@ from uwserver.sensors.instrument import Instrument, Settings
 from uwserver.sensors.motion_capture import MotionCaptureConfig
 from uwserver.sensors.pressure import PressureConfig
 
-SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig | DvlConfig
+SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig | DvlConfig | AltimeterConfig
 
 __all__ = [
-    "DvlConfig", "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig",
+    "AltimeterConfig", "DvlConfig", "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig",
     "SensorTable", "Settings",
 ]  # fmt: skip
