@@ -178,7 +178,8 @@ class Altimeter(Instrument):
         loss = 0.2 * self._absorption.at(scope, z)
         r = np.clip(hits.distance, 1e-3, _BEYOND * reach)
         level: FloatArray = (reach / r) ** 2 * 10.0 ** (loss * (reach - r)) * scattering(scope, hits, direction)
-        return level * (10.0 ** (0.1 * THRESHOLD_DB) / (MU_SEDIMENT * len(direction)))
+        level *= 10.0 ** (0.1 * THRESHOLD_DB) / (MU_SEDIMENT * len(direction))
+        return level
 
     def _nearest(
         self, scope: Scope, p_NS: FloatArray, R: FloatArray, direction: FloatArray, hits: Hits, body: int
