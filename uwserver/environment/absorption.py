@@ -24,9 +24,9 @@ def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: 
     t, s, d = temperature, salinity, max(0.0, depth)
     kelvin = 273.0 + t
     c = 1412.0 + 3.21 * t + 1.19 * s + 0.0167 * d
-    boric = 2.8 * math.sqrt(s / 35.0) * 10.0 ** (4.0 - 1245.0 / kelvin)
-    sulphate = 8.17 * 10.0 ** (8.0 - 1990.0 / kelvin) / (1.0 + 0.0018 * (s - 35.0))
-    a1 = 8.86 / c * 10.0 ** (0.78 * ph - 5.0)
+    boric = 2.8 * math.sqrt(s / 35.0) * math.pow(10.0, 4.0 - 1245.0 / kelvin)
+    sulphate = 8.17 * math.pow(10.0, 8.0 - 1990.0 / kelvin) / (1.0 + 0.0018 * (s - 35.0))
+    a1 = 8.86 / c * math.pow(10.0, 0.78 * ph - 5.0)
     a2 = 21.44 * s / c * (1.0 + 0.025 * t) * (1.0 - 1.37e-4 * d + 6.2e-9 * d * d)
     a3 = _pure_water(t) * (1.0 - 3.83e-5 * d + 4.9e-10 * d * d)
     relaxing = a1 * boric / (f2 + boric * boric) + a2 * sulphate / (f2 + sulphate * sulphate)

@@ -1,23 +1,38 @@
-"""The water that every force and sensor asks: density, gravity, temperature, pressure and current. The surface is the plane z = 0 of N."""
+"""The water that every sensor asks: what it is like over depth, and pressure, velocity and surface as functions of place and time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from uwserver.environment.column import WaterColumn, uniform_column
 from uwserver.frames import Vec3
 
 
+class Sea(Protocol):
+    """Water that moves otherwise than uniformly and steadily."""
+
+    def velocity(self, p: Vec3, t: float) -> Vec3:
+        """Of the water in N, m/s, at a point of N (m) and a time (s) in the present tick."""
+
+    def elevation(self, x: float, y: float, t: float) -> float:
+        """Of the surface above z = 0, m."""
+
+    def head(self, p: Vec3, t: float) -> float:
+        """Dynamic pressure over density times gravity, m; above z = 0 that at z = 0."""
+
+
 @dataclass(slots=True)
 class Water:
-    """A body of water.
+    """A body of water. Without `sea` it flows uniformly and steadily, and its surface is the plane z = 0 of N.
 
     Attributes:
         density: kg/m3, which forces act with.
         gravity: m/s2, along +z of N.
         temperature: degC at the surface.
         atmospheric_pressure: Pa at the surface.
-        current: velocity of the water in N, m/s; the only value that changes during a run (service ``world/set_current``).
+        current: steady part of the water's velocity in N, m/s; the only value here that changes during a run (``world/set_current``).
+        sea: other currents, and waves.
         given: the water over depth; default: uniform water of this density and temperature.
         column: what is used of the two.
     """
@@ -27,6 +42,7 @@ class Water:
     temperature: float
     atmospheric_pressure: float
     current: Vec3
+    sea: Sea | None = None
     given: WaterColumn | None = None
     column: WaterColumn = field(init=False, repr=False)
 
@@ -34,9 +50,21 @@ class Water:
         """Without a column the water is uniform."""
         self.column = self.given or uniform_column(self.density, self.temperature, self.gravity)
 
-    def pressure(self, z: float) -> float:
-        """Absolute pressure (Pa) at depth z (m, positive down): hydrostatic below the surface, atmospheric above."""
-        return self.atmospheric_pressure + self.column.pressure_at(z)
+    def velocity(self, p: Vec3, t: float) -> Vec3:
+        """Velocity of the water (m/s, N) at a point of N (m); t (s) in the present tick."""
+        return self.current if self.sea is None else self.sea.velocity(p, t)
+
+    def elevation(self, x: float, y: float, t: float) -> float:
+        """Elevation of the surface above z = 0 (m) at a place of N (m) and time t (s)."""
+        return 0.0 if self.sea is None else self.sea.elevation(x, y, t)
+
+    def pressure(self, p: Vec3, t: float) -> float:
+        """Absolute pressure (Pa) at a point of N (m) and time t (s): hydrostatic plus that of the waves, never below atmospheric.
+
+        Linear theory holds below z = 0. In a crest above it the pressure is hydrostatic from the surface down.
+        """
+        head = p[2] if self.sea is None else p[2] + self.sea.head(p, t)
+        return self.atmospheric_pressure + self.column.pressure_at(head)
 
     def sound_speed(self, depth: float) -> float:
         """Speed of sound, m/s, at a depth below z = 0 (m)."""

@@ -15,6 +15,7 @@ from uwserver.modifiers import ModifierConfig
 from uwserver.physics.geometry import FloatArray, Geometry, OpenWater
 from uwserver.ports import Field, Value
 from uwserver.table import Name, NonNegative, Positive, Table
+from uwserver.units import NANOSECONDS
 
 
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
@@ -91,6 +92,11 @@ class Scope:
     geometry: Geometry = field(default=_OPEN_WATER)
     vehicles: Mapping[str, Place] = field(default_factory=dict)
     lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
+
+    @property
+    def t(self) -> float:
+        """Simulation time, s."""
+        return self.t_ns / NANOSECONDS
 
     def position(self, p_BS: Vec3) -> Vec3:
         """p_NS (m) of a point fixed to the body at p_BS."""

@@ -41,8 +41,8 @@ class Pressure:
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Always valid; atmospheric pressure above the surface."""
-        z = scope.position(self._mount.p)[2]
-        return True, [scope.water.pressure(z), scope.water.temperature_at(z)]
+        p_NS = scope.position(self._mount.p)
+        return True, [scope.water.pressure(p_NS, scope.t), scope.water.temperature_at(p_NS[2])]
 
 
 class Depth:
@@ -61,12 +61,12 @@ class Depth:
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Above the surface the depth at atmospheric pressure: zero if the instrument knows the atmosphere. Invalid without gravity."""
         water, c = scope.water, self._config
-        z = scope.position(self._mount.p)[2]
-        temperature = water.temperature_at(z)
+        p_NS = scope.position(self._mount.p)
+        temperature = water.temperature_at(p_NS[2])
         if water.gravity == 0.0:
             return False, [None, temperature]
         atmosphere = water.atmospheric_pressure if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa
-        gauge = water.pressure(z) - atmosphere
+        gauge = water.pressure(p_NS, scope.t) - atmosphere
         if c.assumed_density_kgpm3 is msgspec.UNSET:
             return True, [water.column.depth_of(gauge), temperature]
         return True, [gauge / (c.assumed_density_kgpm3 * water.gravity), temperature]

@@ -109,8 +109,8 @@ def test_uniform_water_has_the_salinity_of_its_density(density, salinity):
 
 def test_water_asks_its_column():
     column = WaterColumn(COLUMNS["cast"], 9.81, 1025.0)
-    water = Water(1025.0, 9.81, 10.0, 1e5, (0.0, 0.0, 0.0), column)
-    assert water.pressure(80.0) == 1e5 + column.pressure_at(80.0)
+    water = Water(1025.0, 9.81, 10.0, 1e5, (0.0, 0.0, 0.0), given=column)
+    assert water.pressure((1.0, 2.0, 80.0), 0.0) == 1e5 + column.pressure_at(80.0)
     assert water.sound_speed(80.0) == column.sound_speed_at(80.0)
     assert water.absorption(7e5, 80.0) == column.absorption_at(7e5, 80.0)
     assert (water.temperature_at(80.0), water.salinity_at(80.0)) == (9.0, 34.9)
