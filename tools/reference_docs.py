@@ -18,7 +18,7 @@ from uwserver.adapter import AdapterTable, installed_adapters
 from uwserver.context import LOOP_SERVICES
 from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Port, Service
-from uwserver.scenario import schema, vehicle_schema
+from uwserver.scenario import schema, solid_schema, vehicle_schema
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.sensors import SensorConfig
@@ -97,6 +97,7 @@ def scenario_page() -> str:
     ]
     lines += ["## Scenario", "", *_tables(schema, schema.Scenario)]
     lines += ["## Vehicle and device", "", *_tables(vehicle_schema, vehicle_schema.Vehicle)]
+    lines += ["## Solid things", "", *_tables(solid_schema, solid_schema.Contact)]
     for title, union in (("Sensors", SensorConfig), ("Actuators", ActuatorConfig), ("Modifiers", ModifierConfig)):
         lines += [f"## {title}", ""]
         for config in union.__args__:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "server", "start", "net")
+PARTS = ("physics", "solids", "server", "start", "net")
 
 
 @click.command()
@@ -17,7 +17,7 @@ PARTS = ("physics", "server", "start", "net")
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, server, start and net (or one PART) on an idle machine; about seven minutes.
+    """Measure physics, solids, server, start and net (or one PART) on an idle machine; about seven minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]".
@@ -28,10 +28,12 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     from uwserver.bench.report import Report, machine_facts
     from uwserver.bench.rows import Row
     from uwserver.bench.server import bench_server
+    from uwserver.bench.solids import bench_solids
     from uwserver.bench.start import bench_start
 
     parts: dict[str, Callable[[bool, Callable[[str], None]], list[Row]]] = {
         "physics": bench_physics,
+        "solids": bench_solids,
         "server": bench_server,
         "start": bench_start,
         "net": bench_net,

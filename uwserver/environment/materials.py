@@ -29,9 +29,5 @@ SURFACE_DB = -25.0
 
 
 def lambert(names: Sequence[str]) -> npt.NDArray[np.float64]:
-    """(n) linear Lambert parameters of materials in the order of their numbers.
-
-    Raises:
-        KeyError: an unknown material.
-    """
-    return np.array([10.0 ** (0.1 * LAMBERT_DB[name]) for name in names])
+    """(n) linear Lambert parameters of materials in the order of their numbers; an unknown one, as "default", is taken for sediment."""
+    return np.array([10.0 ** (0.1 * LAMBERT_DB.get(name, SEDIMENT_DB)) for name in names or ("sediment",)])

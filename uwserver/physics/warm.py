@@ -16,6 +16,7 @@ from uwserver.physics.contact import Contacts, FloatArray
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
 
 _DT = 0.01
 
@@ -52,11 +53,13 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     gentle.collider = _Underfoot()
     if gentle.advance(0.0) >= 0 or not len(gentle.touched.impulse):
         raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
+    say("kernels: solid things")
     kernels: tuple[Any, ...] = (
         integrator.advance,
         integrator.rates_of_change,
         touching.strike,
         touching.settle,
+        *_solid_kernels(),
     )
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
 
@@ -68,6 +71,35 @@ class _Underfoot:
         point = state[:1, :3] + [0.0, 0.0, 0.1]
         row, one = np.zeros(1, np.int64), np.ones(1)
         return Contacts(row, row - 1, point, np.array([[0.0, 0.0, -1.0]]), 0.0 * one, row, 0.5 * one, 0.5 * one)
+
+
+def _solid_kernels() -> tuple[Any, ...]:
+    """Those of contacts and rays, run once; none without the extra `solid`."""
+    try:
+        from uwserver.physics.rays import Rays
+        from uwserver.physics.solids import Solids
+
+        solids = Solids()
+    except ImportError:
+        return ()
+    from uwserver.physics import hits, near, surface, touch
+
+    sheet = TriangleMesh(np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]), np.array([[0, 1, 2]]))
+    ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()))), Solid("ball", (Placed(Sphere(0.1)),))
+    state = np.array([[-0.5, -0.5, -0.1, 1.0, *[0.0] * 9]])
+    rays = Rays()
+    rays.add_static(0, ground)
+    rays.add_moving(1, ball, 0)
+    hit = rays.at(state).raycast(np.array([[-0.5, -0.5, -1.0]]), np.array([[0.0, 0.0, 1.0]]), 10.0)
+    with solids:
+        solids.add_static(ground)
+        solids.add_moving(ball, 0)
+        if len(solids.find_contacts(state, _DT)) != 2 or hit.body[0] != 1:
+            raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
+    return (
+        near.move, near.near_pairs, near.place, near.bound, touch.collect, surface.fill_cells, hits.settle, hits.passing,
+        hits.meet_plane,
+    )  # fmt: skip
 
 
 def prune(folder: Path) -> list[Path]:

@@ -10,6 +10,7 @@ from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.environment.column import WaterColumn
+from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, Stream
@@ -48,6 +49,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     water = _water(scenario.environment)
     seed = scenario.seed if seed is None else seed
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
+    world.lambert = lambert(resolved.materials)
     for vehicle in resolved.vehicles.values():
         _install(world, vehicle, scenario.environment)
     world.set_current(water.current)

@@ -11,6 +11,7 @@ from uwserver.scenario.documents import from_tables
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, did_you_mean
 from uwserver.scenario.load import scenario_from
 from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, Truth, VehicleEntry, WorldTable
+from uwserver.scenario.solid_schema import ObjectEntry, Seabed, Structure
 from uwserver.sensors import SensorConfig
 
 
@@ -59,6 +60,18 @@ class ScenarioBuilder:
     def vehicle(self, name: str, model: str, **keys: Any) -> ScenarioBuilder:
         """A vehicle; `override` may be among its keys."""
         return self._update(("vehicles", name), VehicleEntry, {"model": model, **keys})
+
+    def seabed(self, kind: str, **keys: Any) -> ScenarioBuilder:
+        """`[seabed]`."""
+        return self._update(("seabed",), Seabed, {"kind": kind, **keys})
+
+    def structure(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """A structure that never moves."""
+        return self._update(("structures", name), Structure, {"kind": kind, **keys})
+
+    def free_object(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """Something that drifts and can be pushed: a table of `[objects]`."""
+        return self._update(("objects", name), ObjectEntry, {"kind": kind, **keys})
 
     def truth(self, vehicle: str, **keys: Any) -> ScenarioBuilder:
         """Ground truth of a vehicle added before."""

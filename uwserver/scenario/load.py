@@ -19,6 +19,7 @@ from uwserver.scenario.export import tables
 from uwserver.scenario.profiles import check_profile, expanded
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment, Scenario, WorldTable
+from uwserver.scenario.solid_files import SolidFiles
 from uwserver.scenario.vehicle_checks import check_vehicle
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
 
@@ -78,12 +79,16 @@ class _Load:
         self._world = _quietly(document.raw, "world", WorldTable)
         self._environment = _quietly(document.raw, "environment", Environment)
         self._vehicles: dict[str, tuple[Vehicle | None, Mapping[str, ThrusterDevice]]] = {}
+        self._solids = SolidFiles(
+            document, self._world, self._environment, self._report(document), self._warn(document)
+        )
 
     def result(self) -> Resolved:
         """The resolved scenario; ScenarioError if there was any fault."""
         for name, entry in named(self._document.raw, "vehicles").items():
             if isinstance(entry, dict):
                 self._vehicle(name, entry)
+        self._solids.check_places()
         check_scenario(
             self._document.raw, self._scenario, self._world, self._report(self._document), self._warn(self._document)
         )
@@ -92,12 +97,18 @@ class _Load:
         if scenario is None or any(problem.severity == "error" for problem in problems):
             raise ScenarioError(problems)
         vehicles = {
-            name: ResolvedVehicle(name, scenario.vehicles[name], _without_disabled(vehicle), devices)
+            name: ResolvedVehicle(
+                name, scenario.vehicles[name], _without_disabled(vehicle), devices, self._solids.vehicles.get(name)
+            )
             for name, (vehicle, devices) in self._vehicles.items()
             if vehicle is not None
         }
         path = self._document.path
-        return Resolved(path.stem if path else self._document.label, scenario, vehicles, path, problems)
+        solids = self._solids
+        return Resolved(
+            path.stem if path else self._document.label, scenario, vehicles, path, problems, solids.static, solids.objects,
+            solids.materials.names,
+        )  # fmt: skip
 
     def _vehicle(self, name: str, entry: Mapping[str, Any]) -> None:
         document, path = self._document, ("vehicles", name, "model")
@@ -113,6 +124,7 @@ class _Load:
         devices = self._thruster_devices(merged)
         draft: Draft = drafted(merged.raw, devices)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
+        self._solids.read_vehicle(name, merged, self._report(merged), self._warn(merged))
         self._vehicles[name] = vehicle, devices
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:

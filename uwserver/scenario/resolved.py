@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from uwserver.physics.bodies import BodyParams
+from uwserver.physics.shapes import Solid
 from uwserver.scenario.errors import Problem
 from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.solid_schema import ObjectEntry
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
 
 
@@ -20,12 +23,24 @@ class ResolvedVehicle:
         entry: its table in the scenario.
         vehicle: the vehicle file with `override` and the entry's sensors merged in, disabled components taken out.
         devices: device of each thruster, by the thruster's name.
+        solid: its collision shapes in B; None without any.
     """
 
     name: str
     entry: VehicleEntry
     vehicle: Vehicle
     devices: Mapping[str, ThrusterDevice]
+    solid: Solid | None = None
+
+
+@dataclass(frozen=True)
+class ResolvedObject:
+    """One free object of the scenario: its table, its body in the scenario's water, and its shape in B."""
+
+    name: str
+    entry: ObjectEntry
+    params: BodyParams
+    solid: Solid
 
 
 @dataclass(frozen=True)
@@ -38,6 +53,9 @@ class Resolved:
         vehicles: in the order of the file.
         path: the file; None for one built in Python.
         warnings: what a user should know, though the scenario runs.
+        static: seabed and structures, in N, by name.
+        objects: free objects, in the order of the file.
+        materials: name of each material's number.
     """
 
     name: str
@@ -45,3 +63,6 @@ class Resolved:
     vehicles: Mapping[str, ResolvedVehicle]
     path: Path | None
     warnings: tuple[Problem, ...]
+    static: Mapping[str, Solid] = field(default_factory=dict)
+    objects: Mapping[str, ResolvedObject] = field(default_factory=dict)
+    materials: tuple[str, ...] = ()

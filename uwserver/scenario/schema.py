@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.environment.column import ColumnConfig
+from uwserver.scenario.solid_schema import Latitude, ObjectEntry, Seabed, Structure
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
@@ -40,10 +41,13 @@ class WorldTable(Table, kw_only=True, frozen=True):
     """Attributes:
     rate_hz: physics ticks a second; every sensor rate divides it.
     epoch_utc: RFC 3339 instant of t = 0.
+    origin_lat_deg, origin_lon_deg: where N's origin lies (WGS84); needed by what is given in latitude and longitude.
     """
 
     rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 240.0
     epoch_utc: str = "2026-01-01T00:00:00Z"
+    origin_lat_deg: Latitude | UnsetType = UNSET
+    origin_lon_deg: float | UnsetType = UNSET
     clock: Clock = Clock()
 
 
@@ -118,6 +122,9 @@ class Scenario(Table, kw_only=True, frozen=True):
     seed: Annotated[int, Meta(ge=0)] = 0
     world: WorldTable = WorldTable()
     environment: Environment = Environment()
+    seabed: Seabed | UnsetType = UNSET
+    structures: dict[str, Structure] = field(default_factory=dict)
+    objects: dict[str, ObjectEntry] = field(default_factory=dict)
     vehicles: dict[str, VehicleEntry] = field(default_factory=dict)
     adapters: dict[str, Any] = field(default_factory=dict)
     server: Server = Server()

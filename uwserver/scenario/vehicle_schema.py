@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.actuators import ActuatorConfig
+from uwserver.scenario.solid_schema import Collision, Contact
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Positive, Table, Vector3
 
@@ -129,6 +130,8 @@ class Vehicle(Table, kw_only=True, frozen=True):
     damping: Damping
     mounts: dict[str, Mount] = field(default_factory=dict)
     thrusters: dict[str, Thruster] = field(default_factory=dict)
+    collision: dict[str, Collision] = field(default_factory=dict)
+    contact: Contact = Contact()
     actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
 

@@ -8,11 +8,12 @@ from typing import Annotated
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
+from uwserver.frames import Vec3
 from uwserver.modifiers.base import Measurement
 from uwserver.physics.geometry import FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.echo import MU_SEDIMENT, NOTHING, Absorption, cast, scattering, turn, under_water
+from uwserver.sensors.echo import MU_SEDIMENT, NOTHING, Absorption, cast, scattering, submergence, turn
 from uwserver.sensors.instrument import Instrument, Settings, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
@@ -107,13 +108,13 @@ class Altimeter(Instrument):
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
-        now = scope.t_ns / NANOSECONDS
+        now = scope.t
         if now < self.memory[_READY] - 1e-6:
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
         listening = 2.0 * self.settings.max_range / c
-        found = self._echo(scope, np.array(p_NS)) if under_water(scope, p_NS[2]) else None
+        found = self._echo(scope, p_NS) if submergence(scope, p_NS) > 0.0 else None
         self.memory[_READY] = now + listening
         wait = listening + self._config.processing_s
         if found is None:
@@ -136,7 +137,7 @@ class Altimeter(Instrument):
             reach + math.hypot(config.range_sigma_m, config.range_sigma_relative * reach) * self.rng.standard_normal()
         )
 
-    def _echo(self, scope: Scope, p_NS: FloatArray) -> tuple[float, float] | None:
+    def _echo(self, scope: Scope, p_NS: Vec3) -> tuple[float, float] | None:
         """Range (m) of the echo that is taken for the first, and the confidence."""
         config, high = self._config, self.settings.max_range
         R = turn(scope.attitude(self._mount.q))
@@ -148,7 +149,7 @@ class Altimeter(Instrument):
             nearest = min(ranges, default=math.inf)
             return (nearest, 1.0) if config.min_range_m <= nearest <= high else None
         chance, wrong = self.rng.random(2).tolist()
-        power = self._power(scope, hits, direction, float(p_NS[2]))
+        power = self._power(scope, hits, direction, p_NS[2])
         audible: list[tuple[float, float]] = []
         for body in bodies:
             excess = 10.0 * math.log10(max(float(power[hits.body == body].sum()), 1e-30)) - self._threshold(chance)
@@ -182,7 +183,7 @@ class Altimeter(Instrument):
         return level
 
     def _nearest(
-        self, scope: Scope, p_NS: FloatArray, R: FloatArray, direction: FloatArray, hits: Hits, body: int
+        self, scope: Scope, p_NS: Vec3, R: FloatArray, direction: FloatArray, hits: Hits, body: int
     ) -> float:
         """Distance (m) of the nearest point of a body in the cone: the foot of the perpendicular on what the nearest ray hits, or the point
         at the edge of the cone that comes closest to it, unless the rays know better."""

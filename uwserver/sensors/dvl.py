@@ -13,7 +13,7 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.geometry import FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.echo import MU_SEDIMENT, SURFACE, Absorption, cast, scattering_of_each, turn, under_water
+from uwserver.sensors.echo import MU_SEDIMENT, SURFACE, Absorption, cast, scattering_of_each, submergence, turn
 from uwserver.sensors.instrument import Instrument, Settings, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
@@ -141,7 +141,7 @@ class Dvl(Instrument):
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
-        now = scope.t_ns / NANOSECONDS
+        now = scope.t
         if now < self.memory[_READY] - 1e-6:
             return None
         low, high, period = self._mode()
@@ -149,7 +149,7 @@ class Dvl(Instrument):
         c = scope.water.sound_speed(p_NS[2])
         delay = 2.0 * high / self._cosine / c
         reading = Measurement(blank(self.fields), False)
-        if under_water(scope, p_NS[2]):
+        if submergence(scope, p_NS) > 0.0:
             echo = self._ping(scope, p_NS, c, low, high, reading)
             delay = 2.0 * echo / c if reading.valid else delay
         self.memory[_READY] = now + period
@@ -184,7 +184,7 @@ class Dvl(Instrument):
         """Fill in a reading; returns the longest range (m) of a beam in lock."""
         config, ideal = self._config, self._config.ideal
         direction = self._beams @ turn(scope.attitude(self._mount.q)).T
-        hits = cast(scope, np.array(p_NS), direction, 1.05 * high / self._cosine)
+        hits = cast(scope, p_NS, direction, 1.05 * high / self._cosine)
         ranges: list[float] = hits.distance.tolist()
         v_S, v_water_S = self._velocities(scope, p_NS)
         n = len(ranges)
@@ -222,7 +222,7 @@ class Dvl(Instrument):
         v_B = (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
         to_S = conjugate(self._mount.q)
         v_S = rotate(to_S, v_B)
-        current_S = rotate(to_S, rotate(conjugate(scope.q_NB), scope.water.current))
+        current_S = rotate(to_S, rotate(conjugate(scope.q_NB), scope.water.velocity(p_NS, scope.t)))
         return v_S, (v_S[0] - current_S[0], v_S[1] - current_S[1], v_S[2] - current_S[2])
 
     def _snr(self, scope: Scope, ranges: list[float], hits: Hits, direction: FloatArray, z: float) -> list[float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
-from uwserver.frames import Quat
+from uwserver.frames import Quat, Vec3
 from uwserver.physics.geometry import FloatArray, Hits
 from uwserver.sensors.base import Scope
 
@@ -34,17 +34,19 @@ def turn(q_NS: Quat) -> FloatArray:
     )
 
 
-def under_water(scope: Scope, z: float) -> bool:
-    """Whether a point at this z of N (m) is below the surface."""
-    return z > 0.0
+def submergence(scope: Scope, p: Vec3) -> float:
+    """How far a point of N is below the sea surface above it, m; negative in the air."""
+    return p[2] + scope.water.elevation(p[0], p[1], scope.t)
 
 
-def cast(scope: Scope, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) -> Hits:
     """The first solid or piece of sea surface that each ray meets, from a point under water.
+
+    The surface is taken as level, as high as above the origin.
 
     Args:
         scope: the instant.
-        origin: (3) in N, m.
+        origin: in N, m.
         direction: (n, 3) unit, in N.
         max_range: m; farther things are not seen.
     """
@@ -55,7 +57,7 @@ def cast(scope: Scope, origin: FloatArray, direction: FloatArray, max_range: flo
     if up.min() >= 0.0:
         return hits
     with np.errstate(divide="ignore"):
-        to_surface = np.where(up < 0.0, -origin[2] / up, np.inf)
+        to_surface = np.where(up < 0.0, -submergence(scope, origin) / up, np.inf)
     nearer = (to_surface < hits.distance) & (to_surface <= max_range)
     if not nearer.any():
         return hits

@@ -49,7 +49,7 @@ def finished(tmp_path: Path) -> Path:
 def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
     lines: list[str] = []
     warm(lines.append)
-    assert len(lines) == 5
+    assert len(lines) == 6
     kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
     before = [len(kernel.signatures) for kernel in kernels]
     world.step(20)

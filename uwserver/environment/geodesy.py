@@ -1,0 +1,35 @@
+"""Latitude and longitude to north and east of an origin, on the WGS84 ellipsoid."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+SEMI_MAJOR_AXIS = 6_378_137.0
+"""m; WGS84 (NIMA TR8350.2)."""
+ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
+
+
+def north_east(
+    latitude: FloatArray, longitude: FloatArray, origin_latitude: float, origin_longitude: float
+) -> tuple[FloatArray, FloatArray]:
+    """North and east (m) of points on the ellipsoid in the plane that touches it at the origin; all angles in rad.
+
+    Exact as coordinates of the tangent plane. A distance over the ground is longer by about d^3 / (6 R^2): 4 mm at 10 km, 4 m at 100 km.
+    Depth is not a matter of it: the sea surface is the plane z = 0, so a depth below the surface is z.
+    """
+    turn = np.remainder(longitude - origin_longitude + math.pi, 2.0 * math.pi) - math.pi
+    s0, c0 = math.sin(origin_latitude), math.cos(origin_latitude)
+    sines, cosines = np.sin(latitude), np.cos(latitude)
+    across = SEMI_MAJOR_AXIS / np.sqrt(1.0 - ECCENTRICITY_SQUARED * sines**2)
+    across_0 = SEMI_MAJOR_AXIS / math.sqrt(1.0 - ECCENTRICITY_SQUARED * s0**2)
+    # Earth-centred, axis x through the origin's meridian.
+    x = across * cosines * np.cos(turn) - across_0 * c0
+    z = (1.0 - ECCENTRICITY_SQUARED) * (across * sines - across_0 * s0)
+    north: FloatArray = c0 * z - s0 * x
+    east: FloatArray = across * cosines * np.sin(turn)
+    return north, east
