@@ -182,9 +182,7 @@ class Altimeter(Instrument):
         level *= 10.0 ** (0.1 * THRESHOLD_DB) / (MU_SEDIMENT * len(direction))
         return level
 
-    def _nearest(
-        self, scope: Scope, p_NS: Vec3, R: FloatArray, direction: FloatArray, hits: Hits, body: int
-    ) -> float:
+    def _nearest(self, scope: Scope, p_NS: Vec3, R: FloatArray, direction: FloatArray, hits: Hits, body: int) -> float:
         """Distance (m) of the nearest point of a body in the cone: the foot of the perpendicular on what the nearest ray hits, or the point
         at the edge of the cone that comes closest to it, unless the rays know better."""
         distance = np.where(hits.body == body, hits.distance, math.inf)
