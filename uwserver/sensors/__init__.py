@@ -9,10 +9,11 @@ from uwserver.sensors.imu import ImuConfig
 from uwserver.sensors.instrument import Instrument, Settings
 from uwserver.sensors.motion_capture import MotionCaptureConfig
 from uwserver.sensors.pressure import PressureConfig
+from uwserver.sensors.scanning_sonar import ScanningSonarConfig
 
-SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig | DvlConfig | AltimeterConfig
+SensorConfig = ImuConfig | PressureConfig | MotionCaptureConfig | DvlConfig | AltimeterConfig | ScanningSonarConfig
 
 __all__ = [
-    "AltimeterConfig", "DvlConfig", "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "Scope", "Sensor", "SensorConfig",
-    "SensorTable", "Settings",
+    "AltimeterConfig", "DvlConfig", "ImuConfig", "Instrument", "MotionCaptureConfig", "Pose", "PressureConfig", "ScanningSonarConfig",
+    "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings",
 ]  # fmt: skip
