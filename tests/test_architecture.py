@@ -427,7 +427,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 # -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------
 
 UNITS = {
-    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^2/s^2",
+    "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^2/s^2", "dB",
 }  # fmt: skip
 
 
