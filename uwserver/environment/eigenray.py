@@ -44,8 +44,7 @@ def eigenray(depth: FloatArray, speed: FloatArray, horizontal: float, a: float, 
     """
     if horizontal < _TOLERANCE or a == b:
         return _arc(depth, speed, horizontal, a, b)
-    z = np.concatenate(([min(a, b)], depth[(depth > min(a, b)) & (depth < max(a, b))], [max(a, b)]))
-    c = np.interp(z, depth, speed)
+    z, c = _between(depth, speed, a, b)
     thickness, upper, lower, fastest = np.diff(z), c[:-1], c[1:], float(c.max())
 
     def reach(w: float) -> float:
@@ -69,13 +68,21 @@ def eigenray(depth: FloatArray, speed: FloatArray, horizontal: float, a: float, 
 
 def straight(depth: FloatArray, speed: FloatArray, horizontal: float, a: float, b: float) -> Path:
     """The straight line between two points, at the mean slowness of the depths between them. Arguments as `eigenray`."""
-    z = np.concatenate(([min(a, b)], depth[(depth > min(a, b)) & (depth < max(a, b))], [max(a, b)]))
-    c = np.interp(z, depth, speed)
+    z, c = _between(depth, speed, a, b)
     length, dip = math.hypot(horizontal, b - a), math.atan2(b - a, horizontal)
     if a == b:
         return Path(length / float(c[0]), dip, dip)
     slowness = float((np.diff(z) * _log_ratio((c[1:] - c[:-1]) / c[:-1]) / c[:-1]).sum()) / float(z[-1] - z[0])
     return Path(length * slowness, dip, dip)
+
+
+def _between(depth: FloatArray, speed: FloatArray, a: float, b: float) -> tuple[FloatArray, FloatArray]:
+    """Depths and sound speeds of a profile from one depth to another, ascending, both ends included."""
+    low, high = min(a, b), max(a, b)
+    first, last = np.searchsorted(depth, low, "right"), np.searchsorted(depth, high, "left")
+    ends = np.interp((low, high), depth, speed)
+    z = np.concatenate(((low,), depth[first:last], (high,)))
+    return z, np.concatenate((ends[:1], speed[first:last], ends[1:]))
 
 
 def _sines(w: float, c: FloatArray, fastest: float) -> FloatArray:

@@ -44,7 +44,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         range_m: at the start; changed by the service `set`.
         min_range_m, max_range_m: limits of the range.
         step_deg: of the head.
-        sector_center_deg, sector_width_deg: what the head covers; 360 turns on and on, less goes to and fro.
+        sector_center_deg, sector_width_deg: what the head covers, to and fro; without a width it turns on and on.
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
         tvg_spreading: k of the time-varied gain k lg r + 2 alpha r.
@@ -70,7 +70,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     max_range_m: Positive = 75.0
     step_deg: Annotated[float, Meta(gt=0, le=30)] = 1.8
     sector_center_deg: float = 0.0
-    sector_width_deg: Annotated[float, Meta(gt=0, le=360)] = 360.0
+    sector_width_deg: Positive | UnsetType = UNSET
     source_level_db: float = 200.0
     noise_level_db: float = 42.0
     tvg_spreading: NonNegative = 30.0
@@ -84,6 +84,8 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         """ValueError where keys do not go together."""
         if not self.min_range_m <= self.range_m <= self.max_range_m:
             raise ValueError("range_m must lie between min_range_m and max_range_m")
+        if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
+            raise ValueError("sector_width_deg is more than a turn: leave it out for a head that turns on and on")
 
     def build(self, mount: Pose) -> ScanningSonar:
         """The instrument."""
@@ -130,7 +132,7 @@ class ScanningSonar(Instrument):
                 config.gain_db,
                 rad(config.step_deg),
                 rad(config.sector_center_deg),
-                rad(config.sector_width_deg),
+                2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg),
             )
         )
 
