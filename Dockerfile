@@ -18,7 +18,7 @@ RUN python3.11 -m venv /opt/uwserver/venv \
     # Example models, tests and the installer itself: a third of the size.
     && rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils \
     && rm -rf pip pip-*.dist-info setuptools setuptools-*.dist-info pkg_resources _distutils_hack distutils-precedence.pth \
-    && find numpy numba llvmlite -type d -name tests -prune -exec rm -rf {} + \
+    && find numpy numba llvmlite scipy trimesh -type d -name tests -prune -exec rm -rf {} + \
     && find /opt/uwserver -type d -name __pycache__ -prune -exec rm -rf {} +
 # Compiles the kernels, and writes the byte code of what a server imports; so the run-time stage starts at once from a read-only disk.
 WORKDIR /tmp

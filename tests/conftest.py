@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 
 import pytest
@@ -13,6 +14,11 @@ from uwserver.scenario.resolved import Resolved
 from uwserver.scenario.schema import Scenario, Server, Truth, VehicleEntry, WorldTable
 from uwserver.sensors import ImuConfig
 from uwserver.world import World
+
+# A shell without job control starts its background commands with SIGINT ignored, and whatever they start inherits that: tests of Ctrl-C
+# would wait for ever.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def small_scenario(rate_hz: float = 240.0, seed: int = 5, vehicles: int = 1) -> Resolved:

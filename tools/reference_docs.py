@@ -16,6 +16,9 @@ from msgspec import NODEFAULT, UNSET
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterTable, installed_adapters
 from uwserver.context import LOOP_SERVICES
+from uwserver.environment.currents import CurrentConfig
+from uwserver.environment.waves import WavesConfig
+from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Port, Service
 from uwserver.scenario import schema, solid_schema, vehicle_schema
@@ -98,7 +101,14 @@ def scenario_page() -> str:
     lines += ["## Scenario", "", *_tables(schema, schema.Scenario)]
     lines += ["## Vehicle and device", "", *_tables(vehicle_schema, vehicle_schema.Vehicle)]
     lines += ["## Solid things", "", *_tables(solid_schema, solid_schema.Contact)]
-    for title, union in (("Sensors", SensorConfig), ("Actuators", ActuatorConfig), ("Modifiers", ModifierConfig)):
+    lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]
+    for title, union in (
+        ("Currents", CurrentConfig),
+        ("Faults", FaultConfig),
+        ("Sensors", SensorConfig),
+        ("Actuators", ActuatorConfig),
+        ("Modifiers", ModifierConfig),
+    ):
         lines += [f"## {title}", ""]
         for config in union.__args__:
             lines += _table(f'`kind = "{config.__struct_config__.tag}"`', config)
@@ -118,11 +128,14 @@ def _table(title: str, cls: type) -> Iterator[str]:
     yield f"### {title}"
     yield ""
     text = inspect.cleandoc(cls.__doc__ or "")
-    text, _, attributes = text.partition("Attributes:")
+    text, _, _ = text.partition("Attributes:")
     if text.strip():
         yield text.strip()
         yield ""
-    docs = dict(re.findall(r"^\s*([\w, ]+): (.+?)(?=^\s*[\w, ]+: |\Z)", inspect.cleandoc(attributes), re.S | re.M))
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        attributes = inspect.cleandoc((base.__doc__ or "").partition("Attributes:")[2])
+        docs |= re.findall(r"^\s*([\w, ]+): (.+?)(?=^\s*[\w, ]+: |\Z)", attributes, re.S | re.M)
     meaning = {name.strip(): " ".join(doc.split()) for names, doc in docs.items() for name in names.split(",")}
     rows = list(msgspec.structs.fields(cls))
     if rows:
@@ -137,7 +150,7 @@ def _type(kind: Any) -> str:
     text = kind if isinstance(kind, str) else getattr(kind, "__name__", None) if inspect.isclass(kind) else str(kind)
     text = re.sub(r"typing\.|msgspec\.|uwserver\.[\w.]*\.|~|UnsetType \| | \| UnsetType", "", str(text))
     text = re.sub(r"Annotated\[([^\[\]]+(?:\[[^\]]*\])?), Meta\(([^)]*)\)\]", r"\1 (\2)", text)
-    return text.replace("|", "or")
+    return re.sub(r"^Union\[(.*), UnsetType\]$", r"\1", text).replace("|", "or")
 
 
 def _default(row: Any) -> str:

@@ -192,7 +192,7 @@ def surface_section(bodies: list[BodyParams]) -> Section:
 
 def _submerged(hydro: Hydrodynamics, state: FloatArray, row: int) -> float:
     R = rotations(state[None, :])[0]
-    return float(immersion(hydro.bodies[row], hydro.shapes, state[2], R, np.empty(3), np.empty((2, 3))))
+    return float(immersion(hydro.bodies[row], hydro.shapes, state[2], np.empty(3), np.stack([-R[2], R[0]])))
 
 
 def number(value: float) -> str:

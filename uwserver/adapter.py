@@ -43,6 +43,7 @@ class AdapterStats:
         address: where a peer finds it, as the user would type it.
         peers: connected now.
         samples_sent, bytes_sent, commands, calls, errors, dropped: since the start; `dropped` counts samples lost to slow peers.
+        encoded: samples encoded since the start: once for all peers that take the same encoding and fields.
         restarts: times that it was started again after a failure.
         last_error: text of the last failure.
     """
@@ -56,6 +57,7 @@ class AdapterStats:
     calls: int = 0
     errors: int = 0
     dropped: int = 0
+    encoded: int = 0
     restarts: int = 0
     last_error: str = ""
     details: dict[str, Json] = field(default_factory=dict)

@@ -46,11 +46,6 @@ def utc_text() -> str:
     return time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
 
 
-def unix_ns() -> int:
-    """Wall-clock nanoseconds since 1970, for logs."""
-    return time.time_ns()
-
-
 class Pace:
     """Real time at a speed, by absolute deadlines: the n-th tick is due at anchor + t_n / speed, so lateness never adds up.
 
@@ -74,14 +69,16 @@ class Pace:
         """Forget the anchor: the next wait makes a new one (after a pause, a reset or a change of mode)."""
         self._anchor_wall = None
 
-    def wait(self, t_ns: int, wake: threading.Event) -> int:
-        """Wait until simulation time t_ns is due; returns how late it is then, ns (>= 0)."""
+    def wait(self, t_ns: int, wake: threading.Event) -> int | None:
+        """Wait until simulation time t_ns is due; returns how late it is then, ns (>= 0), None if `wake` cut a long wait short."""
         if self._anchor_wall is None:
             self.anchor(t_ns)
         assert self._anchor_wall is not None
         deadline = self._anchor_wall + round((t_ns - self._anchor_sim) / self.speed)
         left = deadline - self._time.now_ns()
-        while left > 0 and not wake.is_set():
+        while left > 0:
+            if left > _WAKE_NS and wake.is_set():
+                return None
             self._time.wait(left / NANOSECONDS, wake)
             left = deadline - self._time.now_ns()
         late = max(0, -left)

@@ -218,6 +218,7 @@ class Event(Struct, frozen=True):
         "ports_changed",
         "conflict",
         "watchdog",
+        "fault",
         "diverged",
         "shutdown",
         "adapter_failed",

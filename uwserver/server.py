@@ -197,10 +197,10 @@ class Server:
     async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
         """Run an adapter, and start it again with back-off when it fails; its fault never reaches the world."""
         backoff, stats = _FIRST_BACKOFF_S, context.stats
-        kind = load_adapter(str(config.__struct_config__.tag))
         while True:
             again = asyncio.Event()
             try:
+                kind = load_adapter(str(config.__struct_config__.tag))
                 runner = self._loop.create_task(kind(config, context).run(again))
                 watcher = self._loop.create_task(_relay(again, ready, stats))
                 try:

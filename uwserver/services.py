@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import get_args
+
+import msgspec
 
 from uwserver import snapshot
+from uwserver.actuators.base import LONGEST_TIMEOUT_S
+from uwserver.faults import FaultConfig
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.requests import shown
 from uwserver.sensors import Instrument
 from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
 
 MAX_SNAPSHOTS = 32
+MAX_SNAPSHOT_NAME = 64
+"""Characters."""
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash and set_current, and the services of each component, to a finished world."""
+    """Add reset, snapshot, restore, state_hash, set_current and those of faults, and the services of each component, to a finished world."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
 
@@ -27,6 +35,9 @@ def offer_world_services(world: World) -> None:
 
     def take(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
+        if len(name) > MAX_SNAPSHOT_NAME:
+            text = f"the name of a snapshot has at most {MAX_SNAPSHOT_NAME} characters, not {len(name)}"
+            raise Refused("out_of_range", text, "name")
         if name not in saved and len(saved) >= MAX_SNAPSHOTS:
             raise Refused("busy", f"there are {MAX_SNAPSHOTS} snapshots already: take one under a used name", "name")
         saved[name] = snapshot.take(world)
@@ -35,7 +46,9 @@ def offer_world_services(world: World) -> None:
     def restore(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
         if name not in saved:
-            raise Refused("bad_argument", f'no snapshot "{name}", there are: {", ".join(saved) or "none"}', "name")
+            raise Refused(
+                "bad_argument", f'no snapshot "{shown(name)}", there are: {", ".join(saved) or "none"}', "name"
+            )
         snapshot.restore(world, saved[name])
         world.say("reset", f'the world is at its snapshot "{name}"')
         return {"tick": world.tick, "t_ns": world.t_ns}
@@ -58,11 +71,65 @@ def offer_world_services(world: World) -> None:
     world.offer(Service("world/snapshot", "Keep the whole state under a name, in memory.", (name,)), take)
     world.offer(Service("world/restore", "Go back to a snapshot, bit for bit.", (name,)), restore)
     world.offer(Service("world/state_hash", "SHA-256 of the whole state; equal for equal runs."), state_hash)
-    world.offer(Service("world/set_current", "Set the uniform current.", (velocity,)), set_current)
+    world.offer(
+        Service(
+            "world/set_current",
+            "Set the uniform, steady part of the current; profiles and drifting currents go on.",
+            (velocity,),
+        ),
+        set_current,
+    )
+    _offer_faults(world)
     for path, sensor in world.sensors.items():
         _offer_sensor(world, path, sensor)
     for path, actuator in world.actuators.items():
         _offer_actuator(world, path, actuator)
+
+
+def _offer_faults(world: World) -> None:
+    kinds = tuple(str(kind.__struct_config__.tag) for kind in get_args(FaultConfig))
+    name = Argument("name", "str", "name of the fault")
+
+    def set_fault(args: Mapping[str, Json]) -> Json:
+        keys = args["parameters"]
+        if not isinstance(keys, dict):
+            raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
+        try:
+            table = {**keys, "kind": args["kind"], "target": args["target"]}
+            # By way of JSON, which has no NaN.
+            fault = msgspec.json.decode(msgspec.json.encode(table), type=FaultConfig)
+        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
+            raise Refused("bad_argument", str(error), "parameters") from None
+        world.faults.set(str(args["name"]), fault, world.tick)
+        return None
+
+    def clear_fault(args: Mapping[str, Json]) -> Json:
+        if not world.faults.clear(str(args["name"])):
+            there = ", ".join(world.faults.entries) or "none"
+            raise Refused("bad_argument", f'no fault "{args["name"]}", there are: {there}', "name")
+        return None
+
+    def faults(_: Mapping[str, Json]) -> Json:
+        return [
+            {"name": entry.name, "state": entry.state, **msgspec.to_builtins(entry.fault)}
+            for entry in world.faults.entries.values()
+        ]
+
+    kind = Argument("kind", "str", "what fails, and how", choices=kinds)
+    target = Argument("target", "str", "<vehicle>/<component>, or a vehicle")
+    keys = Argument(
+        "parameters", "json", "object: the other keys of the kind, as in a scenario", required=False, default={}
+    )
+    world.offer(
+        Service(
+            "world/set_fault",
+            "Add a fault, now or at its at_s, or replace the one of that name.",
+            (name, kind, target, keys),
+        ),
+        set_fault,
+    )
+    world.offer(Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault)
+    world.offer(Service("world/faults", "All faults with their state: waiting, active or over."), faults)
 
 
 def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
@@ -115,7 +182,12 @@ def _offer_sensor(world: World, path: str, slot: SensorSlot) -> None:
 
 def _offer_actuator(world: World, path: str, slot: ActuatorSlot) -> None:
     timeout = Argument(
-        "timeout_s", "float", "watchdog: neutral after this long without a command; 0 for never", "s", minimum=0.0
+        "timeout_s",
+        "float",
+        "watchdog: neutral after this long without a command; 0 for never",
+        "s",
+        minimum=0.0,
+        maximum=LONGEST_TIMEOUT_S,
     )
 
     def activate(_: Mapping[str, Json]) -> Json:

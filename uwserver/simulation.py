@@ -1,7 +1,4 @@
-"""The simulation thread: a world, its clock, and the services that steer time.
-
-One method a mode; the loop reads top to bottom: what steers time is carried out, then either a tick runs or the thread waits.
-"""
+"""The simulation thread: a world, its clock, and the services that steer time."""
 
 from __future__ import annotations
 
@@ -144,6 +141,8 @@ class Simulation:
             self.failure = f"the simulation stopped by an internal fault: {error}"
             log.exception("the simulation thread failed")
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
+        finally:
+            gc.unfreeze()
         self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
 
     def _refuse_the_rest(self, refused: Refused) -> None:
@@ -165,21 +164,27 @@ class Simulation:
             self._steering.popleft()()
         if (
             self.failure
-            or (self.paused and not self._goals)
-            or (self.timing.mode == "lockstep" and not self._steps_paused() and not self._granted())
+            # A paused world that was told to step or run asks nobody for grants; a grant does not move a paused one.
+            or (self.paused and not any(goal.pause_there for goal in self._goals))
+            or (self.timing.mode == "lockstep" and not self.paused and not self._granted())
         ):
             self._idle()
-        else:
-            self._wait_for_deadline()
+        elif self._is_due():
             self._tick()
 
-    def _wait_for_deadline(self) -> None:
+    def _is_due(self) -> bool:
+        """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
         if self.timing.mode == "realtime" and not (self._goals and not self._goals[0].paced):
-            self.lateness.add(self.pace.wait(self.world.t_ns, self._stop))
+            late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
+            if late_ns is None:
+                self.mailbox.wake.clear()  # before `_turn` looks at what came
+                return False
+            self.lateness.add(late_ns)
         else:
             # Nobody waits for the wall clock here, so the tick may wait for the loop: nothing is lost to a sink.
             while self.bus.backlog() > MAX_TICKS // 2 and not self._stop.is_set():
                 self._time.wait(0.0005, self._stop)
+        return True
 
     def _tick(self) -> None:
         self._take_posted()
@@ -248,10 +253,6 @@ class Simulation:
             self._lost(missing)
         return False
 
-    def _steps_paused(self) -> bool:
-        """Whether a paused world was told to step or run: nobody is asked for grants then."""
-        return self.paused and any(goal.pause_there for goal in self._goals)
-
     def _lost(self, missing: list[str]) -> None:
         if self.timing.on_loss == "continue":
             self.barrier.excuse(missing)
@@ -259,10 +260,8 @@ class Simulation:
         elif self.timing.on_loss == "pause":
             self.paused = True
             self._waiting_since = None
-            self._say(
-                "paused",
-                f"lockstep: no step from {', '.join(missing)} within the time-out; world/resume waits for them again",
-            )
+            late = ", ".join(missing)
+            self._say("paused", f"lockstep: no step from {late} within the time-out; world/resume waits for them again")
         elif missing != self._told_lost:
             self._told_lost = missing
             self._say("paused", f"lockstep waits for {', '.join(missing)}")
@@ -338,9 +337,8 @@ class Simulation:
         if self.timing.mode == "lockstep" and not self.paused:
             if client not in self.barrier.clients:
                 names = ", ".join(sorted(self.barrier.clients))
-                raise Refused(
-                    "denied", f'"{client}" is not in the lockstep barrier of {names}: say hello with one of these names'
-                )
+                text = f'"{client}" is not in the lockstep barrier of {names}: say hello with one of these names'
+                raise Refused("denied", text)
             return Goal(self.barrier.grant(client, n, now), now, on_reply, pause_there=False, paced=True)
         if not self.paused:
             raise Refused("busy", "the world runs by itself: call world/pause first, then step")

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from msgspec import Struct
 
 from uwserver.actuators import Actuator
 from uwserver.modifiers import Measurement, Modifier
-from uwserver.ports import Call, Command, Event, OnReply, Port, Reply, Sample
+from uwserver.ports import Call, Command, Event, Field, OnReply, Port, Reply, Sample, Value
 from uwserver.sensors import Instrument, Scope, Sensor
+from uwserver.sensors.wiring import Wiring
 
 
 @dataclass(slots=True)
 class SensorSlot:
-    """A sensor in the world: when it is due, what it counted, and its errors."""
+    """A sensor in the world: when it is due, what it counted, its errors, and its last reading (valid, values) for when it freezes or a
+    compound sensor repeats it, with its time (ns); and the vehicle's inside."""
 
     port: Port
     row: int
@@ -24,6 +27,22 @@ class SensorSlot:
     latency_ns: int
     seq: int = 0
     active: bool = True
+    fault: Literal["", "frozen", "silent"] = ""
+    held: tuple[bool, tuple[Value, ...]] | None = None
+    held_ns: int = 0
+    wiring: Wiring | None = None
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Of the port."""
+        return self.port.fields
+
+    def set_interval(self, dt: float) -> None:
+        """Tell the sensor and its errors the time (s) from one reading to the next."""
+        if isinstance(self.sensor, Instrument):
+            self.sensor.dt = dt
+        for modifier in self.modifiers:
+            modifier.stream.dt = dt
 
     def read(self, scope: Scope) -> Measurement | None:
         """A reading with its errors; None when the device has none to give."""

@@ -9,18 +9,23 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
+from uwserver.environment.currents import GaussMarkov
+from uwserver.faults import Entry
 from uwserver.physics.contact import Impulses
-from uwserver.ports import Refused, Sample
+from uwserver.ports import Refused, Sample, Value
 from uwserver.sensors import Instrument, Settings
 from uwserver.world import World
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, the random stream and memory of each modifier, and those and the settings of an instrument."""
+    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, and those and the settings of an
+    instrument."""
 
     seq: int
     active: bool
     divisor: int
+    held: tuple[bool, tuple[Value, ...]] | None
+    held_ns: int
     modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
     instrument: tuple[Any, tuple[float, ...], Settings] | None
 
@@ -39,17 +44,22 @@ class ActuatorState(Struct, frozen=True):
 
 
 class Snapshot(Struct, frozen=True):
-    """A world between two ticks. Commands and calls that are posted but not carried out are not part of it."""
+    """A world between two ticks. Commands and calls that are posted but not carried out are not part of it.
+
+    `drifts` holds the random stream and the velocities of each drifting current.
+    """
 
     tick: int
     arrays: tuple[bytes, ...]
     touched: Impulses
     current: tuple[float, float, float]
+    drifts: tuple[tuple[Any, tuple[float, ...]], ...]
     sensors: dict[str, SensorState]
     actuators: dict[str, ActuatorState]
     pending: tuple[tuple[int, int, Sample], ...]
     pending_order: int
     watch: int | None
+    faults: tuple[Entry, ...]
 
     def hash(self) -> str:
         """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
@@ -59,12 +69,17 @@ class Snapshot(Struct, frozen=True):
         for column in (*self.touched.contacts, self.touched.impulse):
             digest.update(column.tobytes())
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
-        rest = (self.tick, self.current, self.sensors, actuators, self.pending, self.pending_order, self.watch)
+        water = (self.current, self.drifts)
+        rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
         digest.update(repr(rest).encode())
         return digest.hexdigest()
 
 
-_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "currents", "contact_nu_dot")
+_ARRAYS = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
+
+
+def _drifts(world: World) -> tuple[GaussMarkov, ...]:
+    return () if world.water.sea is None else world.water.sea.drifts
 
 
 def take(world: World) -> Snapshot:
@@ -74,11 +89,14 @@ def take(world: World) -> Snapshot:
         arrays=tuple(getattr(world.hydro, name).tobytes() for name in _ARRAYS),
         touched=world.hydro.touched,  # its arrays are made anew each tick and never changed
         current=world.water.current,
+        drifts=tuple((drift.rng.bit_generator.state, tuple(drift.ends.flat)) for drift in _drifts(world)),
         sensors={
             path: SensorState(
                 slot.seq,
                 slot.active,
                 slot.divisor,
+                slot.held,
+                slot.held_ns,
                 tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
                 (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
                 if isinstance(slot.sensor, Instrument)
@@ -102,6 +120,7 @@ def take(world: World) -> Snapshot:
         pending=tuple(sorted(world.pending)),
         pending_order=world.pending_order,
         watch=world.watch,
+        faults=tuple(world.faults.entries.values()),
     )
 
 
@@ -118,10 +137,13 @@ def restore(world: World, snapshot: Snapshot) -> None:
         array = getattr(world.hydro, name)
         array[...] = np.frombuffer(saved, array.dtype).reshape(array.shape)
     world.hydro.touched = snapshot.touched
-    world.water.current = snapshot.current
+    for drift, (stream, ends) in zip(_drifts(world), snapshot.drifts, strict=True):
+        drift.rng.bit_generator.state = stream
+        drift.ends[...] = np.reshape(ends, drift.ends.shape)
+    world.set_current(snapshot.current)
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
-        slot.seq, slot.active = sensor.seq, sensor.active
+        slot.seq, slot.active, slot.held, slot.held_ns = sensor.seq, sensor.active, sensor.held, sensor.held_ns
         world.set_divisor(slot, sensor.divisor)
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream
@@ -138,4 +160,5 @@ def restore(world: World, snapshot: Snapshot) -> None:
     heapq.heapify(world.pending)
     world.pending_order = snapshot.pending_order
     world.watch = snapshot.watch
+    world.faults.restore(snapshot.faults)
     world.schedule()

@@ -64,7 +64,8 @@ class Vehicle:
     def wrench(self) -> tuple[float, ...]:
         """Force (N) and moment (N m) of all actuators about the body origin in B, from the present lag states.
 
-        Prescribed wrenches that vary with time are taken at t = 0 of their sine; a commanded one is exact.
+        Prescribed wrenches that vary with time are taken at t = 0 of their sine (with a sea: now); a commanded one is exact.
         """
-        _, tau = self.hydro.rates_of_change(0.0)
+        sea = self.hydro.sea
+        _, tau = self.hydro.rates_of_change(0.0 if sea is None else float(sea.uniform[6]))
         return tuple(tau[self.row].tolist())

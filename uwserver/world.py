@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import heapq
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 
 from msgspec import structs
 
+from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
+from uwserver.faults import Faults
 from uwserver.frames import Vec3
 from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
-from uwserver.sensors import Scope
+from uwserver.sensors import Compound, Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.slots import ActuatorSlot, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
+
+log = logging.getLogger(__name__)
 
 CONFLICT_WINDOW_S = 1.0
 """Two sources that command one actuator within this simulation time are in conflict."""
@@ -48,9 +53,10 @@ class World:
         t_ns: simulation time, ns, computed from `tick`.
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         vehicles: by name.
-        water: the environment.
+        water, earth: the environment, and where N lies.
         geometry: solid things, as sensors see them.
         lambert: (n) backscatter of their materials, by number.
+        faults: of thrusters, sensors and hulls.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -64,6 +70,7 @@ class World:
         self.hydro = hydro
         self.water = water
         self.geometry: Geometry = OpenWater()
+        self.earth = Earth()
         self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
         self.tick = 0
@@ -82,6 +89,9 @@ class World:
         self._conflict_ticks = round(CONFLICT_WINDOW_S * rate_hz)
         self.watch: int | None = None
         self.jumps = 0
+        self.faults = Faults(
+            hydro, water, self.vehicles, self.sensors, self.actuators, rate_hz, lambda text: self.say("fault", text)
+        )
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
 
@@ -102,8 +112,7 @@ class World:
         if slot.divisor == divisor:
             return
         slot.divisor = divisor
-        for modifier in slot.modifiers:
-            modifier.stream.dt = float(divisor / self.rate_hz)
+        slot.set_interval(float(divisor / self.rate_hz))
         slot.port = self._replaced(structs.replace(slot.port, rate_hz=float(self.rate_hz / divisor)))
         self.schedule()
 
@@ -127,16 +136,19 @@ class World:
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
-        groups: dict[int, list[SensorSlot]] = {}
+        groups: dict[tuple[bool, int], list[SensorSlot]] = {}
         for slot in self.sensors.values():
             if slot.active:
-                groups.setdefault(slot.divisor, []).append(slot)
-        self._due = sorted(groups.items())
+                last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
+                groups.setdefault((last, slot.divisor), []).append(slot)
+        self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def set_current(self, velocity: Vec3) -> None:
-        """Set the uniform current, m/s in N, from the next tick on."""
+        """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
         self.water.current = velocity
         self.hydro.currents[:] = velocity
+        if self.water.sea is not None:
+            self.water.sea.hold(self.tick, self._seconds(), velocity)
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
 
@@ -218,19 +230,24 @@ class World:
     def advance(self) -> TickOutput:
         """One tick. The order is part of the contract:
 
-        1. what was posted, so that a command acts in the tick that its reply names;
-        2. watchdogs, after the commands that may feed them;
-        3. actuators and bodies together in the kernel, from t to t + dt;
-        4. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        5. sensors that are due at t + dt, with their errors, from the new state.
+        1. faults that begin or end, so that they meet the commands of this tick;
+        2. what was posted, so that a command acts in the tick that its reply names;
+        3. watchdogs, after the commands that may feed them;
+        4. actuators, bodies and water together in the kernel, from t to t + dt;
+        5. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
+        6. sensors that are due at t + dt, with their errors, from the new state.
         """
         output = TickOutput(self.tick, self.t_ns, [])
+        if self.faults.next_tick is not None and self.tick >= self.faults.next_tick:
+            self.faults.turn(self.tick)
         if self._posted:
             self._carry_out(output)
         if self.watch is not None and self.tick >= self.watch:
             self._watchdogs()
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
+        if self.water.sea is not None:
+            self.water.sea.move(self.tick, self._seconds(), self.water.current)
         if diverged >= 0:
             raise Diverged(self._report(diverged), output)
         if self.pending:
@@ -277,6 +294,10 @@ class World:
             return Reply(tick, t_ns, self._carry[call.service](call.args))
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
+        except Exception as error:  # a fault of one service must not end the simulation
+            log.exception("%s failed in tick %d", call.service, tick)
+            text = f"{call.service} failed by a fault of the server ({type(error).__name__}): please report it with the server's log"
+            return Reply(tick, t_ns, fault=Refused("internal", text, call.service).fault)
 
     def _accept(self, command: Command, newest: dict[str, Command]) -> Reply:
         slot = self.actuators.get(command.port)
@@ -334,12 +355,15 @@ class World:
         t_ns = self.t_ns
         rates = self.hydro.rates_of_change(self._seconds()) if any(slot.sensor.needs_rates for slot in slots) else None
         for slot in slots:
+            if slot.fault == "silent":
+                continue
             scope = scopes.get(slot.row)
             if scope is None:
                 x = self.hydro.state[slot.row].tolist()
                 scope = scopes[slot.row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry, vehicles=self.vehicles, lambert=self.lambert,
+                    geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=slot.wiring,
+                    lambert=self.lambert,
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
@@ -349,7 +373,10 @@ class World:
             seq, slot.seq = slot.seq, slot.seq + 1
             if reading.dropped:
                 continue
-            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, reading.valid, tuple(reading.values))
+            if not slot.fault or slot.held is None:
+                slot.held = reading.valid, tuple(reading.values)
+            slot.held_ns = t_ns
+            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, *slot.held)
             if reading.delay_ns == 0:
                 samples.append(sample)
             else:

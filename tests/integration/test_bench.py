@@ -31,7 +31,7 @@ def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) 
     assert report["format"] == "uwserver-bench-1"
     assert report["quick"] is True
     assert [row["group"] for row in report["rows"]] == sorted(
-        (row["group"] for row in report["rows"]), key=("physics", "server", "start", "net").index
+        (row["group"] for row in report["rows"]), key=("physics", "solids", "server", "start", "net").index
     )
     for row in report["rows"]:
         if row["verdict"] == "absent":

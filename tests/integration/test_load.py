@@ -6,10 +6,11 @@ What is judged here is behaviour; `uwserver bench net` measures the same situati
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from uwserver.bench.net_processes import WIRE_ADDRESS, Router, Traced, free_endpoint, tracing
+from uwserver.bench.net_processes import HAS_ZENOH, WIRE_ADDRESS, Router, Traced, free_endpoint, tracing
 from uwserver.bench.processes import loading
 from uwserver.bench.server import STATUS
 from uwserver.bench.wires import Peer, ask, connect
@@ -26,7 +27,7 @@ PATIENCE_S = 30.0
 LOAD = "uwserver.bench.net_load"
 ZENOH = pytest.param(
     "zenoh",
-    marks=pytest.mark.skipif(importlib.util.find_spec("zenoh") is None, reason="eclipse-zenoh is not installed"),
+    marks=pytest.mark.skipif(not HAS_ZENOH, reason="eclipse-zenoh is not installed"),
 )
 MEGABYTE_VALUES = 1 << 17
 
@@ -139,6 +140,35 @@ def test_a_stopped_reader_goes_on_where_it_can_and_its_losses_are_counted():
         finally:
             os.kill(load.pid, signal.SIGCONT)
         assert load.result()["count"] > 0
+
+
+READS_ALL_OVER_ZENOH = """
+import sys, uwclient
+client = uwclient.connect_zenoh("uwserver", [sys.argv[1]], encoding="msgpack")
+client.subscribe("**")
+for number, _ in enumerate(client):
+    if number % 1000 == 0:
+        print(number, flush=True)
+"""
+
+
+@pytest.mark.skipif(not HAS_ZENOH, reason="eclipse-zenoh is not installed")
+def test_what_zenoh_drops_for_a_stopped_client_is_told_by_the_client_and_counted():
+    """zenoh tells no publisher what it drops, so the client that misses it does."""
+    with tracing("freerun") as server:
+        command = [sys.executable, "-c", READS_ALL_OVER_ZENOH, server.addresses["zenoh"]]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as reader:
+            try:
+                assert reader.stdout is not None
+                assert reader.stdout.readline()
+                os.kill(reader.pid, signal.SIGSTOP)
+                sent = lambda: status(server)["adapters"]["zenoh"]["samples_sent"]  # noqa: E731
+                enough = sent() + 100_000  # some 20 MB: more than all buffers on the way
+                eventually(lambda: sent() > enough, "samples for a reader that is stopped")
+                os.kill(reader.pid, signal.SIGCONT)
+                eventually(lambda: status(server)["adapters"]["zenoh"]["dropped"] > 0, "drops in world/status")
+            finally:
+                reader.kill()
 
 
 @pytest.mark.parametrize("wire", ["TCP msgpack", "WebSocket", ZENOH])

@@ -72,14 +72,14 @@ ZENOH = """
 [adapters.zenoh_json]
 kind = "zenoh"
 server = "json"
-scouting = false
+listen = ["tcp/127.0.0.1:0"]
 encoding = "json"
 truth = true
 
 [adapters.zenoh_msgpack]
 kind = "zenoh"
 server = "msgpack"
-scouting = false
+listen = ["tcp/127.0.0.1:0"]
 encoding = "msgpack"
 truth = true
 """

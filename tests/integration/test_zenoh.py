@@ -5,117 +5,34 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import uwclient
 
-zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
-
-PATIENCE_S = 30.0
-ROV = 'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n[server]\nmetrics = false\n'
-TCP = '[adapters.tcp]\nkind = "sockets"\nport = 0\n'
-BUS = '[adapters.bus]\nkind = "zenoh"\nscouting = false\n'
-LISTEN = 'listen = ["tcp/127.0.0.1:0"]\n'
-STILL = "[world.clock]\npaused = true\n"
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-class Server:
-    """`uwserver run` in a process of its own."""
-
-    def __init__(self, scenario: Path) -> None:
-        command = [sys.executable, "-m", "uwserver", "run", str(scenario)]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.addresses: dict[str, str] = {}
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            if found := re.match(r"  (\w+): (\S+)$", line):
-                self.addresses[found[1]] = found[2]
-            if line.startswith("Ctrl-C"):
-                return
-        raise AssertionError(f"the server ended: {self.process.communicate(timeout=PATIENCE_S)}")
-
-    @property
-    def endpoint(self) -> str:
-        return self.addresses["bus"]
-
-    def client(self, server: str = "uwserver", **options: Any) -> uwclient.Client:
-        return uwclient.connect_zenoh(server, [self.endpoint], timeout=PATIENCE_S, **options)
-
-    def tcp_client(self, **options: Any) -> uwclient.Client:
-        host, port = self.addresses["tcp"].split(":")
-        return uwclient.connect(host, int(port), timeout=PATIENCE_S, **options)
-
-    def end(self) -> str:
-        self.process.terminate()
-        _, errors = self.process.communicate(timeout=PATIENCE_S)
-        assert self.process.returncode == 0, errors
-        assert "Traceback" not in errors
-        return str(errors)
-
-
-@contextlib.contextmanager
-def serving(folder: Path, text: str) -> Iterator[Server]:
-    scenario = folder / f"{len(list(folder.iterdir()))}.toml"
-    scenario.write_text(text)
-    server = Server(scenario)
-    try:
-        yield server
-    finally:
-        if server.process.poll() is None:
-            server.process.kill()
-        server.process.communicate(timeout=PATIENCE_S)
-
-
-@contextlib.contextmanager
-def session(connect: str | None = None, listen: str | None = None, mode: str = "peer") -> Iterator[Any]:
-    config = zenoh.Config()
-    for path, value in {
-        "mode": mode,
-        "scouting/multicast/enabled": False,
-        "connect/endpoints": [connect] if connect else [],
-        "listen/endpoints": [listen] if listen else [],
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
-    }.items():
-        config.insert_json5(path, json.dumps(value))
-    opened = zenoh.open(config)
-    try:
-        yield opened
-    finally:
-        opened.close()
-
-
-def until(condition: Callable[[], Any], what: str) -> Any:
-    end = time.monotonic() + PATIENCE_S
-    while not (value := condition()):
-        assert time.monotonic() < end, f"not within {PATIENCE_S:g} s: {what}"
-        time.sleep(0.02)
-    return value
-
-
-def tokens(opened: Any, pattern: str) -> set[str]:
-    return {str(reply.ok.key_expr) for reply in opened.liveliness().get(pattern, timeout=5) if reply.ok is not None}
-
-
-def ask(opened: Any, selector: str, payload: bytes | None = None, **options: Any) -> list[tuple[str, Any]]:
-    """("ok" or "err", decoded payload) of each reply."""
-    answers = []
-    for reply in opened.get(selector, payload=payload, timeout=PATIENCE_S, **options):
-        kind, answer = ("ok", reply.ok) if reply.ok is not None else ("err", reply.err)
-        answers.append((kind, json.loads(answer.payload.to_bytes())))
-    return answers
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
+import zenoh
+from zenoh_network import (
+    BUS,
+    LISTEN,
+    PATIENCE_S,
+    ROV,
+    STILL,
+    TCP,
+    Server,
+    ask,
+    ended,
+    free_endpoint,
+    serving,
+    session,
+    tokens,
+    until,
+)
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +125,7 @@ def test_a_refused_put_is_told(peer):
         ("rov/thrusters", b'{"u": [9, 0, 0, 0, 0, 0, 0, 0]}', {}, "out_of_range"),
         ("rov/thrusters", b'{"u": [0, 0', {}, "parse_error"),
         ("rov/thrusters", b"{}", {"encoding": "image/png"}, "bad_argument"),
-        ("rov/thrusters", b"{}", {"attachment": b"\xc1"}, "parse_error"),
+        ("rov/thrusters", b"{}", {"attachment": b"\xc1"}, "invalid_request"),
         ("rov/thrusters", b'{"u":"' + b"x" * (1 << 20) + b'"}', {}, "too_large"),
         ("rov/imu", b'{"f_S": [0, 0, 0]}', {}, "bad_argument"),
         ("rov/thruster", b"{}", {}, "unknown_port"),
@@ -339,6 +256,25 @@ def test_the_server_is_the_router(tmp_path):
         server.end()
 
 
+def test_peers_are_counted_once_each_also_in_client_mode_and_behind_a_router(tmp_path):
+    def peers(server: Server) -> int:
+        with server.tcp_client() as over_tcp:
+            return over_tcp.status()["adapters"]["bus"]["peers"]
+
+    with serving(tmp_path, ROV + TCP + BUS + LISTEN + 'mode = "router"\n') as server:
+        with server.client(mode="client"), session(server.endpoint, mode="client"), server.client():
+            until(lambda: peers(server) == 3, "a named client, a plain one, a peer")
+        until(lambda: peers(server) == 0, "all gone")
+    endpoint = free_endpoint()
+    with session(listen=endpoint, mode="router"):
+        behind = f'mode = "client"\nconnect = ["{endpoint}"]\n'
+        with serving(tmp_path, ROV + TCP + BUS + behind) as server:
+            until(lambda: peers(server) == 1, "the router")
+            with uwclient.connect_zenoh("uwserver", [endpoint], mode="client", timeout=PATIENCE_S):
+                until(lambda: peers(server) == 2, "the router, and the client behind it by its token")
+            until(lambda: peers(server) == 1, "the client gone")
+
+
 def test_router_restart_and_two_servers_in_one_network(tmp_path):
     endpoint = free_endpoint()
     client_mode = f'mode = "client"\nconnect = ["{endpoint}"]\n'
@@ -356,7 +292,7 @@ def test_router_restart_and_two_servers_in_one_network(tmp_path):
         assert ask(peer, "uw/beta/world/status")[0][1]["value"]["t_ns"] == 0
         assert {key.split("/")[1] for key in samples} == {"alpha"}
 
-        third = _ended(tmp_path, ROV + BUS + client_mode + 'server = "alpha"\n')
+        third = ended(tmp_path, ROV + BUS + client_mode + 'server = "alpha"\n')
         assert third.returncode == 1
         assert 'another server named "alpha"' in third.stderr
 
@@ -376,13 +312,6 @@ def test_router_restart_and_two_servers_in_one_network(tmp_path):
         until(lambda: tokens(peer, "uw/alpha/@alive"), "alpha's token after the router's restart")
         until(lambda: ask(peer, "uw/alpha/world/status"), "calls after the router's restart")
         alpha.end()
-
-
-def _ended(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
-    scenario = folder / "ended.toml"
-    scenario.write_text(text)
-    command = [sys.executable, "-m", "uwserver", "run", str(scenario)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 def test_uwclient_survives_a_server_restart(tmp_path):
@@ -414,10 +343,10 @@ def _reads(client: uwclient.Client) -> bool:
     ],
 )
 def test_a_wrong_table_is_told(tmp_path, table, text):
-    ended = _ended(tmp_path, ROV + BUS + table)
-    assert ended.returncode == 1
-    assert text in ended.stderr
-    assert "Traceback" not in ended.stderr
+    done = ended(tmp_path, ROV + BUS + table)
+    assert done.returncode == 1
+    assert text in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_without_the_package_the_others_still_serve(tmp_path):
@@ -428,14 +357,14 @@ def test_without_the_package_the_others_still_serve(tmp_path):
     )
     for required, status in (("false", 0), ("true", 1)):
         (tmp_path / "tank.toml").write_text(ROV + TCP + BUS + f"required = {required}\n")
-        ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
-        assert ended.returncode == status, ended.stderr
-        assert "pip install 'uwserver[zenoh]'" in ended.stderr
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
+        assert done.returncode == status, done.stderr
+        assert "pip install 'uwserver[zenoh]'" in done.stderr
 
 
 def test_the_program_of_the_guide_runs(tmp_path):
     guide = (Path(__file__).parents[2] / "docs" / "how-to" / "zenoh.md").read_text()
-    (program,) = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
+    program = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)[0]
     table = re.findall(r"```toml\n(.*?)```", guide, re.DOTALL)[0]
     endpoint = free_endpoint()
     with serving(tmp_path, ROV + table.replace("tcp/127.0.0.1:7447", endpoint)) as server:

@@ -75,6 +75,14 @@ def test_a_loop_that_stalls_costs_samples_but_no_reply_and_no_event():
     assert bus.backlog() == 0
 
 
+def test_a_tick_that_lost_all_it_held_does_not_wait():
+    bus = Bus(lambda _: None)
+    for k in range(MAX_TICKS + 10):
+        bus.publish(tick(k))
+    assert bus.dropped == 10
+    assert bus.backlog() == MAX_TICKS
+
+
 def test_a_broken_sink_and_a_broken_asker_hurt_nobody(caplog):
     def fails(_: object) -> None:
         raise RuntimeError("broken asker")

@@ -69,14 +69,17 @@ def test_release_starts_anew_from_now():
     assert pace.overruns == 0
 
 
-def test_a_stop_ends_a_long_wait_at_once():
-    stop = threading.Event()
-    stop.set()
+def test_a_post_ends_a_long_wait_at_once_and_a_short_one_never():
+    post = threading.Event()
+    post.set()
     time = MockTime()
     pace = Pace(time, speed=0.001)
     pace.anchor(0)
-    pace.wait(NANOSECONDS, stop)
+    assert pace.wait(NANOSECONDS, post) is None
     assert time.waits == []
+    pace = Pace(time)
+    pace.anchor(0)
+    assert pace.wait(TICK, post) == 0
 
 
 def test_system_time_wakes_early_from_a_long_wait():

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from uwserver import server as server_module
-from uwserver.adapter import AdapterTable
+from uwserver.adapter import AdapterNotFound, AdapterTable
 from uwserver.ports import Event, Refused, Reply
 from uwserver.server import Options, Server, StartFailed
 from uwserver.simulation import Timing
@@ -117,6 +117,20 @@ def test_a_required_adapter_that_cannot_start_ends_the_server_with_the_reason(re
 
     with pytest.raises(StartFailed, match='"it" did not start: port 1 is taken'):
         serve(with_adapter(resolved, fail_always=True), script)
+
+
+def test_an_adapter_that_cannot_be_loaded_is_told_like_any_other_failure(resolved, monkeypatch):
+    def absent(kind):
+        raise AdapterNotFound("its module is broken")
+
+    async def script(server):
+        await until(lambda: server.hub.stats["it"].restarts > 1)
+        assert server.hub.stats["it"].last_error == "its module is broken"
+
+    monkeypatch.setattr(server_module, "load_adapter", absent)
+    with pytest.raises(StartFailed, match='"it" did not start: its module is broken'):
+        serve(with_adapter(resolved), script)
+    assert serve(with_adapter(resolved, required=False), script) == 0
 
 
 def test_one_that_is_not_required_is_tried_again_while_the_world_runs(resolved):

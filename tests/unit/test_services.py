@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from uwserver.ports import Refused
+from uwserver.ports import Call, Refused, Reply, Service
 
 
 def test_every_component_has_its_services(world):
@@ -95,3 +95,29 @@ def test_everybody_is_told_when_time_is_set(world):
     world.call("world/snapshot", name="here")
     world.call("world/restore", name="here")
     assert [(event.event, "here" in event.text) for event in world.flush().events] == [("reset", True)]
+
+
+def test_the_name_of_a_snapshot_and_the_watchdog_time_are_bounded(world):
+    assert world.call("world/snapshot", name="x" * 64)["name"] == "x" * 64
+    with pytest.raises(Refused, match="at most 64 characters, not 65"):
+        world.call("world/snapshot", name="x" * 65)
+    with pytest.raises(Refused, match="at most 1e\\+06 s"):
+        world.call("rov/thrusters/set", timeout_s=1e7)
+    with pytest.raises(Refused) as caught:
+        world.call("world/restore", name="y" * 10_000)
+    assert len(caught.value.fault.text) < 300
+
+
+def test_an_unexpected_fault_in_a_service_is_its_reply_and_the_world_goes_on(world, caplog):
+    def breaks(_):
+        raise ZeroDivisionError("somewhere inside")
+
+    world.offer(Service("world/breaks", "Fail."), breaks)
+    replies: list[Reply] = []
+    world.submit(Call("world/breaks", {}), replies.append)
+    world.submit(Call("world/state_hash", {}), replies.append)
+    world.step(2)
+    assert world.tick == 2
+    assert [reply.fault and reply.fault.code for reply in replies] == ["internal", None]
+    assert "world/breaks failed" in caplog.text
+    assert "somewhere inside" in caplog.text

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -199,6 +201,37 @@ def test_lockstep_states_what_it_does_without_a_client(resolved, policy, event):
             assert rig.final(a).tick == 2
         else:
             assert rig.simulation.paused
+
+
+def test_a_pause_for_a_lost_client_is_told_once_and_its_grant_does_not_end_it(resolved):
+    timing = Timing(mode="lockstep", lockstep_clients=("a", "b"), lockstep_timeout_s=0.02, on_loss="pause")
+    with running(resolved, timing) as rig:
+        a, _ = rig.begin("world/step", client="a", n=2)
+        rig.event("paused")
+        b, _ = rig.begin("world/set_speed", speed=1.0)  # answered after at least one more turn
+        rig.final(b)
+        time.sleep(0.1)  # five more time-outs
+        assert rig.events.empty()
+        assert rig.world.tick == 0
+        rig.call("world/resume")
+        rig.begin("world/step", client="b", n=2)
+        assert rig.final(a).tick == 2
+
+
+def test_a_very_slow_world_hears_at_once(resolved):
+    """A tick lasts more than an hour."""
+    with running(resolved, Timing(speed=1e-6)) as rig:
+        for _ in range(10):
+            assert rig.call("world/set_speed", speed=1e-6).fault is None
+        assert rig.call("world/pause").fault is None
+
+
+def test_what_was_frozen_for_the_run_is_collected_again_afterwards(resolved):
+    gc.unfreeze()
+    with running(resolved, Timing(paused=True)) as rig:
+        rig.call("world/step", n=1)
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
 
 
 def test_a_diverged_world_stops_is_told_and_runs_again_after_a_reset(resolved):

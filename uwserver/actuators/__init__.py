@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from uwserver.actuators.ballast import BallastConfig
 from uwserver.actuators.base import Actuator, ActuatorTable, Body, Given
+from uwserver.actuators.fin import FinConfig, FinsConfig
 from uwserver.actuators.force_torque import ForceTorqueConfig
+from uwserver.actuators.moving_mass import MovingMassConfig
+from uwserver.actuators.propeller import PropellerConfig
 from uwserver.actuators.teleport import TeleportConfig
-from uwserver.actuators.thruster import ThrusterConfig, ThrustersConfig
+from uwserver.actuators.thruster import ThrusterConfig, Thrusters, ThrustersConfig
 
-ActuatorConfig = ThrustersConfig | ThrusterConfig | ForceTorqueConfig | TeleportConfig
+ActuatorConfig = (
+    ThrustersConfig
+    | ThrusterConfig
+    | FinsConfig
+    | FinConfig
+    | PropellerConfig
+    | BallastConfig
+    | MovingMassConfig
+    | ForceTorqueConfig
+    | TeleportConfig
+)
 
 __all__ = [
-    "Actuator", "ActuatorConfig", "ActuatorTable", "Body", "ForceTorqueConfig", "Given", "TeleportConfig", "ThrusterConfig", "ThrustersConfig",
+    "Actuator", "ActuatorConfig", "ActuatorTable", "BallastConfig", "Body", "FinConfig", "FinsConfig", "ForceTorqueConfig", "Given",
+    "MovingMassConfig", "PropellerConfig", "TeleportConfig", "ThrusterConfig", "Thrusters", "ThrustersConfig",
 ]  # fmt: skip

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Annotated, Protocol
+
+from msgspec import Meta
 
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Field
-from uwserver.table import NonNegative, Table
+from uwserver.table import Table
 
 Given = tuple[tuple[float, ...] | None, ...]
 """A checked command: one tuple of floats per field of the port, None where the sender left the field out."""
+
+
+LONGEST_TIMEOUT_S = 1e6
+Timeout = Annotated[float, Meta(ge=0, le=LONGEST_TIMEOUT_S)]
 
 
 class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
@@ -21,7 +27,7 @@ class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         enabled: False takes the actuator out.
     """
 
-    timeout_s: NonNegative = 1.0
+    timeout_s: Timeout = 1.0
     enabled: bool = True
 
 
@@ -33,13 +39,22 @@ class Body:
         row: the vehicle's body row.
         thrusters: thruster rows by name.
         wrench: the vehicle's wrench row.
+        servos: servo rows by table and name (``fins.rudder``).
     """
 
-    def __init__(self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], wrench: int) -> None:
+    def __init__(
+        self,
+        hydro: Hydrodynamics,
+        row: int,
+        thrusters: Mapping[str, int],
+        wrench: int,
+        servos: Mapping[str, int] | None = None,
+    ) -> None:
         self.hydro = hydro
         self.row = row
         self.thrusters = thrusters
         self.wrench = wrench
+        self.servos = servos or {}
 
 
 class Actuator(Protocol):

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 
-from uwserver.actuators.base import ActuatorTable, Body, Given
+from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
 from uwserver.physics.layout import NU, P, Q
 from uwserver.ports import Field
-from uwserver.table import NonNegative
 
 
 class TeleportConfig(ActuatorTable, tag="teleport", kw_only=True, frozen=True):
     """Sets pose and velocity at once; it has no watchdog."""
 
-    timeout_s: NonNegative = 0.0
+    timeout_s: Timeout = 0.0
 
     def build(self, body: Body) -> Teleport:
         """The actuator."""

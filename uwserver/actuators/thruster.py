@@ -49,13 +49,18 @@ class ThrusterConfig(ActuatorTable, tag="thruster", kw_only=True, frozen=True):
 
 
 class Thrusters:
-    """Writes commands into thruster rows."""
+    """Writes commands into thruster rows.
+
+    Attributes:
+        rows: of the members, by name.
+    """
 
     def __init__(self, body: Body, members: tuple[str, ...], shape: tuple[int, ...], command: str) -> None:
         for name in members:
             if name not in body.thrusters:
                 raise ValueError(f'no thruster "{name}" here, there are: {", ".join(body.thrusters) or "none"}')
         self._hydro = body.hydro
+        self.rows = {name: body.thrusters[name] for name in members}
         self._rows = [body.thrusters[name] for name in members]
         self._by_force = int(command == "force")
         order = ", ".join(members)

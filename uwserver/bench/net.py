@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Event
+from typing import Any
 
 from uwserver.bench.net_processes import (
     HAS_ZENOH,
@@ -27,6 +28,8 @@ COMMAND_P99_BAR_MS, READING_P50_BAR_MS, RECONNECT_BAR_S = 5.0, 1.0, 2.0
 SAMPLE_P50_BAR_MS, ZENOH_SAMPLE_P50_BAR_MS = 0.5, 0.6
 FLOW_BARS = {"TCP msgpack": 50_000.0, "zenoh": 20_000.0}
 CROWDS = (1, 10, 50)
+SHARED = 0.7
+"""Of the clients that an encoding serves once all have subscribed, how many at least over the whole measurement."""
 FLOW_CLIENTS = 10
 SLOW_CLIENTS = 10
 SETTLE_S = 1.0
@@ -129,6 +132,7 @@ def _flows(load: Load, length: Length, say: Say) -> list[Row]:
 def _crowds(load: Load, length: Length, say: Say) -> list[Row]:
     """Processor time of the server a sample sent, beyond that of the server alone: encoding is shared, so it falls with the clients."""
     cost: dict[int, list[float]] = {count: [] for count in CROWDS}
+    shared: dict[int, list[float]] = {count: [] for count in CROWDS}
     late: list[float] = []
     for repeat in range(length.repeats):
         say(f"net: {', '.join(map(str, CROWDS))} clients, repeat {repeat + 1} of {length.repeats}")
@@ -149,7 +153,11 @@ def _crowds(load: Load, length: Length, say: Say) -> list[Row]:
                     )
                     received = result["per_s"]
 
+                before = _adapter(traced, "tcp")
                 share = _processor_share(traced, crowd)
+                after = _adapter(traced, "tcp")
+                encoded = after["encoded"] - before["encoded"]
+                shared[count].append((after["samples_sent"] - before["samples_sent"]) / max(encoded, 1))
                 if share is not None and alone is not None and received:
                     cost[count].append(max(0.0, share - alone) / received * 1e6)
             late.append(lateness_p99_ms(traced.served))
@@ -157,7 +165,17 @@ def _crowds(load: Load, length: Length, say: Say) -> list[Row]:
         Row("net", f"server processor time a sample, {count} client(s)", "us", tuple(values), note="" if values else UNKNOWN)
         for count, values in cost.items()
     ]  # fmt: skip
+    rows += [
+        Row("net", f"samples sent for each one encoded, {count} client(s)", "1", tuple(values), at_least=SHARED * count)
+        for count, values in shared.items()
+    ]
     return [*rows, Row("net", "tick lateness p99 over all that", "ms", tuple(late), at_most=LATENESS_BAR_MS)]
+
+
+def _adapter(traced: Traced, name: str) -> dict[str, Any]:
+    """Its part of world/status."""
+    stats: dict[str, Any] = traced.served.ask(STATUS)["value"]["adapters"][name]
+    return stats
 
 
 def _processor_share(traced: Traced, work: Callable[[], None]) -> float | None:
@@ -184,7 +202,7 @@ def _stopped_reader(load: Load, length: Length, say: Say) -> list[Row]:
         finally:
             os.kill(others.pid, signal.SIGCONT)
         others.result()
-        dropped = traced.served.ask(STATUS)["value"]["adapters"]["tcp"]["dropped"]
+        dropped = _adapter(traced, "tcp")["dropped"]
         late = lateness_p99_ms(traced.served)
     who = f"{SLOW_CLIENTS} readers stopped for {length.stopped_s:g} s"
     return [

@@ -3,23 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from uwserver.environment.column import WaterColumn, uniform_column
+from uwserver.environment.sea import Sea
 from uwserver.frames import Vec3
-
-
-class Sea(Protocol):
-    """Water that moves otherwise than uniformly and steadily."""
-
-    def velocity(self, p: Vec3, t: float) -> Vec3:
-        """Of the water in N, m/s, at a point of N (m) and a time (s) in the present tick."""
-
-    def elevation(self, x: float, y: float, t: float) -> float:
-        """Of the surface above z = 0, m."""
-
-    def head(self, p: Vec3, t: float) -> float:
-        """Dynamic pressure over density times gravity, m; above z = 0 that at z = 0."""
 
 
 @dataclass(slots=True)

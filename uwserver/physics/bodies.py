@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from uwserver.physics.appended import Appendages, appendage_rates
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import BODY, LAG, SHAPE, TABLE, TABLE_SIZE, TABLE_VOLTAGES, THRUSTER, WRENCH
 
@@ -60,6 +61,8 @@ class BodyParams:
         weight, buoyancy: N.
         r_g, r_b: centre of gravity and of buoyancy, m.
         shapes: geometry of the displaced volume; without any the body is always submerged.
+        displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
+        appendages: fins, propellers, ballast, and what the hull's shape adds to the matrices.
     """
 
     M_RB: FloatArray
@@ -74,6 +77,8 @@ class BodyParams:
     shapes: tuple[BuoyancyShape, ...] = ()
     thrusters: tuple[ThrusterParams, ...] = field(default=())
     wrenches: int = 1
+    displaced: float | None = None
+    appendages: Appendages = field(default=Appendages())
 
 
 def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> FloatArray:
@@ -103,7 +108,9 @@ def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
     def column(D: FloatArray, j: int) -> float:
         return float(np.linalg.norm(root @ D[:, j]) * np.linalg.norm(root[j]))
 
-    return norm(body.D_L), np.array([2.0 * column(body.D_Q, j) for j in range(6)]), 2.0 * norm(body.D_S)
+    rate_L, rate_Q, rate_S = appendage_rates(body.appendages, root)
+    quadratic = np.array([2.0 * column(body.D_Q, j) for j in range(6)])
+    return rate_L + norm(body.D_L), rate_Q + quadratic, rate_S + 2.0 * norm(body.D_S)
 
 
 def _form(M: FloatArray) -> int:
@@ -118,6 +125,7 @@ def body_row(body: BodyParams) -> Records:
     row = np.zeros(1, BODY)
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "r_g", "r_b"):
         row[name] = getattr(body, name)
+    row["displaced"] = body.buoyancy / 9.81 if body.displaced is None else body.displaced
     row["M_inv"] = np.linalg.inv(body.M_RB + body.M_A)
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
         row[f"form_{name}"] = _form(getattr(body, name))
@@ -130,7 +138,8 @@ def body_row(body: BodyParams) -> Records:
         )
         for shape in shape_rows(body)
     ]
-    reach += [float(np.linalg.norm(t.r)) + t.disc_radius for t in body.thrusters]
+    reach += [float(np.linalg.norm(t.r)) + t.disc_radius for t in body.thrusters] + [body.appendages.reach]
+    row["fitted"] = int(body.appendages != Appendages())
     row["radius"] = max(reach, default=0.0)
     return row
 

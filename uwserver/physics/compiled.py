@@ -20,7 +20,14 @@ from uwserver.physics.finished_cache import FinishedCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-ENTRY_KERNELS = ("integrator.advance", "integrator.rates_of_change", "touching.strike", "touching.settle")
+ENTRY_KERNELS = (
+    "integrator.advance",
+    "integrator.rates_of_change",
+    "touching.strike",
+    "touching.settle",
+    "flow.fill_flows",
+    "flow.water_at",
+)
 """What Python calls; numba keeps an index file of each once it is compiled, after all that it calls."""
 
 

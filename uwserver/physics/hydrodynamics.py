@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from uwserver.physics import layout
+from uwserver.physics.appended import appendage_rows, servo_rows
 from uwserver.physics.bodies import (
     BodyParams,
     FloatArray,
@@ -42,13 +43,24 @@ def _contact_kernel() -> ModuleType:
     return touching
 
 
+@cache
+def _sea_kernel() -> ModuleType:
+    """As `_kernel`, for a sea."""
+    from uwserver.physics import flow
+
+    return flow
+
+
 class Hydrodynamics:
     """State and parameters of all bodies, one row each. Not thread-safe: owned by the simulation thread.
 
     Attributes:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
-        currents: (n, 3) water velocity at each body in N, m/s.
-        thrusters, wrenches: (m) rows of the commanded propulsors and prescribed wrenches (`layout`).
+        flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
+        sea: water that moves otherwise than uniformly and steadily; None for none.
+        params: of each body, as added; `change` does not touch them.
+        thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
+            (`layout`).
         collider: finds contacts; None in open water.
         touched: contacts of the last tick and their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
@@ -56,7 +68,7 @@ class Hydrodynamics:
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
-        self._params: tuple[BodyParams, ...] = ()
+        self.params: tuple[BodyParams, ...] = ()
         self._tables: dict[ForceTable, int] = {}
         self._lags: dict[Lag, int] = {}
         self.bodies: Records = np.zeros(0, layout.BODY)
@@ -65,16 +77,24 @@ class Hydrodynamics:
         self.wrenches: Records = np.zeros(0, layout.WRENCH)
         self.tables: Records = np.zeros(0, layout.TABLE)
         self.lags: Records = np.zeros(0, layout.LAG)
+        self.servos: Records = np.zeros(0, layout.SERVO)
+        self.foils: Records = np.zeros(0, layout.FOIL)
+        self.propellers: Records = np.zeros(0, layout.PROPELLER)
+        self.weights: Records = np.zeros(0, layout.WEIGHT)
+        self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
+        self.hulls: Records = np.zeros(0, layout.HULL)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
-        self.currents: FloatArray = np.zeros((0, 3))
         self.collider: Collider | None = None
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
+        self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
+        self.sea: layout.SeaRows | None = None
+        self._gather()
         for body in bodies:
             self.add(body)
 
     def __len__(self) -> int:
-        return len(self._params)
+        return len(self.params)
 
     def add(self, body: BodyParams) -> int:
         """Append a body at rest at the origin; the rows of the others stay as they are. Returns its row."""
@@ -88,6 +108,7 @@ class Hydrodynamics:
         self.tables = concatenate([table_row(table) for table in self._tables], layout.TABLE)
         self.lags = concatenate([lag_row(lag, self.dt) for lag in self._lags], layout.LAG)
         thrusters = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
+        self._append_appendages(body, row)
         self.bodies = np.concatenate([self.bodies, row])
         self.shapes = np.concatenate([self.shapes, shape_rows(body)])
         self.thrusters = np.concatenate([self.thrusters, concatenate(thrusters, layout.THRUSTER)])
@@ -95,18 +116,44 @@ class Hydrodynamics:
         rest = np.zeros((1, layout.STATE_SIZE))
         rest[0, layout.Q] = 1.0
         self.state = np.concatenate([self.state, rest])
-        self.currents = np.concatenate([self.currents, np.zeros((1, 3))])
+        self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
         self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
-        self._params = (*self._params, body)
-        return len(self._params) - 1
+        self.params = (*self.params, body)
+        self._gather()
+        return len(self.params) - 1
+
+    def change(self, row: int, body: BodyParams) -> None:
+        """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
+        new = body_row(body)
+        kept = ("fitted", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
+        for name in kept:
+            new[name] = self.bodies[name][row]
+        self.bodies[row] = new[0]
+
+    def _append_appendages(self, body: BodyParams, row: Records) -> None:
+        """Rows of the body's appendages; their ranges go into its BODY row."""
+        added = {"servos": servo_rows(body.appendages), **appendage_rows(body.appendages, len(self.servos))}
+        for name, rows in added.items():
+            present = getattr(self, name)
+            kind = name.removesuffix("s")
+            row[f"{kind}_first"], row[f"{kind}_count"] = len(present), len(rows)
+            setattr(self, name, np.concatenate([present, rows]))
+
+    def _gather(self) -> None:
+        """All rows of the world as the kernel takes them; the arrays change only when a body is added."""
+        fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
+        self.fitted = fitted if self.bodies["fitted"].any() else None
+        self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
 
     @property
-    def rows(self) -> layout.Rows:
-        """All rows of the world, as the kernel takes them."""
-        return layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+    def currents(self) -> FloatArray:
+        """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
+        return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.5 * self.dt, self.flows)
         if self.collider is not None:
             contacts = self.collider.find_contacts(self.state, self.dt)
             if len(contacts.gap):
@@ -117,13 +164,16 @@ class Hydrodynamics:
         return self._advance_free(t)
 
     def _advance_free(self, t: float) -> int:
-        return int(_kernel().advance(self.rows, self.state, self.currents, t, self.dt))
+        return int(_kernel().advance(self.rows, self.fitted, self.state, self.flows, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are told in `touching`."""
         kernel, old = _contact_kernel(), self.touched
         trial = self.rows._replace(thrusters=self.thrusters.copy())
-        struck = kernel.strike(trial, self.state, self.currents, contacts, old.contacts.key, old.impulse, t, self.dt)
+        fitted = self.fitted and self.fitted._replace(servos=self.servos.copy())
+        struck = kernel.strike(
+            trial, fitted, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt
+        )
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
@@ -136,7 +186,9 @@ class Hydrodynamics:
         nu_dot holds the mean of the last tick's contacts, as an accelerometer would; the wrench is that of thrusters and prescribed rows.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        _kernel().rates_of_change(self.rows, self.state, self.currents, t, nu_dot, tau)
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
+        _kernel().rates_of_change(self.rows, self.fitted, self.state, self.flows, t, nu_dot, tau)
         if len(self.touched.impulse):
             nu_dot += self.contact_nu_dot
         return nu_dot, tau
@@ -148,6 +200,9 @@ class Hydrodynamics:
         nothing.rates_of_change(0.0)
         if self.collider is not None:
             nothing._advance_touching(NO_CONTACTS, 0.0)
+        if self.sea is not None:
+            nothing.sea = self.sea
+            nothing.advance(0.0)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

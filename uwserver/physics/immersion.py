@@ -1,4 +1,7 @@
-"""Submerged volume and its centre for boxes and spheres cut by the water surface (compiled)."""
+"""Submerged volume and its centre for boxes and spheres cut by the water surface (compiled).
+
+Near a body the surface is a plane: z = 0 of N, or in waves the plane that touches the surface at the body (`layout.FLOW_PLANE`).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.compiled import compiled
+from uwserver.physics.layout import FLOW_KIND, FLOW_PLANE, FLOW_T, WAVY
 
 Array = Any  # numpy array inside compiled code
 
@@ -108,33 +112,52 @@ def disc_fraction(depth: float, radius: float) -> float:
 
 
 @compiled
-def immersion(body: Any, shapes: Array, p_z: float, R: Array, center: Array, scratch: Array) -> float:
+def depth_below(flow: Array, x: float, y: float, z: float, t: float) -> float:
+    """Distance (m, positive below) of a point in N from the plane of the surface at time t (s)."""
+    if flow[FLOW_KIND] < WAVY:
+        return z
+    sx, sy = flow[FLOW_PLANE + 1], flow[FLOW_PLANE + 2]
+    elevation = flow[FLOW_PLANE] + sx * x + sy * y + flow[FLOW_PLANE + 3] * (t - flow[FLOW_T])
+    return (z + elevation) / math.sqrt(1.0 + sx * sx + sy * sy)
+
+
+@compiled
+def upward(flow: Array, R: Array, up: Array) -> None:
+    """`up` (3) receives the unit normal of the surface, out of the water, in B; R (3, 3) is R_NB."""
+    for i in range(3):
+        up[i] = -R[2, i]
+    if flow[FLOW_KIND] == WAVY:
+        sx, sy = flow[FLOW_PLANE + 1], flow[FLOW_PLANE + 2]
+        norm = math.sqrt(1.0 + sx * sx + sy * sy)
+        for i in range(3):
+            up[i] = (up[i] - sx * R[0, i] - sy * R[1, i]) / norm
+
+
+@compiled
+def immersion(body: Any, shapes: Array, depth: float, center: Array, scratch: Array) -> float:
     """Submerged fraction of a body's displaced volume; `center` (3) receives the centre of buoyancy in B.
 
     Args:
         body: a BODY record.
         shapes: all SHAPE records.
-        p_z: depth of the body origin, m.
-        R: (3, 3) R_NB.
+        depth: of the body origin below the plane of the surface, m.
         center: (3) out, m in B.
-        scratch: (2, 3) work space.
+        scratch: (2, 3) the surface's unit normal in B (`upward`), and work space.
     """
     for i in range(3):
         center[i] = body.r_b[i]
-    if body.shape_count == 0 or p_z > body.radius:
+    if body.shape_count == 0 or depth > body.radius:
         return 1.0
     up, offset = scratch[0], scratch[1]
-    for i in range(3):
-        up[i] = -R[2, i]  # the surface's normal, -z of N, in B
     fraction = cx = cy = cz = 0.0
     for k in range(body.shape_first, body.shape_first + body.shape_count):
         shape = shapes[k]
         c = shape.center
-        depth = p_z - (up[0] * c[0] + up[1] * c[1] + up[2] * c[2])
+        below = depth - (up[0] * c[0] + up[1] * c[1] + up[2] * c[2])
         if shape.kind == 0:
-            f = box_fraction(depth, shape.half, up, offset)
+            f = box_fraction(below, shape.half, up, offset)
         else:
-            f = sphere_fraction(depth, shape.half[0], up, offset)
+            f = sphere_fraction(below, shape.half[0], up, offset)
         w = f * shape.share
         fraction += w
         cx += w * (c[0] + offset[0])

@@ -1,4 +1,4 @@
-"""The arrays that the compiled kernel works on: one row a body, thruster, prescribed wrench or buoyancy shape.
+"""The arrays that the compiled kernel works on: one row a body, thruster, prescribed wrench, buoyancy shape or appendage.
 
 Everything is float64 SI in frames N (NED) and B (FRD), about the body origin. Rows of one body are contiguous; a body names its range by
 ``first`` and ``count``. Plain numpy records keep the call into the kernel at one argument an array and make a snapshot a copy.
@@ -14,6 +14,22 @@ P, Q, NU = 0, 3, 7
 """Columns of a state row: p_NB (3, m), q_NB (4, w x y z), nu = v_NB_B (3, m/s) and w_NB_B (3, rad/s)."""
 STATE_SIZE = 13
 
+FLOW_V, FLOW_V_T, FLOW_GRADIENT, FLOW_PLANE, FLOW_P, FLOW_T, FLOW_KIND = 0, 3, 6, 15, 19, 22, 23
+"""Columns of a flow row, the water near one body and one instant, all in N: velocity (3, m/s), its partial derivative by time (3, m/s2) and its
+gradient (3, 3, 1/s; row i has the derivatives of component i), the plane that touches the surface (elevation at x = y = 0 in m, slopes along x
+and y, rate of the elevation in m/s), the place (3, m) and the instant (s) of all these, and the kind."""
+FLOW_SIZE = 24
+STEADY, MOVING, WAVY = 0.0, 1.0, 2.0
+"""Kinds of flow: the velocity alone counts; rates and gradient too; the surface too."""
+
+WAVE_KX, WAVE_KY, WAVE_K, WAVE_OMEGA, WAVE_AMPLITUDE, WAVE_PHASE, WAVE_DEPTH = range(7)
+"""Columns of a wave: wave number along x and y of N and its size (rad/m), angular frequency (rad/s), amplitude (m), phase (rad), depth of the
+water (m, inf for deep water)."""
+WAVE_SIZE = 7
+
+PROFILE_SIZE = 15
+"""Columns of a piece of a depth profile: from and to depth, depth of its origin (m), four coefficients of a cubic for each component in N."""
+
 LAG_LEVELS = 5
 """A tick may be cut into 2**0 .. 2**4 sub-steps; the thruster lag has an exact transition matrix for half of each."""
 
@@ -22,6 +38,9 @@ TABLE_SIZE = 48
 TABLE_VOLTAGES = 8
 
 SHAPE_BOX, SHAPE_SPHERE = 0, 1
+
+FREE, STUCK, STUCK_AT = 0, 1, 2
+"""Whether a thruster listens to its commands."""
 
 BODY = np.dtype(
     [
@@ -39,6 +58,7 @@ BODY = np.dtype(
         ("form_D_S", "i8"),
         ("weight", "f8"),  # N
         ("buoyancy", "f8"),  # N, fully submerged
+        ("displaced", "f8"),  # mass of the displaced water, kg, fully submerged
         ("r_g", "f8", (3,)),
         ("r_b", "f8", (3,)),
         # Bounds of the damping's fastest rate, 1/s: rate <= rate_L + sum_j rate_Q[j] |nu_r[j]| + rate_S |u_r|.
@@ -52,6 +72,19 @@ BODY = np.dtype(
         ("thruster_count", "i8"),
         ("wrench_first", "i8"),
         ("wrench_count", "i8"),
+        ("fitted", "i8"),  # 1: the body has any of the following
+        ("servo_first", "i8"),
+        ("servo_count", "i8"),
+        ("foil_first", "i8"),
+        ("foil_count", "i8"),
+        ("propeller_first", "i8"),
+        ("propeller_count", "i8"),
+        ("weight_first", "i8"),
+        ("weight_count", "i8"),
+        ("derivative_first", "i8"),
+        ("derivative_count", "i8"),
+        ("hull_first", "i8"),
+        ("hull_count", "i8"),
     ],
     align=True,
 )
@@ -81,6 +114,8 @@ THRUSTER = np.dtype(
         ("command", "f8"),  # u in -1..1, or N with by_force
         ("by_force", "i8"),
         ("fresh", "i8"),  # command or voltage were set since the demand was computed
+        ("stuck", "i8"),  # FREE, STUCK at its demand, or STUCK_AT stuck_u
+        ("stuck_u", "f8"),
         ("demand", "f8"),  # static thrust asked for, N
         ("x", "f8", (3,)),  # state of the lag
     ],
@@ -121,8 +156,101 @@ WRENCH = np.dtype(
 )
 
 
+SERVO = np.dtype(
+    [
+        ("command", "f8"),  # rad, rad/s, m3 or m
+        ("value", "f8"),  # where it is
+        ("low", "f8"),
+        ("high", "f8"),
+        ("rate", "f8"),  # largest change a second; 0: stuck
+        ("tau", "f8"),  # time constant of the lag, s
+        ("efficiency", "f8"),  # scales the force of the foil or propeller that it sets: 1 healthy, 0 dead
+    ],
+    align=True,
+)
+
+FOIL = np.dtype(
+    [
+        ("servo", "i8"),  # row of the servo that turns it, -1 for a fixed one
+        ("r", "f8", (3,)),  # centre of pressure in B, m
+        ("chord", "f8", (3,)),  # towards the leading edge at zero angle, unit vector in B
+        ("normal", "f8", (3,)),  # lift points there at a positive angle, unit vector in B
+        ("pressure_area", "f8"),  # rho A / 2, kg/m
+        ("slope", "f8"),  # dC_L/dalpha, 1/rad
+        ("induced", "f8"),  # C_D of the lift over C_L squared
+        ("cd0", "f8"),
+        ("cd90", "f8"),  # normal force coefficient across the flow
+        ("stall", "f8"),  # rad
+        ("stall_end", "f8"),  # from here on a flat plate, rad
+        ("whole", "i8"),  # 1: dynamic pressure of the whole speed, 0: without its part along the span
+        ("radius", "f8"),  # half the span, m
+    ],
+    align=True,
+)
+
+PROPELLER_SIZE = 24
+"""Points of a propeller's open-water curves."""
+
+PROPELLER = np.dtype(
+    [
+        ("servo", "i8"),  # row of the servo that holds the shaft speed, rad/s
+        ("r", "f8", (3,)),
+        ("axis", "f8", (3,)),  # of the thrust at a positive shaft speed, unit vector in B
+        ("diameter", "f8"),
+        ("density", "f8"),
+        ("wake", "f8"),  # 1 - w: speed of advance over the vehicle's
+        ("deduction", "f8"),  # 1 - t: thrust on the vehicle over the propeller's
+        ("astern", "f8"),  # thrust and torque astern over those ahead
+        ("sense", "f8"),  # reaction torque along the axis for positive K_Q: -1 right-handed, 1 left-handed, 0 none
+        ("whole", "i8"),  # 1: advances with the whole speed, 0: with its part along the axis
+        ("points", "i8"),
+        ("J", "f8", (PROPELLER_SIZE,)),  # ascending
+        ("KT", "f8", (PROPELLER_SIZE,)),
+        ("KQ", "f8", (PROPELLER_SIZE,)),
+    ],
+    align=True,
+)
+
+WEIGHT = np.dtype(
+    [
+        ("servo", "i8"),
+        ("zero", "f8"),  # value at which nothing is added to the body's own weight and buoyancy
+        ("force", "f8"),  # along z_N per unit of value, N
+        ("moment", "f8", (3,)),  # its lever times the force in B: the moment is moment x z_N
+        ("displaces", "i8"),  # 1: displaced volume, which counts as far as it is submerged
+    ],
+    align=True,
+)
+
+DERIVATIVE = np.dtype(
+    [
+        ("axis", "i8"),  # 0..5, X Y Z K M N
+        ("j", "i8"),  # 0..5, u v w p q r of nu_r
+        ("k", "i8"),
+        ("servo", "i8"),  # row of the servo whose value is a factor too, -1 for none
+        ("power", "i8"),  # of that value
+        ("coefficient", "f8"),
+    ],
+    align=True,
+)
+
+HULL = np.dtype(
+    [
+        ("slow", "f8", (6,)),  # diagonal linear damping that fades with speed
+        ("fade", "f8"),  # 1 / speed at which it is 1/e, s/m
+        ("strips", "i8"),
+        ("first", "f8"),  # x of the aftmost strip's centre, m
+        ("spacing", "f8"),  # m
+        ("sway", "f8"),  # rho C_d height spacing / 2, kg/m
+        ("heave", "f8"),
+        ("joint", "i8"),  # 1: drag by the resultant of both cross flows, 0: by each alone
+    ],
+    align=True,
+)
+
+
 class Rows(NamedTuple):
-    """All rows of a world, as one argument of the kernel.
+    """All rows of a world but those of appendages, as one argument of the kernel.
 
     Attributes:
         bodies: (n) BODY.
@@ -135,3 +263,28 @@ class Rows(NamedTuple):
     tables: Any
     lags: Any
     wrenches: Any
+
+
+class SeaRows(NamedTuple):
+    """The sea, as the kernel takes it.
+
+    Attributes:
+        uniform: (7) velocity (m/s) in N at an instant, its rate (m/s2), the instant (s).
+        profiles: (m, PROFILE_SIZE) pieces, all added where they apply.
+        waves: (k, WAVE_SIZE).
+    """
+
+    uniform: Any
+    profiles: Any
+    waves: Any
+
+
+class Fitted(NamedTuple):
+    """All rows of appendages of a world. Apart from `Rows`, as each array that an inlined function gets costs it two atomic counts."""
+
+    servos: Any
+    foils: Any
+    propellers: Any
+    weights: Any
+    derivatives: Any
+    hulls: Any

@@ -7,6 +7,7 @@ from typing import Any
 
 from uwserver.physics.compiled import compiled
 from uwserver.physics.immersion import disc_fraction
+from uwserver.physics.layout import FREE, STUCK, STUCK_AT
 
 Array = Any  # numpy array inside compiled code
 
@@ -49,10 +50,16 @@ def table_force(table: Any, u: float, voltage: float) -> float:
 
 @compiled
 def set_demand(thruster: Any, tables: Array) -> None:
-    """Static thrust asked for, from the command that holds in this tick; computed when the command or the voltage was set."""
-    if thruster.fresh == 0:
+    """Static thrust asked for, from the command that holds in this tick; computed when the command or the voltage was set.
+
+    A stuck thruster keeps its demand, and the mark that a newer command waits.
+    """
+    if thruster.stuck == STUCK or (thruster.fresh == 0 and thruster.stuck == FREE):
         return
     table = tables[thruster.table]
+    if thruster.stuck == STUCK_AT:
+        thruster.demand = table_force(table, thruster.stuck_u, thruster.voltage) * thruster.installed
+        return
     if thruster.by_force != 0:
         lowest = table_force(table, -1.0, thruster.voltage) * thruster.installed
         highest = table_force(table, 1.0, thruster.voltage) * thruster.installed
@@ -82,12 +89,13 @@ def lagged(thruster: Any, lag: Any) -> float:
 
 @compiled
 def add_thrust(
-    thruster: Any, force: float, work: Array, nu_r: int, p_z: float, R: Array, near_surface: bool, tau: int
+    thruster: Any, force: float, work: Array, nu_r: int, depth: float, up: int, near_surface: bool, tau: int
 ) -> None:
     """Add one thruster's wrench (6, about the body origin in B) to row `tau` of `work`, whose row `nu_r` is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
-    mount through the water along the axis. Thrust scales with the submerged part of the disc.
+    mount through the water along the axis. Thrust scales with the submerged part of the disc, for which `depth` (m) is that of the body
+    origin below the surface and row `up` of `work` the surface's normal in B.
     """
     if force == 0.0:
         return
@@ -98,7 +106,7 @@ def add_thrust(
         force -= thruster.inflow * math.sqrt(abs(force)) * va
     if near_surface:
         r = thruster.r
-        depth = p_z + R[2, 0] * r[0] + R[2, 1] * r[1] + R[2, 2] * r[2]
-        force *= disc_fraction(depth, thruster.disc_radius)
+        hub = depth - work[up, 0] * r[0] - work[up, 1] * r[1] - work[up, 2] * r[2]
+        force *= disc_fraction(hub, thruster.disc_radius)
     for i in range(6):
         work[tau, i] += force * thruster.per_force[i]

@@ -32,7 +32,8 @@ from uwserver.physics.contact_rows import (
     solve_rows,
 )
 from uwserver.physics.fossen import rotation
-from uwserver.physics.integrator import STATE, scratch, step_body
+from uwserver.physics.integrator import STATE, scratch, servo_count, step_any
+from uwserver.physics.islands import fill_slots, find_islands
 from uwserver.physics.layout import STATE_SIZE
 from uwserver.physics.thrust import set_demand
 
@@ -76,68 +77,25 @@ class Struck(NamedTuple):
 
 
 @compiled
-def _root(parent: Array, i: int) -> int:
-    while parent[i] != i:
-        i = parent[i]
-    return i
-
-
-@compiled
-def _slots(body: Array, slot_of: Array, bodies: Array, count: int, slots: Array) -> int:
-    """Give each body a place in `bodies`, in the order in which the contacts name them; returns how many there are."""
-    for c in range(body.shape[0]):
-        row = body[c]
-        slots[c] = -1
-        if row >= 0:
-            if slot_of[row] < 0:
-                slot_of[row] = count
-                bodies[count] = row
-                count += 1
-            slots[c] = slot_of[row]
-    return count
-
-
-@compiled
-def _islands(slot_a: Array, slot_b: Array, m: int, order: Array, bounds: Array) -> int:
-    """Sort the contacts by islands, which keep the order of their first contacts; returns the number of islands."""
-    k = slot_a.shape[0]
-    parent = np.arange(m)
-    for c in range(k):
-        if slot_b[c] >= 0:
-            a, b = _root(parent, slot_a[c]), _root(parent, slot_b[c])
-            parent[max(a, b)] = min(a, b)
-    island = np.full(m, -1)
-    size = np.zeros(m + 1, np.int64)
-    count = 0
-    for c in range(k):
-        root = _root(parent, slot_a[c])
-        if island[root] < 0:
-            island[root] = count
-            count += 1
-        size[island[root]] += 1
-    bounds[0] = 0
-    for i in range(count):
-        bounds[i + 1] = bounds[i] + size[i]
-        size[i] = bounds[i]
-    for c in range(k):
-        i = island[_root(parent, slot_a[c])]
-        order[size[i]] = c
-        size[i] += 1
-    return count
-
-
-@compiled
 def predict(
-    rows: Any, bodies: Array, state: Array, currents: Array, t: float, dt: float, predicted: Array, M_inv: Array
+    rows: Any,
+    fitted: Any,
+    bodies: Array,
+    state: Array,
+    flows: Array,
+    t: float,
+    dt: float,
+    predicted: Array,
+    M_inv: Array,
 ) -> None:
-    """The free step of some bodies, as a trial; moves the lags in `rows` on, so they must be copies."""
+    """The free step of some bodies, as a trial; moves lags and servos on, so their rows must be copies."""
     thrusters = rows.thrusters
-    w = scratch(thrusters.shape[0])
+    w = scratch(thrusters.shape[0], servo_count(fitted))
     for k in range(thrusters.shape[0]):
         set_demand(thrusters[k], rows.tables)
     for i in range(bodies.shape[0]):
         n = bodies[i]
-        step_body(rows, n, state[n], currents[n], t, dt, w)
+        step_any(rows, fitted, n, state[n], flows[n], t, dt, w)
         for j in range(STATE_SIZE):
             predicted[i, j] = w.s[STATE, j]
         for j in range(6):
@@ -183,12 +141,20 @@ def _set_responses(M_inv: Array, slot_a: Array, slot_b: Array, rows: Array, gain
 
 @compiled
 def strike(
-    rows: Any, state: Array, currents: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float
+    rows: Any,
+    fitted: Any,
+    state: Array,
+    flows: Array,
+    contacts: Any,
+    old_key: Array,
+    old_impulse: Array,
+    t: float,
+    dt: float,
 ) -> Struck:
     """Stages 1 and 2: impulses at the start of the tick; `state` receives the new velocities.
 
     Args:
-        rows: copies of the rows whose lags a step moves on.
+        rows, fitted: with copies of the rows whose lags and servos a step moves on.
         contacts: `contact.Contacts`.
         old_key, old_impulse: (j), (j, 3, in N) of the tick before, for the warm start.
         others: as for `integrator.advance`.
@@ -196,16 +162,14 @@ def strike(
     k = contacts.gap.shape[0]
     slot_a, slot_b = np.empty(k, np.int64), np.empty(k, np.int64)
     slot_of, bodies = np.full(state.shape[0], -1), np.empty(state.shape[0], np.int64)
-    m = _slots(contacts.body_a, slot_of, bodies, 0, slot_a)
-    m = _slots(contacts.body_b, slot_of, bodies, m, slot_b)
+    m = fill_slots(contacts.body_a, slot_of, bodies, 0, slot_a)
+    m = fill_slots(contacts.body_b, slot_of, bodies, m, slot_b)
     bodies = bodies[:m].copy()
     order, bounds = np.empty(k, np.int64), np.empty(k + 1, np.int64)
-    islands = _islands(slot_a, slot_b, m, order, bounds)
+    islands = find_islands(slot_a, slot_b, m, order, bounds)
 
-    start, predicted, M_inv = np.empty((m, STATE_SIZE)), np.empty((m, STATE_SIZE)), np.empty((m, 6, 6))
-    for i in range(m):
-        start[i] = state[bodies[i]]
-    predict(rows, bodies, state, currents, t, dt, predicted, M_inv)
+    start, predicted, M_inv = state[bodies], np.empty((m, STATE_SIZE)), np.empty((m, 6, 6))
+    predict(rows, fitted, bodies, state, flows, t, dt, predicted, M_inv)
 
     axes, solver, gains = np.empty((k, 3, 3)), np.empty((k, 4, 3, 6)), np.empty((k, 2))
     bias, R = np.empty((k, 3)), np.empty((3, 3))

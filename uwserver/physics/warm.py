@@ -5,24 +5,32 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from uwserver.physics.appended import Appendages, PropellerParams, ServoParams
 from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.compiled import cache_state
 from uwserver.physics.contact import Contacts, FloatArray
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
-from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
 from uwserver.physics.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
 
 _DT = 0.01
+_APPENDAGES = Appendages(
+    servos=(ServoParams("shaft", -100.0, 100.0),),
+    propellers=(
+        PropellerParams("shaft", (-0.5, 0.0, 0.0), (1.0, 0.0, 0.0), 0.1, 1025.0, ((0.0, 0.4, 0.05), (1.0, 0.0, 0.0))),
+    ),
+)
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Run each path of the kernels once, which compiles what the cache lacks; some 30 s when it lacks everything.
+    """Run each path of the kernels once, which compiles what the cache lacks; some 90 s when it lacks everything.
 
     Args:
         say: gets a line of progress before each part.
@@ -34,13 +42,15 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         RuntimeError: the kernels ran and a state was not finite: the installation is broken.
     """
     say("kernels: loading the compiler")
-    from uwserver.physics import integrator, touching
+    from uwserver.physics import flow, integrator, touching
 
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
+    fitted = Hydrodynamics([_body(1.0), replace(_body(1.0), appendages=_APPENDAGES)], _DT)
     for name, world, depth in (
         ("immersed", gentle, 10.0),
         ("at the surface", gentle, 0.0),
         ("stiff damping", stiff, 10.0),
+        ("with appendages", fitted, 10.0),
     ):
         say(f"kernels: {name}")
         world.state[:, 2] = depth
@@ -53,12 +63,21 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     gentle.collider = _Underfoot()
     if gentle.advance(0.0) >= 0 or not len(gentle.touched.impulse):
         raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
+    gentle.collider = None
+    say("kernels: waves")
+    sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
+    gentle.sea = sea
+    flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
+    if gentle.advance(0.0) >= 0 or point.any():
+        raise RuntimeError("the kernels gave a sea that moves without waves: reinstall numpy and numba")
     say("kernels: solid things")
     kernels: tuple[Any, ...] = (
         integrator.advance,
         integrator.rates_of_change,
         touching.strike,
         touching.settle,
+        flow.fill_flows,
+        flow.water_at,
         *_solid_kernels(),
     )
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from uwserver.actuators import ActuatorConfig
+from uwserver.scenario.appendage_schema import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.convert import convert, fields, silent
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath, Problem, Severity
@@ -40,6 +41,12 @@ class Draft:
     thrusters: Mapping[str, Thruster] = field(default_factory=dict)
     actuators: Mapping[str, ActuatorConfig] = field(default_factory=dict)
     sensors: Mapping[str, SensorConfig] = field(default_factory=dict)
+    fins: Mapping[str, Fin] = field(default_factory=dict)
+    foils: Mapping[str, Foil] = field(default_factory=dict)
+    propellers: Mapping[str, ShaftPropeller] = field(default_factory=dict)
+    ballasts: Mapping[str, Ballast] = field(default_factory=dict)
+    moving_masses: Mapping[str, MovingMass] = field(default_factory=dict)
+    hull: Hull | None = None
     devices: Mapping[str, ThrusterDevice] = field(default_factory=dict)
 
     def names(self, table: str) -> tuple[str, ...]:
@@ -90,7 +97,7 @@ class MergedFile:
 def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: Document) -> MergedFile:
     """The vehicle file with `override` merged in key by key, then the scenario's sensors, each replacing one of the same name whole."""
     override = entry.get("override")
-    raw = _merge(file.raw, override) if isinstance(override, dict) else dict(file.raw)
+    raw = merged(file.raw, override) if isinstance(override, dict) else dict(file.raw)
     added = entry.get("sensors")
     if isinstance(added, dict):
         present = raw.get("sensors")
@@ -102,9 +109,9 @@ def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice]) -> Dr
     """All tables that are free of faults; says nothing about the others."""
     types = {info.name: info.type for info in fields(Vehicle)}
     parts: dict[str, Any] = {}
-    for table in ("rigid_body", "buoyancy", "added_mass", "damping"):
+    for table in ("rigid_body", "buoyancy", "added_mass", "damping", "hull"):
         parts[table] = convert(raw.get(table), types[table], (), silent)
-    for table in ("thrusters", "actuators", "sensors"):
+    for table in ("thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors"):
         parts[table] = {}
         for name, value in named(raw, table).items():
             converted = convert({name: value}, types[table], (), silent)
@@ -118,9 +125,10 @@ def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
+def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """The base with the keys of the override in it, table by table."""
+    whole = dict(base)
     for key, value in override.items():
-        below = merged.get(key)
-        merged[key] = _merge(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
-    return merged
+        below = whole.get(key)
+        whole[key] = merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
+    return whole

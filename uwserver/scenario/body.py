@@ -19,6 +19,7 @@ from uwserver.physics.bodies import (
 )
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
+from uwserver.scenario.appendages import appendages
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import (
     BoxShape,
@@ -79,7 +80,9 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
         r_g=vehicle.rigid_body.center_of_mass_frd_m,
         r_b=vehicle.buoyancy.center_frd_m,
         shapes=_shapes(vehicle.buoyancy),
+        displaced=environment.density_kgpm3 * vehicle.buoyancy.volume_m3,
         thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
+        appendages=appendages(vehicle, environment),
     )
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from uwserver.environment.currents import CurrentConfig
+from uwserver.environment.waves import WavesConfig
+from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.convert import Report, check_name, convert, convert_kind, kinds_of
 from uwserver.scenario.documents import from_tables
@@ -53,6 +56,14 @@ class ScenarioBuilder:
         """Keys of `[environment.current]`."""
         return self._update(("environment", "current"), Current, keys)
 
+    def add_current(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
+        """A current beside the others."""
+        return self._update(("environment", "currents", name), CurrentConfig, {"kind": kind, **keys})
+
+    def waves(self, **keys: Any) -> ScenarioBuilder:
+        """Keys of `[environment.waves]`."""
+        return self._update(("environment", "waves"), WavesConfig, keys)
+
     def server(self, **keys: Any) -> ScenarioBuilder:
         """Keys of `[server]`."""
         return self._update(("server",), Server, keys)
@@ -93,6 +104,10 @@ class ScenarioBuilder:
         self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig), path, report))
         self._put(path, raw)
         return self
+
+    def fault(self, name: str, kind: str, target: str, **keys: Any) -> ScenarioBuilder:
+        """A fault of a vehicle or of one of its components."""
+        return self._update(("faults", name), FaultConfig, {"kind": kind, "target": target, **keys})
 
     def adapter(self, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
         """An adapter."""

@@ -16,6 +16,7 @@ from uwserver.scenario.device_checks import check_device
 from uwserver.scenario.documents import Document, find, from_tables, read
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, suggestion
 from uwserver.scenario.export import tables
+from uwserver.scenario.fault_checks import check_faults
 from uwserver.scenario.profiles import check_profile, expanded
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment, Scenario, WorldTable
@@ -93,16 +94,16 @@ class _Load:
         check_scenario(
             self._document.raw, self._scenario, self._world, self._report(self._document), self._warn(self._document)
         )
+        files = {name: _without_disabled(file) for name, (file, _) in self._vehicles.items() if file is not None}
+        if len(files) == len(named(self._document.raw, "vehicles")) and self._environment is not None:
+            check_faults(self._document.raw, files, self._environment, self._report(self._document))
         problems = _in_order(self._problems)
         scenario = self._scenario
         if scenario is None or any(problem.severity == "error" for problem in problems):
             raise ScenarioError(problems)
         vehicles = {
-            name: ResolvedVehicle(
-                name, scenario.vehicles[name], _without_disabled(vehicle), devices, self._solids.vehicles.get(name)
-            )
-            for name, (vehicle, devices) in self._vehicles.items()
-            if vehicle is not None
+            name: ResolvedVehicle(name, scenario.vehicles[name], files[name], devices, self._solids.vehicles.get(name))
+            for name, (_, devices) in self._vehicles.items()
         }
         path = self._document.path
         solids = self._solids

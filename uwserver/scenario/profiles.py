@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from msgspec import field
 
-from uwserver.scenario.assembly import named
+from uwserver.scenario.appendage_schema import Sourced
+from uwserver.scenario.assembly import merged, named
 from uwserver.scenario.convert import Report, convert_kind, convert_struct, kinds_of
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath
-from uwserver.scenario.vehicle_schema import Sourced
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 
@@ -51,6 +51,9 @@ def check_profile(raw: Mapping[str, Any], report: Report) -> dict[str, Any] | No
         for key, value in given.items():
             if key in _PROVENANCE:
                 continue
+            if isinstance(value, dict) and isinstance(keys.get(key), dict):
+                keys[key] = merged(keys[key], value)  # parts of one table, each part with its own source
+                continue
             if key in keys:
                 report((*path, key), f'"{key}" is given twice, also at {".".join(map(str, places[key]))}')
                 fine = False
@@ -88,7 +91,7 @@ def expanded(
             if sensor.get("kind", keys["kind"]) != keys["kind"]:  # an override may leave it out
                 report(here, f'"{reference}" is a device of kind "{keys["kind"]}", not of "{sensor.get("kind")}"')
                 continue
-            _put(raw, (*path, name), {**keys, **sensor})
+            _put(raw, (*path, name), merged(keys, sensor))
     return replace(document, raw=raw)
 
 

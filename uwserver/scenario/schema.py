@@ -11,6 +11,9 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.environment.column import ColumnConfig
+from uwserver.environment.currents import CurrentConfig
+from uwserver.environment.waves import WavesConfig
+from uwserver.faults import FaultConfig
 from uwserver.scenario.solid_schema import Latitude, ObjectEntry, Seabed, Structure
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
@@ -58,12 +61,15 @@ class Current(Table, kw_only=True, frozen=True):
 
 
 class Environment(Table, kw_only=True, frozen=True):
-    """Water and gravity. The sea surface is the plane z = 0 of N.
+    """Water and gravity. The sea surface at rest is the plane z = 0 of N.
 
     Attributes:
         density_kgpm3: which forces act with.
         water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
             default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
+        current: uniform, steady current.
+        currents: more of them, by name; all add up.
+        waves: of the surface; default: none.
     """
 
     density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] = 1025.0
@@ -72,6 +78,8 @@ class Environment(Table, kw_only=True, frozen=True):
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
     current: Current = Current()
     water: ColumnConfig | UnsetType = UNSET
+    currents: dict[str, CurrentConfig] = field(default_factory=dict)
+    waves: WavesConfig | UnsetType = UNSET
 
 
 class Truth(Table, kw_only=True, frozen=True):
@@ -126,5 +134,6 @@ class Scenario(Table, kw_only=True, frozen=True):
     structures: dict[str, Structure] = field(default_factory=dict)
     objects: dict[str, ObjectEntry] = field(default_factory=dict)
     vehicles: dict[str, VehicleEntry] = field(default_factory=dict)
+    faults: dict[str, FaultConfig] = field(default_factory=dict)
     adapters: dict[str, Any] = field(default_factory=dict)
     server: Server = Server()

@@ -1,4 +1,7 @@
-"""The vehicle file: rigid body, hydrodynamics, thrusters, mounts, actuators and sensors, each number with its source and status."""
+"""The vehicle file: rigid body, hydrodynamics, thrusters, mounts, actuators and sensors, each number with its source and status.
+
+Tables of fins, propellers, ballast and hull stand in `appendage_schema`.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,13 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.actuators import ActuatorConfig
+from uwserver.scenario.appendage_schema import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller, Six, Sourced
 from uwserver.scenario.solid_schema import Collision, Contact
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Positive, Table, Vector3
 
-Six = tuple[float, float, float, float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 Matrix6 = tuple[Six, Six, Six, Six, Six, Six]
-Status = Literal["measured", "paper", "datasheet", "derived", "guess"]
-
-
-class Sourced(Table, kw_only=True, frozen=True):
-    """A table of numbers: where they come from, and how far to trust them."""
-
-    source: Name
-    status: Status
 
 
 class RigidBody(Sourced, kw_only=True, frozen=True):
@@ -130,6 +125,12 @@ class Vehicle(Table, kw_only=True, frozen=True):
     damping: Damping
     mounts: dict[str, Mount] = field(default_factory=dict)
     thrusters: dict[str, Thruster] = field(default_factory=dict)
+    fins: dict[str, Fin] = field(default_factory=dict)
+    foils: dict[str, Foil] = field(default_factory=dict)
+    propellers: dict[str, ShaftPropeller] = field(default_factory=dict)
+    ballasts: dict[str, Ballast] = field(default_factory=dict)
+    moving_masses: dict[str, MovingMass] = field(default_factory=dict)
+    hull: Hull = Hull()
     collision: dict[str, Collision] = field(default_factory=dict)
     contact: Contact = Contact()
     actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
@@ -172,6 +173,18 @@ class Propeller(Sourced, kw_only=True, frozen=True):
     inflow_sqrtN_spm: Annotated[float, Meta(ge=0)] = 0.0
 
 
+class Electric(Sourced, kw_only=True, frozen=True):
+    """Power and shaft speed of a propeller at rest, from its open-water thrust T.
+
+    Attributes:
+        power_WpN15: electric power is this times |T|**1.5.
+        speed_radpspN05: shaft speed is this times sqrt(|T|).
+    """
+
+    power_WpN15: Positive
+    speed_radpspN05: Positive
+
+
 class ThrusterDevice(Table, kw_only=True, frozen=True):
     """A device file of a thruster."""
 
@@ -183,3 +196,4 @@ class ThrusterDevice(Table, kw_only=True, frozen=True):
     curves: dict[str, ForceCurve]
     lag: LagTable
     propeller: Propeller
+    electric: Electric | UnsetType = UNSET

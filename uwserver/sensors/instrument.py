@@ -27,12 +27,14 @@ class Instrument(ABC):
         arguments: of the service ``set``, beside `rate_hz`: one for each setting, with its limits.
         memory: plain numbers that it keeps from reading to reading.
         rng: random numbers of its own path.
+        dt: time between readings, s.
     """
 
     fields: tuple[Field, ...]
     doc: str
     needs_rates = False
     arguments: tuple[Argument, ...] = ()
+    dt = 1.0
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

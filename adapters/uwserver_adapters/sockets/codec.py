@@ -13,8 +13,9 @@ from typing import Final, NamedTuple, Protocol
 import msgspec
 
 from uwserver.ports import Event, Fault, Progress, Sample
-from uwserver_adapters.sockets.encoding import JSON, MSGPACK, Encoding, RequestId, SampleForm
+from uwserver_adapters.sockets.encoding import JSON, MSGPACK, Encoding, RequestId
 from uwserver_adapters.sockets.requests import Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.values import SampleForm
 
 LINE_LIMIT = 1 << 20
 """Longest JSON line or text, bytes."""

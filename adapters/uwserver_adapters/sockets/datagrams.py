@@ -20,7 +20,7 @@ from uwserver.ports import Fault
 from uwserver_adapters.sockets import verbs
 from uwserver_adapters.sockets.codec import NEED_DATA, Framed, Waiting
 from uwserver_adapters.sockets.encoding import JSON, MSGPACK, Encoding
-from uwserver_adapters.sockets.limits import RateMeter
+from uwserver_adapters.sockets.limits import LOCKOUT_S, WRONG_TOKENS, Lockout, RateMeter
 from uwserver_adapters.sockets.outbox import Delivery
 from uwserver_adapters.sockets.requests import Malformed, Request, parse_json, parse_msgpack
 from uwserver_adapters.sockets.session import Session
@@ -163,6 +163,8 @@ class DatagramClient:
         except verbs.Rejected as rejected:
             self._adapter.refusals.note(rejected.fault.code, rejected.fault.text)
             self.session.refuse(request.id, rejected.fault)
+            if rejected.fault.code == "denied":
+                self._endpoint.denied(self._address)
             self.close()
 
     def _refuse(self, fault: Fault) -> None:
@@ -199,6 +201,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         self._clients: dict[Address, DatagramClient] = {}
         self._secret = secrets.token_bytes(32)
         self._is_paused = False
+        self._lockout = Lockout()
         self._loop = asyncio.get_running_loop()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -228,9 +231,19 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         """An address has no session any more."""
         self._clients.pop(address, None)
 
+    def denied(self, address: Address) -> None:
+        """An address showed a wrong token; its host may not try for ever."""
+        if self._lockout.wrong(address[0], self._loop.time()):
+            text = (
+                f"more than {WRONG_TOKENS} wrong tokens of one host: it gets no UDP session for up to {LOCKOUT_S:g} s"
+            )
+            self.adapter.refusals.note("lockout", text)
+
     def datagram_received(self, data: bytes, address: Address) -> None:
         """Take one datagram."""
         client = self._clients.get(address)
+        if client is None and self._lockout.is_out(address[0], self._loop.time()):
+            return
         if client is None and len(data) > STRANGER_LIMIT:
             self._challenge(JSON, len(data), address)
             return

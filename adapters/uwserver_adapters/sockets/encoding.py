@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import msgspec
 from msgspec import Struct
 
-from uwserver.ports import ErrorCode, Event, Fault, Field, Port, Progress, Sample, Value
+from uwserver.ports import ErrorCode, Event, Fault, Progress, Sample
+from uwserver_adapters.values import SampleForm, in_pieces
 
 TEXT_LIMIT = 2000
 """Longest text in an error, characters: what a peer sent must not come back at full length."""
@@ -25,31 +26,6 @@ _NUMBERS: Mapping[str, int] = {
     ),
 }
 _OTHER_NUMBER = -32000
-
-
-class SampleForm:
-    """How the samples of a port become a map: all its fields, or those selected."""
-
-    def __init__(self, port: Port, selected: Sequence[str] | None = None) -> None:
-        picked = [(i, field) for i, field in enumerate(port.fields) if selected is None or field.name in selected]
-        self._plain = len(picked) == len(port.fields) and all(len(field.shape) < 2 for field in port.fields)
-        self._names = [field.name for field in port.fields]
-        self._picked = picked
-
-    def value(self, sample: Sample) -> dict[str, object]:
-        """Field name -> number, list, or lists in lists where the field has more than one dimension."""
-        if self._plain:
-            return dict(zip(self._names, sample.value, strict=True))
-        return {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
-
-
-def _nested(field: Field, value: Value) -> object:
-    if not isinstance(value, tuple):
-        return value
-    rows: list[object] = list(value)
-    for extent in reversed(field.shape[1:]):
-        rows = [rows[i : i + extent] for i in range(0, len(rows), extent)]
-    return rows
 
 
 class _Reply(Struct, tag_field="jsonrpc", tag="2.0"):
@@ -116,7 +92,10 @@ class Encoding:
 
     def sample(self, form: SampleForm, sample: Sample) -> bytes:
         """What a sensor said."""
-        params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, form.value(sample))
+        value = form.value(sample)
+        if form.is_long and self.name == "json":
+            value = in_pieces(value, self._encode)
+        params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
         return self._encode(_Notice("sample", params))
 
     def event(self, event: Event) -> bytes:

@@ -11,8 +11,9 @@ import msgspec
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Json, Port, Sample, matches
 from uwserver_adapters.sockets.codec import Codec
-from uwserver_adapters.sockets.encoding import Encoding, SampleForm
+from uwserver_adapters.sockets.encoding import Encoding
 from uwserver_adapters.sockets.outbox import Delivery, Outgoing
+from uwserver_adapters.values import SampleForm
 
 if TYPE_CHECKING:
     from uwserver_adapters.sockets.session import Session
@@ -220,7 +221,7 @@ class Fanout:
                 continue
             for selection in selections.values():
                 try:
-                    _distribute(sample, selection, touched)
+                    self.context.stats.encoded += _distribute(sample, selection, touched)
                 except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
                     self.context.stats.errors += 1
                     _log.exception("a sample of %s could not be sent", sample.port)
@@ -250,7 +251,8 @@ class Fanout:
                         share.restart()
 
 
-def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> None:
+def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
+    """Whether it was encoded: it was for anybody's turn."""
     body: bytes | None = None
     messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
     # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
@@ -265,6 +267,7 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
             message = messages[route.frame] = route.frame(body)
         route.outbox.put_sample((sample.port, selection), message, delivery)
         touched.add(route.outbox)
+    return body is not None
 
 
 def has_any(port: Port, fields: Sequence[str]) -> bool:

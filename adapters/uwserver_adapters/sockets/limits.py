@@ -11,6 +11,11 @@ _log = logging.getLogger(__name__)
 
 WINDOW_S = 1.0
 """Wall time over which requests are counted."""
+WRONG_TOKENS = 10
+"""Wrong tokens that a host may show in `LOCKOUT_S`; then it is not heard until that ends."""
+LOCKOUT_S = 10.0
+LOCKOUT_HOSTS = 1024
+"""Hosts whose wrong tokens are counted at once."""
 
 
 class RateMeter:
@@ -18,21 +23,23 @@ class RateMeter:
 
     Args:
         most: allowed in a window.
+        window_s: wall time of a window; default `WINDOW_S`.
 
     Attributes:
         count: requests in this window.
         end: wall time (of the loop) at which the window ends.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, window_s: float | None = None) -> None:
         self.most = most
+        self._window_s = WINDOW_S if window_s is None else window_s
         self.count = 0
         self.end = 0.0
 
     def take(self, now: float) -> bool:
         """Count one; whether it is still allowed."""
         if now >= self.end:
-            self.end = now + WINDOW_S
+            self.end = now + self._window_s
             self.count = 0
         self.count += 1
         return self.count <= self.most
@@ -40,6 +47,26 @@ class RateMeter:
     def is_flooded(self, now: float) -> bool:
         """Whether more came than allowed, and the window lasts."""
         return self.count > self.most and now < self.end
+
+
+class Lockout:
+    """Hosts that try tokens: after too many wrong ones a host is not heard for a while, with whatever it says."""
+
+    def __init__(self) -> None:
+        self._hosts: dict[object, RateMeter] = {}
+
+    def wrong(self, host: object, now: float) -> bool:
+        """Count a wrong token; whether it was the one too many."""
+        meter = self._hosts.pop(host, None) or RateMeter(WRONG_TOKENS, LOCKOUT_S)
+        while len(self._hosts) >= LOCKOUT_HOSTS:
+            del self._hosts[next(iter(self._hosts))]  # the one that was wrong least recently
+        self._hosts[host] = meter
+        return not meter.take(now) and meter.count == meter.most + 1
+
+    def is_out(self, host: object, now: float) -> bool:
+        """Whether it is not heard now."""
+        meter = self._hosts.get(host)
+        return meter is not None and meter.is_flooded(now)
 
 
 class Refusals:

@@ -6,8 +6,8 @@ import msgspec
 from msgspec import Struct
 
 from uwserver.ports import Fault
+from uwserver_adapters.nesting import json_fault, msgpack_fault
 from uwserver_adapters.sockets.encoding import RequestId
-from uwserver_adapters.sockets.nesting import json_fault, msgpack_fault
 
 ID_LIMIT = 256
 """Longest id, characters: it comes back with every progress."""

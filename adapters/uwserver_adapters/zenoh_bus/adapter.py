@@ -13,8 +13,8 @@ from uwserver_adapters.zenoh_bus.codec import Codec, EncodingName
 from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.publications import Publications
-from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
-from uwserver_adapters.zenoh_bus.sender import Inbox, Sender
+from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Requests
+from uwserver_adapters.zenoh_bus.sender import Inbox, Sender, direct
 
 if TYPE_CHECKING:
     import zenoh
@@ -27,6 +27,8 @@ RETRY_S = 0.5
 """Wall time between two attempts to open a session that must connect first."""
 TAKEN_S = 0.8
 """Wall time to wait for the answer whether the name is taken; peers that have nothing to say answer at once."""
+REFUSED_PEERS = "error,zenoh_link_tls=warn,zenoh_link_quic=warn"
+"""What zenoh logs (on stdout, as it always does) where certificates decide who may enter; RUST_LOG says otherwise."""
 PEERS_S = 0.5
 """Wall time between two counts of the peers."""
 
@@ -46,6 +48,7 @@ class ZenohAdapter:
         server = config.server or _server_name(context)
         self.keys = KeyScheme(config.prefix, server)
         self._zid = ""
+        self._clients: set[str] = set()
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -108,16 +111,20 @@ class ZenohAdapter:
             lambda query: requests.take_question(_question(query, sender)), self.config.queue_requests, self._drop
         )
         others: Inbox[zenoh.Sample] = Inbox(self._other_server, self.config.queue_requests, self._drop)
-        leaving: Inbox[zenoh.Sample] = Inbox(
-            lambda sample: _left(sample, requests), self.config.queue_requests, self._drop
+        tokens: Inbox[zenoh.Sample] = Inbox(
+            lambda sample: self._token(sample, requests), self.config.queue_requests, self._drop
+        )
+        losses: Inbox[zenoh.Sample] = Inbox(
+            lambda sample: requests.take_loss(_put(sample)), self.config.queue_requests, self._drop
         )
         # Sessions tell nobody of what they put themselves: our own samples do not come back as commands.
-        session.declare_subscriber(self.keys.everything, _direct(puts.put), allowed_origin=zenoh.Locality.REMOTE)
+        session.declare_subscriber(self.keys.everything, direct(puts.put), allowed_origin=zenoh.Locality.REMOTE)
         for key in self.keys.requests:
-            session.declare_queryable(key, _direct(gets.put))
+            session.declare_queryable(key, direct(gets.put))
+        session.declare_subscriber(self.keys.losses, direct(losses.put), allowed_origin=zenoh.Locality.REMOTE)
         liveliness = session.liveliness()
-        liveliness.declare_subscriber(self.keys.clients, _direct(leaving.put))
-        liveliness.declare_subscriber(self.keys.identities, _direct(others.put), history=True)
+        liveliness.declare_subscriber(self.keys.clients, direct(tokens.put), history=True)
+        liveliness.declare_subscriber(self.keys.identities, direct(others.put), history=True)
         identity = liveliness.declare_token(self.keys.identity(self._zid))
         publications.open()
         alive = liveliness.declare_token(self.keys.alive())
@@ -126,18 +133,31 @@ class ZenohAdapter:
             stats.state = "running"
             ready.set()
             while True:
-                info = session.info
-                stats.peers = len(info.peers_zid()) + len(info.routers_zid())
+                publications.look()
+                # A named client behind a router is known by its token alone; most give the id of their session as name.
+                stats.peers = len({str(peer.zid) for peer in session.info.transports()} | self._clients)
                 await asyncio.sleep(PEERS_S)
         finally:
             detach()
             requests.close()
+            self._clients.clear()
             alive.undeclare()
             identity.undeclare()
 
     def _drop(self, item: zenoh.Sample | zenoh.Query) -> None:
         """Too much waits for the loop. A zenoh thread."""
         self.context.stats.dropped += 1
+
+    def _token(self, sample: zenoh.Sample, requests: Requests) -> None:
+        """A client is there, or gone."""
+        import zenoh
+
+        client = str(sample.key_expr).rsplit("/", 1)[-1]
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._clients.discard(client)
+            requests.client_left(client)
+        elif len(self._clients) < CLIENTS:
+            self._clients.add(client)
 
     def _other_server(self, sample: zenoh.Sample) -> None:
         import zenoh
@@ -147,13 +167,6 @@ class ZenohAdapter:
             self.context.stats.errors += 1
             self.context.stats.last_error = _taken(self.keys)
             _log.error("%s", _taken(self.keys))
-
-
-def _direct(callback: Callable[[T], None]) -> Callable[[T], None]:
-    """A callback that only queues: zenoh needs to start no thread of Python for it."""
-    import zenoh
-
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class _NobodyThere(Exception):
@@ -167,11 +180,12 @@ def _open_into(held: list[Any], config: ZenohConfig, listen: tuple[str, ...]) ->
 def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     """Open a session. Not on the loop: it may take half a second."""
     try:
-        import msgpack  # noqa: F401  # of the same extra
         import zenoh
     except ImportError as error:
         raise CannotOpen(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error
     made = _zenoh_config(config, listen)
+    if any(endpoint.startswith(("tls/", "quic/")) for endpoint in listen):
+        zenoh.init_log_from_env_or(REFUSED_PEERS)
     try:
         return zenoh.open(made)
     except zenoh.ZError as error:
@@ -233,13 +247,6 @@ def _put(sample: zenoh.Sample) -> Put:
         None if attachment is None else attachment.to_bytes(),
         sample.kind == zenoh.SampleKind.DELETE,
     )
-
-
-def _left(sample: zenoh.Sample, requests: Requests) -> None:
-    import zenoh
-
-    if sample.kind == zenoh.SampleKind.DELETE:
-        requests.client_left(str(sample.key_expr).rsplit("/", 1)[-1])
 
 
 class _Reply:

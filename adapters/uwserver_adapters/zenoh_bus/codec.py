@@ -8,7 +8,9 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
-from uwserver.ports import Fault, Field, Port, Refused, Sample, Value
+from uwserver.ports import Fault, Refused, Sample
+from uwserver_adapters.nesting import json_fault, msgpack_fault
+from uwserver_adapters.values import SampleForm, in_pieces
 
 EncodingName = Literal["json", "msgpack"]
 
@@ -16,8 +18,6 @@ PAYLOAD_LIMIT = 1 << 20
 """Longest payload of a command or call, bytes."""
 ATTACHMENT_LIMIT = 1024
 """Longest attachment taken, bytes."""
-MAX_DEPTH = 32
-"""Maps and lists within each other."""
 TEXT_LIMIT = 2000
 CLIENT_LIMIT = 64
 """Longest client id, characters."""
@@ -73,33 +73,14 @@ class Codec:
         """A refusal. What the peer sent does not come back at full length."""
         return self.encode(FaultText(fault.code, fault.text[:TEXT_LIMIT], fault.where[:TEXT_LIMIT]))
 
+    def payload(self, form: SampleForm, sample: Sample) -> bytes:
+        """The values of a sample."""
+        value = form.value(sample)
+        return self.encode(in_pieces(value, self.encode) if form.is_long and self.name == "json" else value)
+
     def attachment(self, sample: Sample) -> bytes:
         """What goes with the payload of a sample."""
         return self.encode(SampleMeta(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid))
-
-
-class SampleForm:
-    """How the samples of a port become the payload's map."""
-
-    def __init__(self, port: Port) -> None:
-        self._fields = port.fields
-        self._names = [field.name for field in port.fields]
-        self._is_plain = all(len(field.shape) < 2 for field in port.fields)
-
-    def value(self, sample: Sample) -> dict[str, object]:
-        """Field name -> number, list, or lists in lists where the field has more than one dimension."""
-        if self._is_plain:
-            return dict(zip(self._names, sample.value, strict=True))
-        return {field.name: _nested(field, value) for field, value in zip(self._fields, sample.value, strict=True)}
-
-
-def _nested(field: Field, value: Value) -> object:
-    if not isinstance(value, tuple):
-        return value
-    rows: list[object] = list(value)
-    for extent in reversed(field.shape[1:]):
-        rows = [rows[i : i + extent] for i in range(0, len(rows), extent)]
-    return rows
 
 
 def encoding_of(media: str, default: EncodingName) -> EncodingName:
@@ -162,33 +143,13 @@ def decode_caller(attachment: bytes | None) -> Caller:
 def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> object:
     if len(data) > limit:
         raise Refused("too_large", f"the {what} holds at most {limit} bytes, this one has {len(data)}", what)
+    reason = json_fault(data) if encoding == "json" else msgpack_fault(data)
+    if reason is not None:
+        raise Refused("invalid_request", f"the {what}: {reason}", what)
     try:
-        value = msgspec.json.decode(data) if encoding == "json" else _unpacked(data)
-    except (ValueError, TypeError, RecursionError) as error:  # msgspec's and msgpack's own errors are ValueErrors
-        raise Refused(
-            "parse_error", f"the {what} is no {encoding} ({str(error) or type(error).__name__})", what
-        ) from None
-    if not _is_plain(value, MAX_DEPTH):
-        raise Refused(
-            "invalid_request",
-            f"the {what} holds more than maps, lists, texts, numbers, booleans and null, or nests deeper than {MAX_DEPTH}",
-            what,
-        )
+        value: object = msgspec.json.decode(data) if encoding == "json" else msgspec.msgpack.decode(data)
+    except (
+        ValueError
+    ) as error:  # msgspec's own errors are ValueErrors; others: no UTF-8, or a number of thousands of digits
+        raise Refused("parse_error", f"the {what} is no {encoding} ({error})", what) from None
     return value
-
-
-def _unpacked(data: bytes) -> object:
-    # Not msgspec: that one makes a list as long as a header claims; this one refuses more entries than the message has bytes.
-    import msgpack
-
-    return msgpack.unpackb(data, max_ext_len=0, max_bin_len=0)
-
-
-def _is_plain(value: object, depth: int) -> bool:
-    if depth < 0:
-        return False
-    if isinstance(value, dict):
-        return all(_is_plain(entry, depth - 1) for entry in value.values())
-    if isinstance(value, list):
-        return all(_is_plain(entry, depth - 1) for entry in value)
-    return value is None or isinstance(value, bool | int | float | str)

@@ -15,17 +15,17 @@ from uwserver_adapters.zenoh_bus.codec import EncodingName
 
 Endpoint = Annotated[str, Meta(pattern=r"^[a-z0-9_]+/.+$")]
 
-ROUTER_ENDPOINT = "tcp/127.0.0.1:7447"
-PEER_ENDPOINT = "tcp/127.0.0.1:0"
+KNOWN_ENDPOINT = "tcp/127.0.0.1:7447"
+FREE_ENDPOINT = "tcp/127.0.0.1:0"
 
 
 class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
     """Attributes:
     mode: peer; client of a router; or router, so that clients need no other one.
-    listen: endpoints such as "tcp/0.0.0.0:7447"; default: a free loopback port (peer), 7447 on loopback (router), none (client).
-        TCP port 0 takes a free one.
-    connect: endpoints of routers or peers; tried again for ever.
-    scouting: find each other by multicast; default: on for a peer, and for a client without `connect`.
+    listen: endpoints such as "tcp/0.0.0.0:7447"; default: "tcp/127.0.0.1:7447", where zenoh's clients look (a peer with `connect`:
+        a free loopback port; a client: none). Port 0 (tcp, tls) takes a free one.
+    connect: endpoints of routers or peers; tried again for ever. Default: none; of a client without `scouting` "tcp/127.0.0.1:7447".
+    scouting: find each other by multicast, which reaches the whole local network; default: off (or as `config_file` says).
     encoding: of samples, events, and answers to requests without a payload.
     server: name in the keys; default: the server's own. Must be the only one of that name in the network.
     prefix: first levels of all keys.
@@ -52,7 +52,8 @@ def endpoints(config: ZenohConfig) -> tuple[str, ...]:
     """Where the session listens, with free ports in the place of TCP port 0."""
     listen = config.listen
     if listen is None:
-        listen = {"peer": (PEER_ENDPOINT,), "router": (ROUTER_ENDPOINT,), "client": ()}[config.mode]
+        peer = FREE_ENDPOINT if config.connect or config.scouting else KNOWN_ENDPOINT
+        listen = {"peer": (peer,), "router": (KNOWN_ENDPOINT,), "client": ()}[config.mode]
     return tuple(map(_with_free_port, listen))
 
 
@@ -60,7 +61,10 @@ def settings(config: ZenohConfig, listen: tuple[str, ...]) -> Iterator[tuple[str
     """Path and JSON of each zenoh setting, in the order in which they are made. Without `config_file` all of them, else those that were given."""
     scouting = config.scouting
     if scouting is None and config.config_file is None:
-        scouting = config.mode == "peer" or (config.mode == "client" and not config.connect)
+        scouting = False
+    connect = config.connect
+    if config.mode == "client" and not connect and not scouting:
+        connect = (KNOWN_ENDPOINT,)
     ours: dict[str, object] = {
         "mode": config.mode,
         # Shared memory would leave a watchdog thread and segments behind.
@@ -80,7 +84,7 @@ def settings(config: ZenohConfig, listen: tuple[str, ...]) -> Iterator[tuple[str
     if config.listen is not None or config.config_file is None:
         ours["listen/endpoints"] = list(listen)
     if config.connect or config.config_file is None:
-        ours["connect/endpoints"] = list(config.connect)
+        ours["connect/endpoints"] = list(connect)
     if scouting is not None:
         ours["scouting/multicast/enabled"] = scouting
     for path, value in (*ours.items(), *_leaves(config.config)):
@@ -114,11 +118,12 @@ def _host(endpoint: str) -> str:
 
 def _with_free_port(endpoint: str) -> str:
     address, mark, rest = endpoint.partition("#")
-    if not (address.startswith("tcp/") and address.endswith(":0")):
+    if not (address.startswith(("tcp/", "tls/")) and address.endswith(":0")):
         return endpoint
-    host = address[len("tcp/") : -len(":0")]
+    protocol, _, place = address.partition("/")
+    host = place[: -len(":0")]
     # zenoh would take a free port, too, but has no way to tell which.
     family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
     with socket.socket(family) as probe:
         probe.bind((host.strip("[]"), 0))
-        return f"tcp/{host}:{probe.getsockname()[1]}{mark}{rest}"
+        return f"{protocol}/{host}:{probe.getsockname()[1]}{mark}{rest}"

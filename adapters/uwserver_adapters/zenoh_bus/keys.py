@@ -35,6 +35,7 @@ class KeyScheme:
         self.event = f"{self.root}/@event"
         self.identities = f"{self.root}/@id/*"
         self.clients = f"{self.root}/@client/*"
+        self.losses = f"{self.root}/@lost/*"
         self.requests = (self.everything, self.describe, self.hello, self.cancel)
 
     def of(self, path: str) -> str:

@@ -1,19 +1,20 @@
-"""Samples, events and liveliness tokens: what the world says, each encoded once whatever the number of subscribers."""
+"""Samples, events and liveliness tokens: what the world says, each encoded once whatever the number of subscribers, never for none."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Port, Sample
-from uwserver_adapters.zenoh_bus.codec import Codec, SampleForm
+from uwserver_adapters.values import SampleForm
+from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.sender import Sender
+from uwserver_adapters.zenoh_bus.sender import Sender, direct
 
 if TYPE_CHECKING:
-    from zenoh import LivelinessToken, Publisher, Session
+    from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
 
 _log = logging.getLogger(__name__)
 
@@ -24,15 +25,31 @@ LARGE_BYTES = 1 << 15
 class _Outlet:
     """One sensor's way out."""
 
-    __slots__ = ("form", "is_busy", "is_large", "port", "publisher", "token")
+    __slots__ = ("form", "is_busy", "is_heard", "is_large", "listener", "number", "port", "publisher", "token")
 
     def __init__(self, port: Port, publisher: Publisher | None, token: LivelinessToken) -> None:
         self.port = port
         self.form = SampleForm(port)
         self.publisher = publisher
         self.token = token
+        self.number = 0
         self.is_large = False
         self.is_busy = False
+        self.is_heard = False
+        if publisher is not None:
+            self.listener = publisher.declare_matching_listener(direct(self._matches))
+            self.look()
+
+    def _matches(self, status: MatchingStatus) -> None:
+        """Somebody subscribes, or nobody any more. A zenoh thread."""
+        self.is_heard = status.matching
+
+    def look(self) -> None:
+        """Ask whether somebody subscribes. Never unlearns what the listener says meanwhile."""
+        if self.publisher is not None:
+            status: Any = self.publisher.matching_status  # zenoh's stub says bool, it is a MatchingStatus
+            if status.matching:
+                self.is_heard = True
 
 
 class Publications:
@@ -73,8 +90,13 @@ class Publications:
         for name in vehicles - self._vehicles.keys():
             self._vehicles[name] = liveliness.declare_token(self._keys.alive(name))
 
+    def look(self) -> None:
+        """Find subscribers of whom zenoh said nothing; it says so of all, this is for the one that it may forget."""
+        for outlet in self._outlets.values():
+            outlet.look()
+
     def _publisher(self, port: Port) -> Publisher | None:
-        from zenoh import CongestionControl, Priority
+        from zenoh import CongestionControl, Locality, Priority
 
         if port.direction != "sensor":
             return None
@@ -83,22 +105,22 @@ class Publications:
             encoding=self._codec.media,
             congestion_control=CongestionControl.DROP,
             priority=Priority.DATA,
+            allowed_destination=Locality.REMOTE,  # else our own subscriber for commands would count as one
         )
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Give each sample to zenoh, which drops it for a peer that is too slow."""
+        """Give each sample that anybody subscribes to to zenoh, which drops it for a peer that is too slow."""
         stats = self._context.stats
         for sample in samples:
             outlet = self._outlets.get(sample.port)
-            if outlet is None or outlet.publisher is None:
+            if outlet is None or outlet.publisher is None or not outlet.is_heard:
                 continue
             try:
-                payload = self._codec.encode(outlet.form.value(sample))
+                payload = self._codec.payload(outlet.form, sample)
                 attachment = self._codec.attachment(sample)
-                if len(payload) > LARGE_BYTES or outlet.is_large:
-                    self._put_large(outlet, outlet.publisher, payload, attachment)
-                else:
-                    outlet.publisher.put(payload, attachment=attachment)
+                stats.encoded += 1
+                if not self._put(outlet, outlet.publisher, payload, attachment):
+                    continue
             except Exception as error:  # noqa: BLE001  # a fault of ours, or of a closing session, must not end the adapter
                 stats.errors += 1
                 stats.last_error = f"a sample of {sample.port} could not be sent: {error}"
@@ -107,19 +129,36 @@ class Publications:
             stats.samples_sent += 1
             stats.bytes_sent += len(payload)
 
-    def _put_large(self, outlet: _Outlet, publisher: Publisher, payload: bytes, attachment: bytes) -> None:
-        outlet.is_large = True  # from now on always, so that samples do not overtake each other
+    def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, attachment: bytes) -> bool:
+        """Number it, and put it; whether it went out."""
+        from zenoh import SourceInfo
+
+        numbered = SourceInfo(publisher.id, outlet.number)
+        if len(payload) > LARGE_BYTES or outlet.is_large:
+            outlet.is_large = True  # from now on always, so that samples do not overtake each other
+            if not self._put_large(outlet, lambda: publisher.put(payload, attachment=attachment, source_info=numbered)):
+                return False
+        else:
+            publisher.put(payload, attachment=attachment, source_info=numbered)
+        outlet.number = (outlet.number + 1) & 0xFFFFFFFF
+        return True
+
+    def _put_large(self, outlet: _Outlet, put: Callable[[], object]) -> bool:
         if outlet.is_busy:
             self._context.stats.dropped += 1
-            return
+            return False
 
-        def put() -> None:
+        def work() -> None:
             try:
-                publisher.put(payload, attachment=attachment)
+                put()
             finally:
                 outlet.is_busy = False
 
-        outlet.is_busy = self._sender.send(put)
+        outlet.is_busy = True  # before it can be done
+        if not self._sender.send(work):
+            outlet.is_busy = False
+            return False
+        return True
 
     def put_event(self, event: Event) -> None:
         """Tell everybody; renew the ports if it says that they changed."""

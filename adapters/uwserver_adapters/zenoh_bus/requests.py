@@ -11,12 +11,12 @@ from typing import Protocol
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Fault, Progress, Refused, Reply, Sample
+from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import (
     Caller,
     Codec,
     EncodingName,
     FaultText,
-    SampleForm,
     decode_caller,
     decode_map,
     encoding_of,
@@ -134,6 +134,17 @@ class Requests:
             _log.exception("a put to %s failed", path[:200])
             self._context.stats.errors += 1
 
+    def take_loss(self, put: Put) -> None:
+        """A client tells how many samples did not reach it since it last did: zenoh tells a publisher of none."""
+        try:
+            samples = decode_map(put.payload, encoding_of(put.media, self._default)).get("samples")
+            if type(samples) is not int or not 0 < samples < 1 << 32:
+                raise Refused("bad_argument", '"samples" is the number of those lost since the last report', "samples")
+        except Refused as refused:
+            self._count("@lost", refused.fault)
+        else:
+            self._context.stats.dropped += samples
+
     def _put_refused(self, client: str, path: str) -> Callable[[Reply | Progress], None]:
         def on_reply(outcome: Reply | Progress) -> None:
             if isinstance(outcome, Reply) and outcome.fault is not None:
@@ -159,7 +170,12 @@ class Requests:
         stats = self._context.stats
         stats.errors += 1
         stats.last_error = f"{path[:256]}: {fault.text[:500]}"
-        cause = (path[:256], fault.code)
+        self._log_once(path, fault)
+
+    def _log_once(self, path: str, fault: Fault) -> None:
+        known = path in self._context.ports or path in self._context.services or path.startswith("@")
+        # Names that are none are a peer's choice: they are one cause, or they would use up the log.
+        cause = (path if known else "", fault.code)
         if cause not in self._told and len(self._told) < CAUSES:
             self._told.add(cause)
             _log.warning("%s refused [%s]: %s (told once)", path[:256], fault.code, fault.text[:500])
@@ -174,6 +190,7 @@ class Requests:
             codec = self._codecs[encoding]
             is_answered = self._answer(question, codec)
         except Refused as refused:
+            self._log_once(self._keys.path(question.key) or question.key.rsplit("/", 1)[-1], refused.fault)
             self._refuse(question, codec, refused.fault)
         except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
             _log.exception("a get of %s failed", question.key[:200])
@@ -238,7 +255,7 @@ class Requests:
             if port.direction == "sensor" and question.intersects(key):
                 sample: Sample | None = self._context.last(path)
                 if sample is not None:
-                    payload = codec.encode(SampleForm(port).value(sample))
+                    payload = codec.payload(SampleForm(port), sample)
                     question.answer.reply(key, payload, codec.media, codec.attachment(sample))
 
     # -- calls ------------------------------------------------------------------------------------------------------------------------

@@ -20,6 +20,13 @@ WAITING = 4096
 """Replies and large samples that may wait for zenoh."""
 
 
+def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
+    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
+    import zenoh
+
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
 class Sender:
     """A thread for what may wait in zenoh: replies (never dropped by it, so a stalled peer holds them up) and large samples.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from uwclient.aio import AsyncClient
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout, UwError
 from uwclient.link import tls_context
-from uwclient.over_zenoh import connect_zenoh
+from uwclient.over_zenoh import connect_zenoh, connect_zenoh_async
 from uwclient.ports import Ack, Argument, Description, Event, Field, Port, Progress, Sample, Service, Subscription
 from uwclient.sync import Client
 
@@ -33,5 +33,6 @@ __all__ = [
     "UwError",
     "connect",
     "connect_zenoh",
+    "connect_zenoh_async",
     "tls_context",
 ]

@@ -8,10 +8,12 @@ import math
 import ssl
 import time
 from collections.abc import AsyncIterator, Mapping, Sequence
+from functools import partial
 from types import TracebackType
 from typing import TypeVar
 
 from uwclient import verbs
+from uwclient.async_link import AsyncDial, AsyncLink, dial_stream
 from uwclient.base import SessionView
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout
 from uwclient.ports import Ack, Description, Sample, Subscription
@@ -31,19 +33,18 @@ from uwclient.wire import RequestId
 
 T = TypeVar("T")
 
-_CHUNK = 1 << 16
-
 
 class AsyncClient(SessionView):
-    """A connection to a uwserver; make one with `await AsyncClient.connect(...)` in a running loop.
+    """A connection to a uwserver; make one with `await AsyncClient.connect(...)` (or `connect_zenoh_async`) in a running loop.
 
     Any number of tasks may use it at once. Timeouts, reconnection and errors are those of `Client`; cancelling the
     task that waits for a call or a step cancels it on the server, too.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, dial: AsyncDial) -> None:
         super().__init__(settings)
-        self._writer: asyncio.StreamWriter | None = None
+        self._dial = dial
+        self._link: AsyncLink | None = None
         self._reading: asyncio.Task[None] | None = None
         self._connecting = asyncio.Lock()
         self._news = asyncio.Event()
@@ -63,8 +64,13 @@ class AsyncClient(SessionView):
     ) -> AsyncClient:
         """Connect, trying again until `timeout`; arguments and errors as for `Client.connect`."""
         settings = Settings(host, port, name, token, encoding, timeout, reconnect, tls=tls)
-        client = cls(settings.with_token_from_environment())
-        await client._open(time.monotonic() + timeout)
+        return await cls.over(partial(dial_stream, host, port, tls), settings.with_token_from_environment())
+
+    @classmethod
+    async def over(cls, dial: AsyncDial, settings: Settings) -> AsyncClient:
+        """Connect by what `dial` makes, as `connect` does by TCP."""
+        client = cls(settings, dial)
+        await client._open(time.monotonic() + settings.timeout)
         return client
 
     async def __aenter__(self) -> AsyncClient:
@@ -118,7 +124,7 @@ class AsyncClient(SessionView):
             self._session.require_subscription(port)
             if time.monotonic() >= deadline:
                 raise Timeout(f"no sample of {port or 'any port'} within {limit:g} s", code="timeout", where=port or "")
-            if self._writer is None:
+            if self._link is None:
                 await self._ensure(deadline)
             else:
                 await self._wait(deadline)
@@ -237,8 +243,8 @@ class AsyncClient(SessionView):
 
     def _give_up(self, pending: Pending[T]) -> None:
         data = self._session.give_up(pending)
-        if data and self._writer is not None:
-            self._writer.write(data)
+        if data and self._link is not None:
+            self._link.write(data)
 
     async def _wait(self, deadline: float) -> None:
         """Wait for anything to arrive or the connection to end, until `deadline` at most."""
@@ -251,7 +257,7 @@ class AsyncClient(SessionView):
         async with self._connecting:
             if self._closed:
                 raise self._session.unsent("the client is closed")
-            if self._writer is None:
+            if self._link is None:
                 if not self._session.settings.reconnect:
                     raise self._session.unsent("the connection was lost and reconnect is off")
                 await self._open(min(deadline, time.monotonic() + self._timeout))
@@ -272,13 +278,10 @@ class AsyncClient(SessionView):
             await asyncio.sleep(pause)
 
     async def _attempt(self, deadline: float) -> None:
-        settings = self._session.settings
         left = max(deadline - time.monotonic(), 0.001)
-        connecting = asyncio.open_connection(settings.host, settings.port, ssl=settings.tls)
-        reader, writer = await asyncio.wait_for(connecting, left)
-        self._writer = writer
+        self._link = link = await self._dial(left)
         self._session.restart()
-        self._reading = asyncio.ensure_future(self._read(reader, writer))
+        self._reading = asyncio.ensure_future(self._read(link))
         try:
             await self._exchange(self._session.hello(), left, deadline)
             self._session.described(await self._exchange(verbs.describe(), left, deadline))
@@ -291,10 +294,10 @@ class AsyncClient(SessionView):
             await self._disconnect("the greeting failed")
             raise
 
-    async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _read(self, link: AsyncLink) -> None:
         reason, fault = "the server ended it", None
         try:
-            while data := await reader.read(_CHUNK):
+            while data := await link.read():
                 for on_progress, progress in self._session.receive(data):
                     # Through the loop, so that an exception in it is reported there and does not end the reading.
                     asyncio.get_running_loop().call_soon(on_progress, progress)
@@ -303,35 +306,34 @@ class AsyncClient(SessionView):
             reason = str(error) or "it failed"
         except ProtocolError as error:
             reason, fault = error.message, error
-        if self._writer is writer:
+        if self._link is link:
             self._forget_connection(reason, fault)
 
     def _forget_connection(self, reason: str, fault: ProtocolError | None = None) -> None:
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        if self._link is not None:
+            self._link.close()
+            self._link = None
         self._session.lost(reason, fault)
         self._news.set()
 
     async def _disconnect(self, reason: str) -> None:
-        writer, reading = self._writer, self._reading
+        link, reading = self._link, self._reading
         self._reading = None
         self._forget_connection(reason)
         if reading is not None:
             reading.cancel()
             await asyncio.gather(reading, return_exceptions=True)
-        if writer is not None:
-            with contextlib.suppress(OSError):
-                await writer.wait_closed()
+        if link is not None:
+            await link.wait_closed()
 
     async def _write(self, data: bytes, deadline: float) -> None:
         """Write `data` and wait while too much is unsent; a loss is told through the session."""
-        if self._writer is None:
+        if self._link is None:
             self._session.lost("it was closed")
             return
-        self._writer.write(data)
+        self._link.write(data)
         try:
-            await asyncio.wait_for(self._writer.drain(), _left(deadline))
+            await asyncio.wait_for(self._link.drain(), _left(deadline))
         except asyncio.TimeoutError:  # first: from Python 3.11 on it is an OSError
             self._forget_connection("the server takes no more data")
         except OSError as error:

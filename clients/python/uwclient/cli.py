@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from uwclient import cli_verbs
 from uwclient.errors import UwError
 from uwclient.link import tls_context
-from uwclient.over_zenoh import connect_zenoh
+from uwclient.over_zenoh import LOOPBACK, connect_zenoh
 from uwclient.sync import Client
 
 _INTERRUPTED = 130
@@ -42,7 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _connected(options: argparse.Namespace) -> Client:
     if options.zenoh:
-        return connect_zenoh(options.server, options.connect or (), prefix=options.prefix, timeout=options.timeout)
+        connect = () if options.scout else options.connect or LOOPBACK
+        return connect_zenoh(options.server, connect, prefix=options.prefix, timeout=options.timeout)
     tls = tls_context(options.ca) if options.tls or options.ca else None
     return Client.connect(options.host, options.port, token=options.token, timeout=options.timeout, tls=tls)
 
@@ -64,8 +65,9 @@ def _parser() -> argparse.ArgumentParser:
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help="with --zenoh: tcp/127.0.0.1:7447 (default: by multicast)",
+        help=f"with --zenoh: where a router or server listens (default {LOOPBACK[0]})",
     )
+    parser.add_argument("--scout", action="store_true", help="with --zenoh: search by multicast, not at an endpoint")
     parser.add_argument("--prefix", default="uw", help="with --zenoh: first level of the keys (default %(default)s)")
     parser.add_argument(
         "--timeout", type=_positive, default=5.0, metavar="S", help="wall seconds to wait for an answer (default 5)"

@@ -1,18 +1,24 @@
-"""A `Client` over zenoh instead of TCP."""
+"""Clients over zenoh instead of TCP."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+from uwclient.aio import AsyncClient
 from uwclient.session import Settings
 from uwclient.sync import Client
-from uwclient.zenoh_link import ZenohPlace, dial_zenoh
+from uwclient.zenoh_async import dial_zenoh_async
+from uwclient.zenoh_link import dial_zenoh
+from uwclient.zenoh_place import ZenohPlace
+
+LOOPBACK = ("tcp/127.0.0.1:7447",)
+"""Where a server on this machine listens unless told otherwise."""
 
 
 def connect_zenoh(
     server: str = "uwserver",
-    connect: Sequence[str] = (),
+    connect: Sequence[str] = LOOPBACK,
     *,
     prefix: str = "uw",
     mode: str = "peer",
@@ -26,7 +32,7 @@ def connect_zenoh(
 
     Args:
         server: the server's name in the keys.
-        connect: endpoints such as "tcp/127.0.0.1:7447"; without any, servers are found by multicast.
+        connect: endpoints of servers or routers; none at all, (), searches by multicast.
         prefix: first levels of the keys, as in the server's adapter.
         mode: of the zenoh session, "peer" or "client".
         config: zenoh settings by path, such as {"transport/link/tls/root_ca_certificate": "ca.pem"}.
@@ -42,3 +48,21 @@ def connect_zenoh(
     place = ZenohPlace(server, tuple(connect), prefix, mode, dict(config or {}), encoding)
     settings = Settings("", 0, name, None, encoding, timeout, reconnect, via=place.address)
     return Client.over(partial(dial_zenoh, place), settings)
+
+
+async def connect_zenoh_async(
+    server: str = "uwserver",
+    connect: Sequence[str] = LOOPBACK,
+    *,
+    prefix: str = "uw",
+    mode: str = "peer",
+    config: Mapping[str, object] | None = None,
+    name: str | None = None,
+    encoding: str = "json",
+    timeout: float = 5.0,
+    reconnect: bool = True,
+) -> AsyncClient:
+    """Connect an `AsyncClient` over zenoh; arguments and errors as for `connect_zenoh`."""
+    place = ZenohPlace(server, tuple(connect), prefix, mode, dict(config or {}), encoding)
+    settings = Settings("", 0, name, None, encoding, timeout, reconnect, via=place.address)
+    return await AsyncClient.over(partial(dial_zenoh_async, place), settings)

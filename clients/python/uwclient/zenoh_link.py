@@ -6,7 +6,6 @@ import importlib
 import json
 import queue
 import time
-import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -14,6 +13,7 @@ from typing import Any, cast
 from uwclient import wire
 from uwclient.errors import UwError
 from uwclient.zenoh_frames import Frames, RequestId
+from uwclient.zenoh_place import ZenohPlace, session_config
 
 _EVER_S = 1e9
 """Timeout of a query that may take long: the caller has its own."""
@@ -21,32 +21,21 @@ _QUEUE = 1 << 16
 """Samples that may wait for a program that does not read; more are lost, as their `seq` shows."""
 _BATCH = 256
 _ROUNDING_NS = 1000
+_REPORT_S = 1.0
+"""Wall time between two reports of lost samples."""
 
 
-@dataclass(frozen=True)
-class ZenohPlace:
-    """Which server, and how its network is reached."""
-
-    server: str
-    connect: tuple[str, ...]
-    prefix: str
-    mode: str
-    config: Mapping[str, object]
-    encoding: str
-
-    @property
-    def root(self) -> str:
-        """First levels of the server's keys."""
-        return f"{self.prefix}/{self.server}"
-
-    @property
-    def address(self) -> str:
-        """For people."""
-        return f"zenoh {self.root} ({', '.join(self.connect) or 'multicast'})"
+def _nothing() -> None:
+    """Wake nobody: a blocking client looks by itself."""
 
 
-def dial_zenoh(place: ZenohPlace, timeout: float) -> ZenohLink:
-    """Open a session and wait until the server is seen; raises OSError when it is not, UwError for a wrong setting."""
+def dial_zenoh(place: ZenohPlace, timeout: float, arrived: Callable[[], None] = _nothing) -> ZenohLink:
+    """Open a session and wait until the server is seen; `arrived` as for `ZenohLink`.
+
+    Raises:
+        OSError: the server is not seen.
+        UwError: a wrong setting.
+    """
     try:
         zenoh: Any = importlib.import_module("zenoh")
     except ImportError:
@@ -54,38 +43,18 @@ def dial_zenoh(place: ZenohPlace, timeout: float) -> ZenohLink:
             "zenoh needs the eclipse-zenoh package: pip install 'uwclient[zenoh]'", code="missing_package"
         ) from None
     frames = Frames(place.encoding)
-    config = _config(zenoh, place)
+    config = session_config(zenoh, place)
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise OSError(str(error).split(" at /")[0]) from None
     try:
-        link = ZenohLink(zenoh, session, place, frames)
+        link = ZenohLink(zenoh, session, place, frames, arrived)
         link.wait_alive(timeout)
     except BaseException:
         session.close()
         raise
     return link
-
-
-def _config(zenoh: Any, place: ZenohPlace) -> Any:
-    config = zenoh.Config()
-    settings: dict[str, object] = {
-        "mode": place.mode,
-        "listen/endpoints": [],
-        "connect/endpoints": list(place.connect),
-        "scouting/multicast/enabled": not place.connect,
-        "transport/shared_memory/enabled": False,
-        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
-        **place.config,
-    }
-    for path, value in settings.items():
-        try:
-            config.insert_json5(path, json.dumps(value))
-        except zenoh.ZError as error:
-            text = f'zenoh refuses the setting "{path}": {str(error).split(" at /")[0]}'
-            raise UwError(text, code="bad_argument", where=path) from None
-    return config
 
 
 @dataclass(frozen=True)
@@ -126,15 +95,29 @@ class _Subscription:
 
 
 class ZenohLink:
-    """One zenoh session with one server. Callbacks of zenoh's threads only queue; all else is done in the client's thread."""
+    """One zenoh session with one server. Callbacks of zenoh's threads only queue; all else is done in the client's thread.
 
-    def __init__(self, zenoh: Any, session: Any, place: ZenohPlace, frames: Frames) -> None:
+    Args:
+        zenoh: the module.
+        session: an open session.
+        place: which server.
+        frames: the encoding.
+        arrived: called whenever something was queued, by any thread.
+    """
+
+    def __init__(
+        self, zenoh: Any, session: Any, place: ZenohPlace, frames: Frames, arrived: Callable[[], None] = _nothing
+    ) -> None:
+        self._arrived = arrived
         self._zenoh = zenoh
         self._session = session
         self._root = place.root
         self._prefix = place.prefix
         self._frames = frames
-        self._client = uuid.uuid4().hex[:16]
+        self._client = str(session.zid())
+        self._numbers: dict[str, int] = {}
+        self._lost = 0
+        self._next_report = 0.0
         self._queue: queue.SimpleQueue[_Arrived | _Gone] = queue.SimpleQueue()
         self._subscriptions: dict[int, _Subscription] = {}
         self._subscribed = 0
@@ -193,6 +176,11 @@ class ZenohLink:
                 frames += filter(None, [arrived.read()])
         return b"".join(frames)
 
+    @property
+    def waits(self) -> bool:
+        """Whether `receive` has something."""
+        return not self._queue.empty()
+
     def close(self) -> None:
         """Close the session, which ends everything declared in it."""
         self._session.close()
@@ -218,9 +206,7 @@ class ZenohLink:
         elif method == "cancel":
             self._ask(identity, f"{self._root}/@cancel", caller=params["id"])
         elif method == "subscribe" and identity is not None:
-            subscription = _Subscription(params)
-            key = f"{self._root}/@describe?pattern={subscription.pattern}"
-            self._ask(identity, key, then=lambda value: self._subscribe(identity, subscription, params, value))
+            self._subscribe(identity, _Subscription(params), params.get("delivery"))
         elif method == "unsubscribe" and identity is not None:
             self._unsubscribe(identity, str(params["pattern"]))
         else:
@@ -255,7 +241,7 @@ class ZenohLink:
 
         def on_reply(reply: Any) -> None:
             answered.append(True)
-            self._queue.put(_Arrived(lambda: self._reply(identity, reply, then)))
+            self._arrive(_Arrived(lambda: self._reply(identity, reply, then)))
 
         def on_end() -> None:
             if not answered:
@@ -292,41 +278,44 @@ class ZenohLink:
 
     # Samples
 
-    def _subscribe(
-        self, identity: RequestId, subscription: _Subscription, params: Mapping[str, object], described: object
-    ) -> bytes:
+    def _subscribe(self, identity: RequestId, subscription: _Subscription, delivery: object) -> None:
         pattern = subscription.pattern
-        if params.get("delivery") == "reliable":
+        if delivery == "reliable":
             text = 'over zenoh samples go by "ring" or "latest": what a slow receiver has no room for is dropped'
-            return self._frames.refusal(identity, "bad_argument", text, "delivery")
+            self._frame(self._frames.refusal(identity, "bad_argument", text, "delivery"))
+            return
+
+        def on_sample(sample: Any) -> None:
+            if self._queue.qsize() < _QUEUE:
+                self._arrive(_Arrived(lambda: self._sample(subscription, sample)))
+
+        # Before the question: declarations overtake queries, so with its answer the server knows of the subscriber.
+        subscription.declared = self._session.declare_subscriber(
+            f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
+        )
+        key = f"{self._root}/@describe?pattern={pattern}"
+        self._ask(identity, key, then=lambda described: self._subscribed_to(identity, subscription, described))
+
+    def _subscribed_to(self, identity: RequestId, subscription: _Subscription, described: object) -> bytes:
+        pattern = subscription.pattern
         ports = [
             wire.as_map(port, "a port")
             for port in wire.as_list(wire.as_map(described, "a description").get("ports"), "ports")
         ]
         paths = [str(port["path"]) for port in ports if port.get("direction") == "sensor"]
         if not paths and "*" not in pattern:
+            subscription.declared.undeclare()
             code, text = (
                 ("bad_argument", "is an actuator: it gives no samples") if ports else ("unknown_port", "is no port")
             )
             return self._frames.refusal(identity, code, f'"{pattern}" {text}; describe() lists all', pattern)
         self._subscribed += 1
-        serial = self._subscribed
-
-        def on_sample(sample: Any) -> None:
-            if self._queue.qsize() < _QUEUE:
-                self._queue.put(_Arrived(lambda: self._sample(subscription, sample)))
-
-        try:
-            subscription.declared = self._session.declare_subscriber(
-                f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
-            )
-        except self._zenoh.ZError as error:
-            return self._frames.refusal(identity, "bad_argument", str(error).split(" at /")[0], pattern)
-        self._subscriptions[serial] = subscription
-        return self._frames.result(identity, {"subscription": serial, "ports": paths})
+        self._subscriptions[self._subscribed] = subscription
+        return self._frames.result(identity, {"subscription": self._subscribed, "ports": paths})
 
     def _unsubscribe(self, identity: RequestId, pattern: str) -> None:
         ended = [serial for serial, entry in self._subscriptions.items() if entry.pattern == pattern]
+        self._numbers.clear()  # what comes while nobody subscribes is not lost
         for serial in ended:
             self._subscriptions.pop(serial).declared.undeclare()
         self._frame(self._frames.result(identity, {"removed": len(ended)}))
@@ -336,6 +325,7 @@ class ZenohLink:
             return b""  # a command of another client
         payload, attachment, media = sample.payload.to_bytes(), sample.attachment.to_bytes(), str(sample.encoding)
         key = str(sample.key_expr)
+        self._follow(key, sample.source_info)
         if len(self._subscriptions) > 1 and self._last.get(key) == attachment:
             return b""  # came by another subscription already
         if subscription.rate_hz is not None:
@@ -347,29 +337,46 @@ class ZenohLink:
             return self._frames.selected(payload, attachment, media, subscription.fields)
         return self._frames.sample(payload, attachment, media)
 
+    def _follow(self, key: str, source: Any) -> None:
+        """Count the samples that are missing before this one, and report them to the server, which zenoh does not tell."""
+        if source is None:
+            return
+        number = source.source_sn
+        # A publisher that begins anew, or a sample that came by two subscriptions, gives no gap.
+        self._lost += max(number - self._numbers.get(key, number) - 1, 0)
+        self._numbers[key] = number
+        if self._lost and time.monotonic() >= self._next_report:
+            self._next_report = time.monotonic() + _REPORT_S
+            self._put(f"{self._root}/@lost/{self._client}", {"samples": self._lost})
+            self._lost = 0
+
     # From zenoh's threads
 
     def _direct(self, callback: Callable[[Any], None], ended: Callable[[], None] | None = None) -> Any:
         """Wrap a callback that only queues, so that zenoh starts no thread of Python for it."""
         return self._zenoh.handlers.Callback(callback, ended, indirect=False)
 
+    def _arrive(self, item: _Arrived | _Gone) -> None:
+        self._queue.put(item)
+        self._arrived()
+
     def _frame(self, frame: bytes) -> None:
-        self._queue.put(_Arrived(lambda: frame))
+        self._arrive(_Arrived(lambda: frame))
 
     def _listen(self, key: str, method: str) -> None:
         def on_sample(sample: Any) -> None:
             payload, media = sample.payload.to_bytes(), str(sample.encoding)
-            self._queue.put(_Arrived(lambda: self._frames.notice(method, payload, media)))
+            self._arrive(_Arrived(lambda: self._frames.notice(method, payload, media)))
 
         self._session.declare_subscriber(key, self._direct(on_sample))
 
     def _on_error(self, sample: Any) -> None:
         """A put of ours was refused."""
         payload, media = sample.payload.to_bytes(), str(sample.encoding)
-        self._queue.put(_Arrived(lambda: self._frames.refused(None, payload, media)))
+        self._arrive(_Arrived(lambda: self._frames.refused(None, payload, media)))
 
     def _on_alive(self, sample: Any) -> None:
         if sample.kind == self._zenoh.SampleKind.PUT:
             self._alive.put(True)
         else:
-            self._queue.put(_Gone())
+            self._arrive(_Gone())

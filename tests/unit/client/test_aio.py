@@ -148,7 +148,7 @@ def test_reconnects_and_subscribes_again(server: FakeServer) -> None:
         assert client.reconnects == 1
         assert server.told("subscribe") == [{"pattern": "rov/imu", "rate_hz": 5}] * 2
         server.drop()
-        await until(lambda: client._writer is None)
+        await until(lambda: client._link is None)
         acks = await asyncio.gather(*(client.send("rov/thrusters", u=U) for _ in range(5)))
         assert len(acks) == 5
         assert client.reconnects == 2
@@ -177,7 +177,7 @@ def test_a_subscription_lost_by_a_reconnection_is_told_once(server: FakeServer) 
         await client.subscribe("rov/imu")
         server.refuse_patterns.add("rov/imu")
         server.drop()
-        await until(lambda: client._writer is None)
+        await until(lambda: client._link is None)
         with pytest.raises(CallRefused, match="after the reconnection"):
             await client.status()
         assert (await client.status())["paused"] is False
@@ -188,7 +188,7 @@ def test_a_subscription_lost_by_a_reconnection_is_told_once(server: FakeServer) 
 def test_without_reconnect_and_after_close(server: FakeServer) -> None:
     async def scenario(client: AsyncClient) -> None:
         server.drop()
-        await until(lambda: client._writer is None)
+        await until(lambda: client._link is None)
         with pytest.raises(ConnectionLost, match="reconnect is off"):
             await client.status()
         await client.close()

@@ -79,7 +79,7 @@ def test_wrench_is_what_moves_the_body(world):
     hydro.wrenches["bias"][0] = (5.0, -3.0, 2.0, 0.5, 0.2, -0.1)
     after, tau_with = hydro.rates_of_change(0.0)
     assert tau_with[0] - tau[0] == pytest.approx(hydro.wrenches["bias"][0])
-    inertia = hydro._params[0].M_RB + hydro._params[0].M_A
+    inertia = hydro.params[0].M_RB + hydro.params[0].M_A
     assert inertia @ (after[0] - before[0]) == pytest.approx(hydro.wrenches["bias"][0], rel=1e-9, abs=1e-9)
 
 

@@ -17,8 +17,9 @@ from uwserver_adapters.sockets.codec import (
     MsgpackCodec,
     choose_codec,
 )
-from uwserver_adapters.sockets.encoding import TEXT_LIMIT, SampleForm
+from uwserver_adapters.sockets.encoding import TEXT_LIMIT
 from uwserver_adapters.sockets.requests import EXAMPLE, ID_LIMIT, Malformed, Request
+from uwserver_adapters.values import SampleForm
 
 from uwserver.ports import ErrorCode, Event, Fault, Field, Port, Progress, Sample
 from uwserver.testing import CodecCase, check_codec

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from uwserver_adapters.sockets import datagrams
+from uwserver_adapters.sockets import datagrams, limits
 from uwserver_adapters.sockets.adapter import CannotListen
 from uwserver_adapters.sockets.datagrams import DATAGRAM_LIMIT, numbered, parse_datagram
 from uwserver_adapters.sockets.encoding import JSON, MSGPACK
@@ -194,6 +194,35 @@ def test_the_token_is_needed_too(serving: Serving) -> None:
         assert "result" in await talker.enter(token="sesame")
 
     play(serving, scene, token="sesame")
+
+
+def test_a_host_that_tries_tokens_is_not_heard_for_a_while(
+    serving: Serving, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(limits, "LOCKOUT_S", 2.0)
+
+    async def scene(context: Any, talker: Talker, guest: Talker) -> None:
+        assert "result" in await guest.enter(token="sesame")
+        for _ in range(limits.WRONG_TOKENS + 1):
+            assert (await talker.enter(token="x"))["error"]["data"]["code"] == "denied"
+        talker.send(HELLO)
+        await talker.silent()
+        assert (await guest.ask("ping", 5))["result"] == 5, "who is inside already stays"
+        assert context.stats.details["refused"] == {"denied": limits.WRONG_TOKENS + 1, "lockout": 1}
+        assert caplog.text.count("wrong tokens of one host") == 1
+        assert caplog.text.count("refused (denied)") == 1
+        await asyncio.sleep(2.0)
+        assert "result" in await talker.enter(token="sesame")
+
+    play(serving, scene, count=2, token="sesame")
+
+
+def test_the_hosts_that_are_remembered_are_bounded() -> None:
+    lockout = limits.Lockout()
+    for host in range(3 * limits.LOCKOUT_HOSTS):
+        assert not lockout.wrong(host, 0.0)
+    assert len(lockout._hosts) == limits.LOCKOUT_HOSTS
+    assert not lockout.is_out("nobody", 0.0)
 
 
 @pytest.mark.parametrize("params", [{"version": 2}, {"prams": 1}, {"name": 5}])

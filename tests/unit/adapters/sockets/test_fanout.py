@@ -84,6 +84,7 @@ def test_encoded_once_a_codec_and_selection(stage: Callable[..., Any], monkeypat
             await talker.result("subscribe", {"pattern": "rov/imu", "fields": ["temperature"]})
         theatre.context.emit()
         assert sorted(made.values()) == [1, 1, 1], "one for JSON, one for msgpack, one for the selection"
+        assert theatre.context.stats.encoded == 3
         for talker in (*plain, *packed):
             (sample,) = talker.samples()
             assert sample["value"]["temperature"] == 200.0

@@ -14,19 +14,22 @@ def made(**table: object) -> dict[str, object]:
     return {path: json.loads(value) for path, value in settings(config, endpoints(config))}
 
 
-def test_a_peer_finds_others_and_listens_on_loopback():
-    found = made()
-    assert found["mode"] == "peer"
-    assert found["scouting/multicast/enabled"] is True
+@pytest.mark.parametrize("mode", ["peer", "router", "client"])
+def test_nothing_leaves_this_machine_unless_told(mode):
+    found = made(mode=mode)
+    assert found["mode"] == mode
+    assert found["scouting/multicast/enabled"] is False
+    assert found["listen/endpoints"] == ([] if mode == "client" else ["tcp/127.0.0.1:7447"])
+    assert found["connect/endpoints"] == (["tcp/127.0.0.1:7447"] if mode == "client" else [])
+
+
+@pytest.mark.parametrize("table", [{"scouting": True}, {"connect": ["tcp/127.0.0.1:7447"]}])
+def test_a_peer_that_finds_others_takes_a_free_loopback_port(table):
+    found = made(**table)
+    assert found["scouting/multicast/enabled"] is table.get("scouting", False)
     (endpoint,) = found["listen/endpoints"]
     assert endpoint.startswith("tcp/127.0.0.1:")
-    assert not endpoint.endswith(":0")
-
-
-def test_a_router_listens_where_clients_look():
-    found = made(mode="router")
-    assert found["listen/endpoints"] == ["tcp/127.0.0.1:7447"]
-    assert found["scouting/multicast/enabled"] is False
+    assert not endpoint.endswith((":0", ":7447"))
 
 
 def test_a_client_listens_nowhere():
@@ -34,7 +37,7 @@ def test_a_client_listens_nowhere():
     assert found["listen/endpoints"] == []
     assert found["connect/endpoints"] == ["tcp/10.0.0.1:7447"]
     assert found["scouting/multicast/enabled"] is False
-    assert made(mode="client")["scouting/multicast/enabled"] is True
+    assert made(mode="client", scouting=True)["connect/endpoints"] == []
 
 
 def test_a_sample_hardly_waits():
@@ -54,13 +57,16 @@ def test_a_configuration_file_keeps_what_the_table_leaves_out():
     assert made(config_file="zenoh.json5", listen=["tcp/[::1]:7447"])["listen/endpoints"] == ["tcp/[::1]:7447"]
 
 
-@pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:0", "tcp/127.0.0.1:0#so_sndbuf=65000", "tcp/[::1]:0"])
+@pytest.mark.parametrize(
+    "endpoint", ["tcp/127.0.0.1:0", "tls/127.0.0.1:0", "tcp/127.0.0.1:0#so_sndbuf=65000", "tcp/[::1]:0"]
+)
 def test_free_ports(endpoint):
     try:
         (found,) = endpoints(ZenohConfig(listen=(endpoint,)))
     except OSError:
         pytest.skip("this machine has no such loopback address")
     assert ":0" not in found.replace("::1", "")
+    assert found[:4] == endpoint[:4]
     assert found.partition("#")[1:] == endpoint.partition("#")[1:]
 
 

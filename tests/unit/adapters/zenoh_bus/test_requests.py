@@ -7,8 +7,9 @@ import json
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+import msgspec
 import pytest
-from uwserver_adapters.zenoh_bus.codec import Codec
+from uwserver_adapters.zenoh_bus.codec import PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import UNANSWERED, Put, Question, Requests
 
@@ -31,7 +32,7 @@ class Answers:
         self.replies.append((key, json.loads(payload)))
 
     def refuse(self, payload: bytes, media: str) -> None:
-        self.faults.append(json.loads(payload))
+        self.faults.append(json.loads(payload) if media == "application/json" else msgspec.msgpack.decode(payload))
 
     def end(self) -> None:
         self.ends += 1
@@ -53,12 +54,17 @@ class Desk:
         self.requests.take_put(Put(self.keys.of(path), payload, media, attachment))
 
     def ask(
-        self, path: str, payload: bytes | None = None, attachment: bytes | None = None, **parameters: str
+        self,
+        path: str,
+        payload: bytes | None = None,
+        attachment: bytes | None = None,
+        media: str = "",
+        **parameters: str,
     ) -> Answers:
         answers = Answers()
         key = self.keys.of(path)
         fits: Callable[[str], bool] = lambda other: other == key or "*" in key  # noqa: E731
-        self.requests.take_question(Question(key, parameters, payload, "", attachment, answers, fits))
+        self.requests.take_question(Question(key, parameters, payload, media, attachment, answers, fits))
         return answers
 
 
@@ -96,6 +102,86 @@ def test_a_refused_put_is_told_and_logged_once(path, payload, code, where, caplo
         assert {told["code"] for _, told in desk.told} == {code}
         assert desk.context.stats.errors == 3
         assert len(caplog.records) == 1
+
+    within_loop(test)
+
+
+LARGE = b'{"u":"' + b"x" * PAYLOAD_LIMIT + b'"}'
+BAD_INPUT: list[tuple[str, dict[str, Any], str]] = [
+    ("rov/thrusters", {"payload": b"\xff\xfe{"}, "parse_error"),
+    ("rov/thrusters", {"payload": b'{"u":[0,0,0'}, "parse_error"),
+    ("rov/thrusters", {"payload": b"[1,2]"}, "invalid_request"),
+    ("rov/thrusters", {"payload": b'{"u":' + b"[" * 40 + b"]" * 40 + b"}"}, "invalid_request"),
+    ("rov/thrusters", {"payload": U, "media": "application/msgpack"}, "invalid_request"),
+    ("rov/thrusters", {"payload": U, "media": "image/png"}, "bad_argument"),
+    ("rov/thrusters", {"payload": U, "media": "application/cdr"}, "bad_argument"),
+    ("rov/thrusters", {"payload": LARGE}, "too_large"),
+    ("rov/thrusters", {"payload": U, "attachment": bytes(33)}, "invalid_request"),  # as rmw_zenoh sends it
+    ("rov/thrusters", {"payload": U, "attachment": b'{"client":5}'}, "bad_argument"),
+    ("rov/thrusters", {"payload": U, "attachment": b'{"client":"a/b"}'}, "bad_argument"),
+    ("rov/thrusters", {"payload": U, "attachment": b"{" + b" " * 2000 + b"}"}, "too_large"),
+    ("rov/thrusters", {"payload": b'{"v":[0]}'}, "bad_argument"),
+    ("rov/thrusters", {"payload": b'{"u":[0]}'}, "bad_shape"),
+    ("rov/thrusters", {"payload": b'{"u":[9,0,0,0,0,0,0,0]}'}, "out_of_range"),
+    ("rov/imu", {"payload": U}, "bad_argument"),
+]
+
+
+@pytest.mark.parametrize(("path", "sent", "code"), BAD_INPUT)
+@pytest.mark.parametrize("way", ["put", "get"])
+def test_bad_input_is_refused_with_its_reason_logged_once_and_disturbs_nothing(way, path, sent, code, caplog):
+    async def test(desk: Desk) -> None:
+        faults = []
+        for _ in range(3):
+            if way == "put":
+                desk.put(path, **sent)
+                faults.append(desk.told[-1][1])
+            else:
+                faults += desk.ask(path, **sent).faults
+        assert [fault["code"] for fault in faults] == [code] * 3
+        assert all(20 < len(fault["message"]) < 1000 for fault in faults), "a reason, and no echo of a megabyte"
+        assert len(caplog.records) == 1
+        assert desk.context.stats.errors == 3
+        assert desk.context.commands == []
+        desk.put("rov/thrusters", attachment=b"")
+        assert len(desk.context.commands) == 1, "and without an attachment a command is taken"
+
+    within_loop(test)
+
+
+def test_keys_that_do_not_exist_are_one_cause_however_many(caplog):
+    async def test(desk: Desk) -> None:
+        for number in range(1000):
+            desk.put(f"rov/nothing{number}")
+            assert desk.told[-1][1]["code"] == "unknown_port"
+            assert desk.ask(f"rov/nothing{number}", U).faults[0]["code"] == "unknown_service"
+        assert len(caplog.records) == 2
+        desk.put("rov/thrusters", b"{")
+        assert len(caplog.records) == 3
+
+    within_loop(test)
+
+
+@pytest.mark.parametrize(
+    ("payload", "media", "dropped"),
+    [
+        (b'{"samples":5}', "", 5),
+        (b"\x81\xa7samples\x05", "application/msgpack", 5),
+        (b'{"samples":-5}', "", 0),
+        (b'{"samples":true}', "", 0),
+        (b'{"samples":1e3}', "", 0),
+        (b'{"samples":4294967296}', "", 0),
+        (b"{", "", 0),
+        (b'{"samples":5}', "image/png", 0),
+    ],
+)
+def test_losses_that_clients_report_are_counted_and_nonsense_is_not(payload, media, dropped, caplog):
+    async def test(desk: Desk) -> None:
+        for _ in range(2):
+            desk.requests.take_loss(Put("uw/s/@lost/c1", payload, media, None))
+        assert desk.context.stats.dropped == 2 * dropped
+        assert desk.context.stats.errors == (0 if dropped else 2)
+        assert len(caplog.records) == (0 if dropped else 1)
 
     within_loop(test)
 
@@ -176,10 +262,13 @@ def test_a_named_client_cancels_hears_progress_and_leaves():
         (b'{"client":"c1","name":5}', "bad_argument"),
     ],
 )
-def test_wrong_hellos(payload, code):
+def test_wrong_hellos(payload, code, caplog):
     async def test(desk: Desk) -> None:
-        assert [fault["code"] for fault in desk.ask("@hello", payload).faults] == [code]
+        for _ in range(3):
+            assert [fault["code"] for fault in desk.ask("@hello", payload).faults] == [code]
         assert desk.context.joined == []
+        assert len(caplog.records) == 1
+        assert "@hello" in caplog.text
 
     within_loop(test)
 

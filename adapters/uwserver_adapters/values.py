@@ -1,0 +1,62 @@
+"""Samples as the maps that any self-describing encoding (JSON, msgpack) can write. Shared by adapters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from uwserver.ports import Field, Port, Sample, Value
+
+LONG = 2048
+"""Numbers of a field that are encoded in one call."""
+
+
+class SampleForm:
+    """How the samples of a port become a map: all its fields, or those selected.
+
+    Attributes:
+        is_long: a field may hold more than `LONG` numbers.
+    """
+
+    def __init__(self, port: Port, selected: Sequence[str] | None = None) -> None:
+        picked = [(i, field) for i, field in enumerate(port.fields) if selected is None or field.name in selected]
+        self._plain = len(picked) == len(port.fields) and all(len(field.shape) < 2 for field in port.fields)
+        self._names = [field.name for field in port.fields]
+        self._picked = picked
+        self.is_long = any(field.size > LONG for _, field in picked)
+
+    def value(self, sample: Sample) -> dict[str, object]:
+        """Field name -> number, list, or lists in lists where the field has more than one dimension."""
+        if self._plain:
+            return dict(zip(self._names, sample.value, strict=True))
+        return {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
+
+
+def _nested(field: Field, value: Value) -> object:
+    if not isinstance(value, tuple):
+        return value
+    rows: list[object] = list(value)
+    for extent in reversed(field.shape[1:]):
+        rows = [rows[i : i + extent] for i in range(0, len(rows), extent)]
+    return rows
+
+
+def in_pieces(value: dict[str, object], encode: Callable[[object], bytes]) -> dict[str, object]:
+    """The same map for a JSON encoder, its long lists encoded already, piece by piece.
+
+    An encoder keeps all other threads waiting until it is done. A megabyte of numbers takes it 5 ms, more than a tick; so it gets a few
+    thousand at a time.
+    """
+    return {name: _joined(entry, encode) if isinstance(entry, list | tuple) else entry for name, entry in value.items()}
+
+
+def _joined(entry: Sequence[object], encode: Callable[[object], bytes]) -> object:
+    row = entry[0] if entry else None
+    if isinstance(row, list):
+        parts = [encode(_joined(item, encode) if isinstance(item, list) else item) for item in entry]
+    elif len(entry) > LONG:
+        parts = [encode(entry[i : i + LONG])[1:-1] for i in range(0, len(entry), LONG)]
+    else:
+        return entry
+    return msgspec.Raw(b"[" + b",".join(parts) + b"]")

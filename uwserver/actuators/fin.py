@@ -1,0 +1,48 @@
+"""Fins, rudders and planes: one, or several as one vector. Limits, rate, lag, lift and drag run in the kernel."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.actuators.base import ActuatorTable, Body
+from uwserver.actuators.servo import Servos
+from uwserver.table import Name
+
+_FIELD = ("angle_rad", "rad", "angle about the hinge")
+
+
+class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
+    """Several fins of the vehicle file commanded as one vector of angles.
+
+    Attributes:
+        members: names of fins, in the order of the vector; default: all, in the order of the file.
+    """
+
+    members: Annotated[tuple[Name, ...], Meta(min_length=1)] | None = None
+
+    def build(self, body: Body) -> Servos:
+        """The actuator.
+
+        Raises:
+            ValueError: a member that the vehicle has not, named with those it has.
+        """
+        members = self.members
+        if members is None:
+            members = tuple(name.removeprefix("fins.") for name in body.servos if name.startswith("fins."))
+        return Servos(body, "fins", "fin", members, (len(members),), _FIELD)
+
+
+class FinConfig(ActuatorTable, tag="fin", kw_only=True, frozen=True):
+    """One fin of the vehicle file; its command is the angle, which it reaches at its own rate.
+
+    Attributes:
+        member: its name.
+    """
+
+    member: Name
+
+    def build(self, body: Body) -> Servos:
+        """The actuator; ValueError as for `fins`."""
+        return Servos(body, "fins", "fin", (self.member,), (), _FIELD)

@@ -1,0 +1,139 @@
+"""Currents as a scenario declares them: uniform, by depth, or drifting at random. All currents of a scenario add up."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.layout import PROFILE_SIZE
+from uwserver.table import NonNegative, Positive, Table, Vector3
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class CurrentTable(Table, tag_field="kind", kw_only=True, frozen=True):
+    """What all currents share: the key `kind`."""
+
+
+class UniformConfig(CurrentTable, tag="uniform", kw_only=True, frozen=True):
+    """The same everywhere and always, until ``world/set_current`` replaces the sum of these."""
+
+    velocity_ned_mps: Vector3
+
+
+class ProfileConfig(CurrentTable, tag="profile", kw_only=True, frozen=True):
+    """Velocity by depth, steady; above the first and below the last depth that of the first and last.
+
+    Attributes:
+        depth_m: rising, below the still water level.
+        velocity_ned_mps: of each depth.
+        interpolation: "linear", or "pchip", which has no kinks and does not overshoot (Fritsch and Carlson 1980).
+    """
+
+    depth_m: Annotated[tuple[float, ...], msgspec.Meta(min_length=2)]
+    velocity_ned_mps: Annotated[tuple[Vector3, ...], msgspec.Meta(min_length=2)]
+    interpolation: Literal["linear", "pchip"] = "linear"
+
+
+class GaussMarkovConfig(CurrentTable, tag="gauss_markov", kw_only=True, frozen=True):
+    """A first-order Gauss-Markov process, the same everywhere: it wanders about zero and forgets with a time constant.
+
+    Attributes:
+        sigma_ned_mps: standard deviation of each component in N.
+        tau_s: correlation time.
+        interval_s: drawn anew this often and linear between; default: tau_s / 100. Water that changed direction in each tick would shake
+            every body in it.
+    """
+
+    sigma_ned_mps: tuple[NonNegative, NonNegative, NonNegative]
+    tau_s: Positive
+    interval_s: Positive | msgspec.UnsetType = msgspec.UNSET
+
+
+CurrentConfig = UniformConfig | ProfileConfig | GaussMarkovConfig
+
+
+def profile_rows(config: ProfileConfig) -> FloatArray:
+    """Pieces (m, PROFILE_SIZE) of a profile as `SeaRows` has them: cubics between the depths, constants outside."""
+    z, u = np.array(config.depth_m), np.array(config.velocity_ned_mps)
+    n, h = len(z), np.diff(z)[:, None]
+    slope = np.diff(u, axis=0) / h
+    low = high = slope
+    if config.interpolation == "pchip":
+        knots = np.stack([_pchip_slopes(h[:, 0], slope[:, i]) for i in range(3)], axis=1)
+        low, high = knots[:-1], knots[1:]
+    rows = np.zeros((n + 1, PROFILE_SIZE))
+    rows[:, 0], rows[:, 1] = np.concatenate([[-np.inf], z]), np.concatenate([z, [np.inf]])
+    rows[0, 2], rows[1:, 2] = z[0], z
+    rows[0, 3::4], rows[1:, 3::4] = u[0], u
+    # Hermite's cubic from the values and slopes at both ends
+    rows[1:-1, 4::4] = low
+    rows[1:-1, 5::4] = (3.0 * slope - 2.0 * low - high) / h
+    rows[1:-1, 6::4] = (low + high - 2.0 * slope) / h**2
+    return rows
+
+
+def _pchip_slopes(h: FloatArray, slope: FloatArray) -> FloatArray:
+    """Slopes at the knots that keep each piece monotone: weighted harmonic means inside, three-point ends held in bounds."""
+    n = len(slope)
+    d = np.zeros(n + 1)
+    for k in range(1, n):
+        if slope[k - 1] * slope[k] > 0.0:
+            w1, w2 = 2.0 * h[k] + h[k - 1], h[k] + 2.0 * h[k - 1]
+            d[k] = (w1 + w2) / (w1 / slope[k - 1] + w2 / slope[k])
+    if n == 1:
+        d[:] = slope[0]
+    else:
+        d[0] = _end_slope(h[0], h[1], slope[0], slope[1])
+        d[n] = _end_slope(h[-1], h[-2], slope[-1], slope[-2])
+    return d
+
+
+def _end_slope(h0: float, h1: float, s0: float, s1: float) -> float:
+    d = ((2.0 * h0 + h1) * s0 - h0 * s1) / (h0 + h1)
+    if d * s0 <= 0.0:
+        return 0.0
+    if s0 * s1 <= 0.0 and abs(d) > 3.0 * abs(s0):
+        return float(3.0 * s0)
+    return float(d)
+
+
+class GaussMarkov:
+    """One drifting current, with its own random stream.
+
+    Attributes:
+        ticks: from draw to draw.
+        rng: its stream.
+        ends: (2, 3) velocity in N at the last and at the next draw, m/s.
+    """
+
+    def __init__(self, config: GaussMarkovConfig, rate_hz: float, rng: np.random.Generator) -> None:
+        """Begins with a draw of its stationary distribution; `rate_hz`: ticks a second."""
+        interval = config.tau_s / 100.0 if config.interval_s is msgspec.UNSET else float(config.interval_s)
+        self.ticks = max(1, round(interval * rate_hz))
+        self.rng = rng
+        self._keep = math.exp(-self.ticks / rate_hz / config.tau_s)
+        self._sigma = np.array(config.sigma_ned_mps)
+        self.ends: FloatArray = np.zeros((2, 3))
+        self.ends[0] = self._sigma * rng.standard_normal(3)
+        self.ends[1] = self._following()
+
+    def move(self, tick: int) -> None:
+        """Carry it to a tick, one after the last one."""
+        if tick % self.ticks == 0:
+            self.ends[0] = self.ends[1]
+            self.ends[1] = self._following()
+
+    def at(self, tick: int) -> tuple[FloatArray, FloatArray]:
+        """Velocity (3, m/s) at a tick and its change (3) until the next."""
+        step = (self.ends[1] - self.ends[0]) / self.ticks
+        return self.ends[0] + (tick % self.ticks) * step, step
+
+    def _following(self) -> FloatArray:
+        innovation = math.sqrt(1.0 - self._keep**2) * self._sigma
+        following: FloatArray = self._keep * self.ends[0] + innovation * self.rng.standard_normal(3)
+        return following

@@ -1,0 +1,79 @@
+"""Water that moves: currents and waves as arrays for the kernel, what changes in them from tick to tick, and answers at single points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from types import ModuleType
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.environment.currents import GaussMarkov
+from uwserver.frames import Vec3
+from uwserver.physics.layout import SeaRows
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@cache
+def _kernel() -> ModuleType:
+    """Loaded at the first question, as numba takes half a second."""
+    from uwserver.physics import flow
+
+    return flow
+
+
+class Sea:
+    """Currents and waves of a scenario that has more than a uniform, steady current. Not thread-safe.
+
+    Attributes:
+        rows: for the kernel; `uniform` holds from the present tick to the next.
+        drifts: the random currents.
+    """
+
+    def __init__(self, rows: SeaRows, drifts: Sequence[GaussMarkov] = (), dt: float = 1.0) -> None:
+        """A sea at t = 0; dt: s a tick."""
+        self.rows = rows
+        self.drifts = tuple(drifts)
+        self._dt = dt
+
+    def move(self, tick: int, t: float, steady: Vec3) -> None:
+        """Carry the uniform part to a tick, one after the last one.
+
+        Args:
+            tick: it begins now.
+            t: its time, s.
+            steady: steady part of the uniform velocity in N, m/s.
+        """
+        for drift in self.drifts:
+            drift.move(tick)
+        self.hold(tick, t, steady)
+
+    def hold(self, tick: int, t: float, steady: Vec3) -> None:
+        """Set the uniform part of the present tick, as `move`, without drawing."""
+        uniform = self.rows.uniform
+        uniform[:3], uniform[3:6], uniform[6] = steady, 0.0, t
+        for drift in self.drifts:
+            velocity, step = drift.at(tick)
+            uniform[:3] += velocity
+            uniform[3:6] += step / self._dt
+
+    def velocity(self, p: Vec3, t: float) -> Vec3:
+        """Of the water in N, m/s, at a point of N (m) and a time (s) in the present tick."""
+        kernel = _kernel()
+        u, v, w = self._at(p, t)[kernel.V : kernel.V + 3].tolist()
+        return (u, v, w)
+
+    def elevation(self, x: float, y: float, t: float) -> float:
+        """Of the surface above z = 0, m."""
+        return float(self._at((x, y, 0.0), t)[_kernel().ELEVATION])
+
+    def head(self, p: Vec3, t: float) -> float:
+        """Dynamic pressure over density times gravity, m; above z = 0 that at z = 0."""
+        return float(self._at(p, t)[_kernel().HEAD])
+
+    def _at(self, p: Vec3, t: float) -> FloatArray:
+        point = np.empty(_kernel().POINT_SIZE)
+        _kernel().water_at(self.rows, *p, t, point)
+        return point

@@ -1,0 +1,49 @@
+"""Checks of the faults of a scenario against its vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from uwserver.actuators import ThrusterConfig, ThrustersConfig
+from uwserver.faults import FaultConfig, Hull, Targets, refusals
+from uwserver.scenario.assembly import named
+from uwserver.scenario.body import matrices
+from uwserver.scenario.convert import Report, convert, silent
+from uwserver.scenario.schema import Environment
+from uwserver.scenario.vehicle_schema import Vehicle
+from uwserver.sensors.truth import TRUTH
+
+
+def check_faults(
+    raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environment: Environment, report: Report
+) -> None:
+    """Targets, members and sizes of the faults in the file `raw`, whose vehicles could all be read."""
+    targets = _targets(raw, vehicles, environment)
+    before: list[FaultConfig] = []
+    for name, table in named(raw, "faults").items():
+        fault = convert(table, FaultConfig, (), silent)
+        if fault is not None:
+            for key, text in refusals(fault, targets, before):
+                report(("faults", name, key), text)
+            before.append(fault)
+
+
+def _targets(raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environment: Environment) -> Targets:
+    thrusters: dict[str, tuple[str, ...]] = {}
+    sensors: list[str] = []
+    for name, vehicle in vehicles.items():
+        for key, actuator in vehicle.actuators.items():
+            if isinstance(actuator, ThrustersConfig):
+                thrusters[f"{name}/{key}"] = actuator.members or tuple(vehicle.thrusters)
+            elif isinstance(actuator, ThrusterConfig):
+                thrusters[f"{name}/{key}"] = (actuator.member,)
+        sensors += [f"{name}/{key}" for key in vehicle.sensors]
+        if "truth" in named(raw, "vehicles")[name]:
+            sensors += [f"{name}/truth/{key}" for key in TRUTH]
+    water = environment.density_kgpm3 * environment.gravity_mps2
+    hulls = {
+        name: Hull(matrices(vehicle).M_RB, vehicle.rigid_body.center_of_mass_frd_m, vehicle.buoyancy.volume_m3, water)
+        for name, vehicle in vehicles.items()
+    }
+    return Targets(hulls, thrusters, tuple(sensors))
