@@ -113,7 +113,6 @@ class WaterColumn:
         temperature, salinity: (n) in situ, degC; practical.
         density: (n) kg/m3.
         sound_speed: (n) m/s.
-        conductivity: (n) S/m, below the atmosphere.
         pressure: (n) of the water above, Pa.
         ph: acidity.
     """
@@ -138,13 +137,11 @@ class WaterColumn:
             self.pressure, self.density = _hydrostatic(self.depth, absolute, self.temperature, g)
         sea = self.pressure / _DECIBAR
         self.sound_speed = gsw.sound_speed(absolute, gsw.CT_from_t(absolute, self.temperature, sea), sea)
-        self.conductivity = 0.1 * gsw.C_from_SP(self.salinity, self.temperature, sea)
         self.ph = config.ph
         # Plain lists: a look-up takes a third of a microsecond, in numpy it would take several.
         self._depth, self._pressure = self.depth.tolist(), self.pressure.tolist()
         self._temperature, self._salinity = self.temperature.tolist(), self.salinity.tolist()
         self._density, self._sound_speed = self.density.tolist(), self.sound_speed.tolist()
-        self._conductivity = self.conductivity.tolist()
 
     def temperature_at(self, depth: float) -> float:
         """In situ temperature, degC, at a depth (m, positive down)."""
@@ -161,10 +158,6 @@ class WaterColumn:
     def sound_speed_at(self, depth: float) -> float:
         """Speed of sound, m/s."""
         return _interpolated(self._depth, self._sound_speed, max(0.0, depth))
-
-    def conductivity_at(self, depth: float) -> float:
-        """Electrical conductivity, S/m."""
-        return _interpolated(self._depth, self._conductivity, max(0.0, depth))
 
     def absorption_at(self, frequency_Hz: float, depth: float) -> float:
         """Absorption of sound after Francois and Garrison, dB/m."""

@@ -16,6 +16,9 @@ from uwserver.physics.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
 from uwserver.scenario.schema import Environment
 from uwserver.units import rad
 
+_LONG = 1e-12
+"""Wave number (rad/m) of the tide: a wave without period and so long that it is flat, which forces and sensors then see alike."""
+
 Streams = Callable[[str], np.random.Generator]
 """The random stream of a path."""
 
@@ -47,6 +50,8 @@ def _sea(environment: Environment, rate_hz: float, streams: Streams) -> Sea | No
     if not isinstance(environment.waves, UnsetType):
         direction = rad(environment.waves.direction_deg)
         waves = wave_rows(environment.waves, direction, environment.gravity_mps2, streams("environment/waves"))
+    if environment.surface_level_m:
+        waves = np.concatenate([waves, [(_LONG, 0.0, _LONG, 0.0, environment.surface_level_m, 0.0, np.inf)]])
     rows = np.concatenate(profiles)
     if not (len(rows) or len(waves) or drifts):
         return None

@@ -15,6 +15,8 @@ from uwserver.table import NonNegative, Positive, Probability
 
 _CHARGE, _ENERGY, _BIAS = range(3)
 """Places in the memory: charge (A s), energy delivered (J), constant error of the current meter (A)."""
+_LEAST = 0.2
+"""Part of the open-circuit voltage below which it does not sag: force tables end somewhere above."""
 
 
 class BatteryConfig(SensorTable, tag="battery", kw_only=True, frozen=True):
@@ -87,8 +89,10 @@ class Battery(Instrument):
     def sense(self, scope: Scope) -> Measurement:
         """Always valid; an empty battery reads 0 V."""
         m, wiring = self.memory, scope.wiring
-        load = self.settings.hotel_load_W + (0.0 if wiring is None else wiring.power())
-        voltage, current = self._loaded(load) if m[_CHARGE] > 0.0 else (0.0, 0.0)
+        supply = 0.0 if wiring is None else wiring.voltage
+        # Thrust follows the voltage, so that motors draw much as a resistance does: with a constant power the two would hunt each other.
+        conductance = wiring.power() / (supply * supply) if wiring is not None and supply > 0.0 else 0.0
+        voltage, current = self._loaded(conductance) if m[_CHARGE] > 0.0 else (0.0, 0.0)
         m[_CHARGE] = max(0.0, m[_CHARGE] - current * self.dt)
         m[_ENERGY] += voltage * current * self.dt
         if wiring is not None:
@@ -98,12 +102,19 @@ class Battery(Instrument):
         volts = voltage + self._meter[2] * draws[1]
         return Measurement([volts, shown, volts * shown, m[_ENERGY], m[_CHARGE] / self._capacity], True)
 
-    def _loaded(self, power: float) -> tuple[float, float]:
-        """Terminal voltage and current at a power: V = E - I R with V I = P. More than the battery can give is cut at its maximum, E/2."""
+    def _loaded(self, conductance: float) -> tuple[float, float]:
+        """Terminal voltage and current: V = E - I R with I = G V + P / V, G the motors' conductance (1/ohm) and P the hotel load.
+
+        A hotel load that the battery cannot carry is cut to what it can.
+        """
         e, r = self.open_circuit(self.memory[_CHARGE] / self._capacity), self._config.resistance_ohm
-        root = e * e - 4.0 * power * r
-        voltage = 0.5 * (e + math.sqrt(root)) if root > 0.0 else 0.5 * e
-        return voltage, power / voltage if root > 0.0 else e / (2.0 * r)
+        share, power = 1.0 + r * conductance, self.settings.hotel_load_W
+        root = e * e - 4.0 * share * r * power
+        if root <= 0.0:
+            voltage = 0.5 * e / share
+            return voltage, (e - voltage) / r
+        voltage = max(_LEAST * e, 0.5 * (e + math.sqrt(root)) / share)
+        return voltage, (e - voltage) / r if r > 0.0 else conductance * voltage + power / voltage
 
     def open_circuit(self, charge: float) -> float:
         """Voltage without load at a charge (part of the capacity), V."""

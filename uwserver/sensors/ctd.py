@@ -73,14 +73,15 @@ class Ctd(Instrument):
         if depth + water.elevation(p_NS[0], p_NS[1], scope.t) < 0.0:
             m[_WET] = 0.0
             return Measurement(blank(self.fields), False)
-        t, conductivity = water.temperature_at(depth), water.column.conductivity_at(depth)
+        t, truth = water.temperature_at(depth), water.pressure(p_NS, scope.t)
+        conductivity = conductivity_of(water.salinity_at(depth), t, (truth - water.atmospheric_pressure) / _DECIBAR)
         if m[_WET]:
             t = m[_T] + (t - m[_T]) * _share(self.dt, c.temperature_lag_s)
             conductivity = m[_C] + (conductivity - m[_C]) * _share(self.dt, c.conductivity_lag_s)
         m[_T], m[_C], m[_WET] = t, conductivity, 1.0
         t += m[_OFFSET_T] + c.temperature_sigma_degc * draws[0]
         conductivity += m[_OFFSET_C] + c.conductivity_sigma_Spm * draws[1]
-        pressure = water.pressure(p_NS, scope.t) + m[_OFFSET_P] + c.pressure_sigma_Pa * draws[2]
+        pressure = truth + m[_OFFSET_P] + c.pressure_sigma_Pa * draws[2]
         sea = (pressure - water.atmospheric_pressure) / _DECIBAR
         return Measurement([conductivity, t, pressure, practical_salinity(conductivity, t, sea)], True)
 
@@ -118,6 +119,18 @@ def practical_salinity(conductivity: float, temperature: float, sea_pressure: fl
     if salinity < 2.0:
         salinity = _hill(root, part) * 2.0 / _hill(_root_at_2(part), part)
     return max(0.0, salinity)
+
+
+def conductivity_of(salinity: float, temperature: float, sea_pressure: float) -> float:
+    """Conductivity (S/m) at which `practical_salinity` gives this salinity, by the secant method."""
+    before, after = 0.0, _STANDARD * (salinity + 0.01) / 35.0
+    error_before, error = -salinity, practical_salinity(after, temperature, sea_pressure) - salinity
+    for _ in range(20):
+        if abs(error) < 1e-12 or error == error_before:
+            break
+        before, after = after, max(0.0, after - error * (after - before) / (error - error_before))
+        error_before, error = error, practical_salinity(after, temperature, sea_pressure) - salinity
+    return after
 
 
 def _pss78(root: float, part: float) -> float:

@@ -50,8 +50,21 @@ class Triad:
     def __init__(self, errors: TriadErrors) -> None:
         self._errors = errors
         self._sigma = errors.instability / HUMP
-        self._draws = 3 * ((errors.noise_density > 0.0) + (self._sigma > 0.0) + (errors.random_walk > 0.0))
+        self._noisy, self._wanders, self._walks = (
+            errors.noise_density > 0.0,
+            self._sigma > 0.0,
+            errors.random_walk > 0.0,
+        )
+        self._draws = 3 * (self._noisy + self._wanders + self._walks)
         self.exact = errors == TriadErrors()
+        self._retime(1.0)
+
+    def _retime(self, dt: float) -> None:
+        """Factors that depend on the interval alone."""
+        e = self._errors
+        self._dt, self._decay = dt, math.exp(-dt / e.instability_tau_s)
+        self._wander_step = self._sigma * math.sqrt(1.0 - self._decay * self._decay)
+        self._walk_step, self._white = e.random_walk * math.sqrt(dt), e.noise_density / math.sqrt(dt)
 
     def turn_on(self, rng: np.random.Generator) -> list[float]:
         """Memory at the start of a run."""
@@ -63,32 +76,26 @@ class Triad:
 
     def read(self, truth: Sequence[float], memory: list[float], at: int, dt: float, rng: np.random.Generator) -> Vec3:
         """A reading with its errors; moves the biases on by `dt` (s). The memory begins at index `at`."""
-        e = self._errors
+        if dt != self._dt:
+            self._retime(dt)
         draws: list[float] = rng.standard_normal(self._draws).tolist() if self._draws else []
+        a, b, c, d, e, f, g, h, i, x, y, z, gx, gy, gz, rx, ry, rz = memory[at : at + self.SIZE]
         k = 0
-        gm, rw = at + 12, at + 15
-        if self._sigma > 0.0:
-            decay = math.exp(-dt / e.instability_tau_s)
-            step = self._sigma * math.sqrt(1.0 - decay * decay)
-            memory[gm] = decay * memory[gm] + step * draws[0]
-            memory[gm + 1] = decay * memory[gm + 1] + step * draws[1]
-            memory[gm + 2] = decay * memory[gm + 2] + step * draws[2]
+        if self._wanders:
+            decay, step = self._decay, self._wander_step
+            gx, gy, gz = decay * gx + step * draws[0], decay * gy + step * draws[1], decay * gz + step * draws[2]
+            memory[at + 12 : at + 15] = gx, gy, gz
             k = 3
-        if e.random_walk > 0.0:
-            step = e.random_walk * math.sqrt(dt)
-            for i in range(3):
-                memory[rw + i] += step * draws[k + i]
+        if self._walks:
+            step = self._walk_step
+            rx, ry, rz = rx + step * draws[k], ry + step * draws[k + 1], rz + step * draws[k + 2]
+            memory[at + 15 : at + 18] = rx, ry, rz
             k += 3
-        x = truth[0] + memory[at + 9] + memory[gm] + memory[rw]
-        y = truth[1] + memory[at + 10] + memory[gm + 1] + memory[rw + 1]
-        z = truth[2] + memory[at + 11] + memory[gm + 2] + memory[rw + 2]
-        if e.noise_density > 0.0:
-            white = e.noise_density / math.sqrt(dt)
+        x, y, z = truth[0] + x + gx + rx, truth[1] + y + gy + ry, truth[2] + z + gz + rz
+        if self._noisy:
+            white = self._white
             x, y, z = x + white * draws[k], y + white * draws[k + 1], z + white * draws[k + 2]
-        m = memory[at : at + 9]
-        return self._converted(
-            m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z, m[6] * x + m[7] * y + m[8] * z
-        )
+        return self._converted(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
 
     def _converted(self, x: float, y: float, z: float) -> Vec3:
         limit, step = self._errors.limit, self._errors.resolution

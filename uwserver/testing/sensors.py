@@ -148,10 +148,17 @@ def _modifiers(field: Field) -> tuple[ModifierConfig, ...]:
     )
 
 
+def _present(value: Value) -> bool:
+    return any(v is not None for v in value) if isinstance(value, tuple) else value is not None
+
+
 def _check_modifiers(kind: str, sensor: Sensor, field: Field, instants: Sequence[Scope]) -> None:
     index = sensor.fields.index(field)
-    scope = next((s for s in instants if measured(sensor, s)[0]), None)
-    assert scope is not None, f'sensor "{kind}" is valid at none of the instants: give some at which it can measure'
+    fine = [s for s in instants if measured(sensor, s)[0]]
+    assert fine, f'sensor "{kind}" is valid at none of the instants: give some at which it can measure'
+    scope = next((s for s in fine if _present(measured(sensor, s)[1][index])), None)
+    if scope is None:
+        return  # a valid reading may leave a field empty: nothing touched, no echo
     for modifier in _modifiers(field):
         where = f'sensor "{kind}", {type(modifier).__name__} of "{field.name}"'
         valid, values = measured(sensor, scope)

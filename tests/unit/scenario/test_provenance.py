@@ -1,6 +1,7 @@
 """Every number of a shipped vehicle or device file says where it comes from and how far to trust it.
 
-Tables that hold numbers carry `source` and `status`. By rule free of them: where things are mounted and how buoyancy shapes lie (their
+Tables that hold numbers carry `source` and `status`. By rule free of them: parts of a sensor's table within a
+group of a device file, which the group speaks for; where things are mounted and how buoyancy shapes lie (their
 parent `buoyancy` speaks for them), the density that coefficients refer to, and tables of names. Sensors and their modifiers have no
 such keys: the line above their header is a comment, ``# status: source``.
 """
@@ -18,7 +19,7 @@ import pytest
 SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios"
 FILES = sorted(path for folder in ("vehicles", "devices") for path in (SHIPPED / folder).glob("*.toml"))
 STATUSES = ("measured", "paper", "datasheet", "derived", "guess")
-FREE = re.compile(r"(mounts\..*|buoyancy\.shapes\..*|actuators\..*|damping|)")
+FREE = re.compile(r"(properties\.\w+\..+|mounts\..*|buoyancy\.shapes\..*|actuators\..*|damping|)")
 """Tables that need no source of their own; the last alternative is the file's root (schema version, default voltage)."""
 COMMENTED = re.compile(r"sensors\..*")
 
