@@ -17,7 +17,16 @@ from uwserver.physics.rays import Rays
 from uwserver.physics.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
 from uwserver.scenario.documents import shipped
 from uwserver.scenario.profiles import check_profile
-from uwserver.sensors import AltimeterConfig, DvlConfig, LblConfig, Pose, ScanningSonarConfig, Scope, SensorConfig, UsblConfig
+from uwserver.sensors import (
+    AltimeterConfig,
+    DvlConfig,
+    LblConfig,
+    Pose,
+    ScanningSonarConfig,
+    Scope,
+    SensorConfig,
+    UsblConfig,
+)
 from uwserver.sensors.instrument import Instrument
 from uwserver.sensors.interrogation import Beacon
 from uwserver.units import deg, rad
@@ -134,7 +143,9 @@ def altimeter(geometry: Geometry) -> Figure:
         axis.plot(ahead, found, ".", ms=3, label=name)
     ray = AltimeterConfig(rate_hz=240.0, ideal=True, beam_width_deg=0.1, rings=0).build(Pose())
     axis.plot(ahead, [sounded(ray, geometry, x) for x in ahead], "k-", lw=0.8, label="straight below")
-    axis.set(xlabel="north (m)", ylabel="range (m)", title="first echo in the cone, over a box at 8 m", ylim=(12.0, 0.0))
+    axis.set(
+        xlabel="north (m)", ylabel="range (m)", title="first echo in the cone, over a box at 8 m", ylim=(12.0, 0.0)
+    )
     axis.legend(fontsize=8)
     axis.grid(visible=True, alpha=0.3)
     return figure
@@ -195,11 +206,15 @@ def usbl(geometry: Geometry) -> Figure:
     config = UsblConfig(rate_hz=5.0, beacons=beacon, source_level_db=165.0, multipath_probability=0.03)
     instrument = config.build(Pose())
     times, values = tracked(instrument, geometry, 250)
-    heard = np.array([[-25.0 + 0.5 * t + v[4][0], -20.0 + v[4][1]] for t, v in zip(times, values, strict=True) if v[1] is not None])  # type: ignore[index]
+    heard = np.array(
+        [[-25.0 + 0.5 * t + v[4][0], -20.0 + v[4][1]] for t, v in zip(times, values, strict=True) if v[1] is not None]
+    )  # type: ignore[index]
     left.plot(heard[:, 1], heard[:, 0], ".", ms=3, label="beacon as heard")
     left.plot([25.0], [15.0], "k+", ms=12, label="beacon")
     left.plot([-20.0, -20.0], [-25.0, -25.0 + 0.5 * times[-1]], "k-", lw=0.8, label="vehicle")
-    left.set(xlabel="east (m)", ylabel="north (m)", title="one beacon; reflections are late, gaps are hidden", aspect="equal")
+    left.set(
+        xlabel="east (m)", ylabel="north (m)", title="one beacon; reflections are late, gaps are hidden", aspect="equal"
+    )
     for d in (0.01, 0.03, 0.1):
         signal = np.linspace(5.0, 40.0, 50)
         sigma = 1485.0 / (2.0 * math.pi * 26e3 * d) / np.sqrt(10.0 ** (0.1 * signal))
