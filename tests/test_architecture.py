@@ -434,7 +434,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 
 UNITS = {
     "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^3",
-    "m^2/s^2", "J", "N s", "S/m", "m^2", "ns",
+    "m^2/s^2", "J", "N s", "S/m", "m^2", "ns", "dB",
 }  # fmt: skip
 
 

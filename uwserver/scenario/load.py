@@ -14,7 +14,7 @@ from uwserver.scenario.checks import check_scenario
 from uwserver.scenario.convert import check_name, convert, convert_kind, convert_struct, silent
 from uwserver.scenario.device_checks import check_device
 from uwserver.scenario.documents import Document, find, from_tables, read
-from uwserver.scenario.errors import KeyPath, Problem, ScenarioError
+from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, suggestion
 from uwserver.scenario.export import tables
 from uwserver.scenario.fault_checks import check_faults
 from uwserver.scenario.profiles import check_profile, expanded
@@ -23,6 +23,7 @@ from uwserver.scenario.schema import Environment, Scenario, WorldTable
 from uwserver.scenario.solid_files import SolidFiles
 from uwserver.scenario.vehicle_checks import check_vehicle
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
+from uwserver.sensors import carriers
 
 
 def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Resolved:
@@ -124,9 +125,21 @@ class _Load:
         vehicle = convert_struct(merged.raw, Vehicle, (), self._report(merged))
         devices = self._thruster_devices(merged)
         draft: Draft = drafted(merged.raw, devices)
+        self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         self._solids.read_vehicle(name, merged, self._report(merged), self._warn(merged))
         self._vehicles[name] = vehicle, devices
+
+    def _check_carriers(self, draft: Draft, merged: MergedFile) -> None:
+        """Beacons sit on vehicles that there are."""
+        vehicles = tuple(named(self._document.raw, "vehicles"))
+        for name, sensor in draft.sensors.items():
+            for beacon, vehicle in carriers(sensor):
+                if vehicle not in vehicles:
+                    path: KeyPath = ("sensors", name, "beacons", beacon, "vehicle")
+                    self._report(merged)(
+                        path, f'no vehicle "{vehicle}"{suggestion(vehicle, vehicles, "; there are: ")}'
+                    )
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:
         devices: dict[str, ThrusterDevice] = {}

@@ -14,13 +14,17 @@ from uwserver.sensors.dvl import DvlConfig
 from uwserver.sensors.gps import GpsConfig
 from uwserver.sensors.imu import ImuConfig
 from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.interrogation import carriers
+from uwserver.sensors.lbl import LblConfig
 from uwserver.sensors.leak import LeakConfig
 from uwserver.sensors.magnetometer import MagnetometerConfig
 from uwserver.sensors.motion_capture import MotionCaptureConfig
 from uwserver.sensors.pressure import PressureConfig
 from uwserver.sensors.range_array import RangeArrayConfig
 from uwserver.sensors.rpm import RpmConfig
+from uwserver.sensors.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.sound_speed import SoundSpeedConfig
+from uwserver.sensors.usbl import UsblConfig
 
 SensorConfig = (
     ImuConfig
@@ -28,6 +32,9 @@ SensorConfig = (
     | MotionCaptureConfig
     | DvlConfig
     | AltimeterConfig
+    | ScanningSonarConfig
+    | UsblConfig
+    | LblConfig
     | MagnetometerConfig
     | AttitudeConfig
     | GpsConfig
@@ -43,7 +50,8 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "Compound", "CompoundConfig", "ContactConfig", "CtdConfig", "DvlConfig",
-    "GpsConfig", "ImuConfig", "Instrument", "LeakConfig", "MagnetometerConfig", "MotionCaptureConfig", "Pose", "PressureConfig",
-    "RangeArrayConfig", "RpmConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig",
+    "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "Compound", "CompoundConfig", "ContactConfig",
+    "CtdConfig", "DvlConfig", "GpsConfig", "ImuConfig", "Instrument", "LblConfig", "LeakConfig", "MagnetometerConfig",
+    "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
+    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "UsblConfig", "carriers",
 ]  # fmt: skip

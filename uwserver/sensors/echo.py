@@ -78,11 +78,17 @@ def scattering(scope: Scope, hits: Hits, direction: FloatArray) -> FloatArray:
         direction: (n, 3) of the rays.
     """
     sine = np.abs(np.einsum("ij,ij->i", hits.normal, direction))
-    # A material that nobody named is taken for the last one: a sensor is no place to fail.
-    mu = scope.lambert[np.clip(hits.material, 0, len(scope.lambert) - 1)]
-    mu = np.where(hits.material == SURFACE, MU_SURFACE, mu)
-    result: FloatArray = np.where(hits.body == NOTHING, 0.0, mu * np.maximum(sine, _LEAST_GRAZING) ** 2)
+    result: FloatArray = lambert_of(scope, hits) * np.maximum(sine, _LEAST_GRAZING) ** 2
     return result
+
+
+def lambert_of(scope: Scope, hits: Hits) -> FloatArray:
+    """(n) Lambert's parameter of what each ray hits, linear; 0 for a miss."""
+    # A material that nobody named is taken for the last one: a sensor is no place to fail.
+    mu = scope.lambert[np.minimum(np.maximum(hits.material, 0), len(scope.lambert) - 1)]
+    mu[hits.body == SURFACE] = MU_SURFACE
+    mu[hits.body == NOTHING] = 0.0
+    return mu
 
 
 def scattering_of_each(scope: Scope, hits: Hits, direction: FloatArray) -> list[float]:
