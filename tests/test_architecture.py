@@ -40,7 +40,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("services",),
     ("snapshot",),
     ("world",),  # the tick
-    ("faults",),  # mark rows and slots
+    ("faults", "commands"),  # mark rows and slots; who commands the actuators
     ("slots",),  # what the world keeps of each component
     ("vehicle", "requests"),
     ("actuators", "sensors", "autopilot"),
