@@ -3,7 +3,7 @@
 Tables that hold numbers carry `source` and `status`. By rule free of them: parts of a sensor's table within a
 group of a device file, which the group speaks for; where things are mounted, how buoyancy shapes lie and the
 derivatives of a hull or fin (the table around them speaks for them), the density that
-coefficients refer to, and tables of names. Sensors and their modifiers have no
+coefficients refer to, and tables of names. Sensors with their modifiers, and collision shapes, have no
 such keys: the line above their header is a comment, ``# status: source``.
 """
 
@@ -24,7 +24,7 @@ FREE = re.compile(
     r"(properties\.\w+\..+|mounts\..*|buoyancy\.shapes\..*|hull\.derivatives\.terms|fins\.\w+\.derivatives|actuators\..*|damping|)"
 )
 """Tables that need no source of their own; the last alternative is the file's root (schema version, default voltage)."""
-COMMENTED = re.compile(r"sensors\..*")
+COMMENTED = re.compile(r"(sensors|collision)\..*")
 
 
 def tables(value: dict[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
