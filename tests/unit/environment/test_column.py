@@ -151,3 +151,17 @@ def test_a_faulty_column_is_refused_with_its_place(tmp_path, text, said):
     with pytest.raises(ScenarioError, match=said) as refused:
         load(path, adapters={})
     assert "environment.water" in str(refused.value)
+
+
+def test_the_tide_raises_the_surface_for_sensors_and_forces_alike(tmp_path):
+    """A light vehicle comes to rest afloat at the raised surface, and the pressure counts from there."""
+    path = tmp_path / "tide.toml"
+    path.write_text(
+        'schema = 1\n[environment]\nsurface_level_m = 1.5\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, -1.3]\n'
+        "[vehicles.rov.override.rigid_body]\nmass_kg = 13.0\n"
+    )
+    world = build(load(path, adapters={}))
+    assert world.water.elevation(5.0, 6.0, 1.0) == pytest.approx(1.5)
+    assert world.water.pressure((0.0, 0.0, 3.0), 1.0) == pytest.approx(101_325.0 + 1025.0 * 9.81 * 4.5)
+    world.step(2400)
+    assert -1.5 < world.vehicles["rov"].p_NB[2] < -1.35
