@@ -40,6 +40,7 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
         rings: of rays about the axis; ring k has 6 k rays.
         min_range_m: blanking: nearer echoes are not heard, but their multiples may be.
         max_range_m: the strength of the echo is such that half of the pings find sediment there.
+        range_m: how far it listens at the start, default the largest; a shorter range pings faster.
         range_sigma_m, range_sigma_relative: white error, fixed and as a part of the range.
         assumed_sound_speed_mps: what the device believes; default: the truth.
         multiple_loss_db: of each further trip between bottom and vehicle.
@@ -53,6 +54,7 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
     rings: Annotated[int, Meta(ge=0, le=30)] = 4
     min_range_m: NonNegative = 0.3
     max_range_m: Positive = 50.0
+    range_m: Positive | UnsetType = UNSET
     range_sigma_m: NonNegative = 0.01
     range_sigma_relative: NonNegative = 0.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
@@ -64,6 +66,8 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
         """ValueError where keys do not go together."""
         if not self.min_range_m < self.max_range_m:
             raise ValueError("min_range_m must be less than max_range_m")
+        if self.range_m is not UNSET and not self.min_range_m <= self.range_m <= self.max_range_m:
+            raise ValueError("range_m must lie between min_range_m and max_range_m")
 
     def build(self, mount: Pose) -> Altimeter:
         """The instrument."""
@@ -73,7 +77,7 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
 class AltimeterSettings(Settings, frozen=True):
     """See `AltimeterConfig`; `sound_speed` 0 stands for the truth; a `gain` below 0 dB needs stronger echoes."""
 
-    max_range: float
+    range: float
     gain: float
     sound_speed: float
 
@@ -95,12 +99,12 @@ class Altimeter(Instrument):
         self._absorption = Absorption(config.frequency_hz)
         low, high = config.min_range_m, config.max_range_m
         self.arguments = (
-            Argument("max_range", "float", "how far it listens", "m", False, minimum=low, maximum=high),
+            Argument("range", "float", "how far it listens", "m", False, minimum=low, maximum=high),
             Argument("gain", "float", "sensitivity; less needs stronger echoes", "dB", False, minimum=-60, maximum=0),
             Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(AltimeterSettings(high, 0.0, speed))
+        super().__init__(AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
 
     def turn_on(self) -> list[float]:
         """Ready at once."""
@@ -113,7 +117,7 @@ class Altimeter(Instrument):
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
-        listening = 2.0 * self.settings.max_range / c
+        listening = 2.0 * self.settings.range / c
         found = self._echo(scope, p_NS) if submergence(scope, p_NS) > 0.0 else None
         self.memory[_READY] = now + listening
         wait = listening + self._config.processing_s
@@ -139,7 +143,7 @@ class Altimeter(Instrument):
 
     def _echo(self, scope: Scope, p_NS: Vec3) -> tuple[float, float] | None:
         """Range (m) of the echo that is taken for the first, and the confidence."""
-        config, high = self._config, self.settings.max_range
+        config, high = self._config, self.settings.range
         R = turn(scope.attitude(self._mount.q))
         direction = self._cone @ R.T
         hits = cast(scope, p_NS, direction, _BEYOND * config.max_range_m)

@@ -38,6 +38,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         ideal: mean level without speckle, noise and wrong sound speed.
         output: 8-bit counts on a logarithmic scale, or the sound pressure (amplitude, Pa) before compression.
         frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range.
+        pulse_s: its length; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
         beam_width_horizontal_deg, beam_width_vertical_deg: between half-power points.
         rays_horizontal, rays_vertical: of the fan.
         bins: of a ping.
@@ -47,7 +48,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         sector_center_deg, sector_width_deg: what the head covers, to and fro; without a width it turns on and on.
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
-        tvg_spreading: k of the time-varied gain k lg r + 2 alpha r.
+        tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
         floor_db: level (dB re 1 uPa after time-varied gain and gain) of count 0.
         dynamic_range_db: of the 255 counts.
         gain_db: at the start.
@@ -60,6 +61,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     output: Literal["counts", "pressure"] = "counts"
     frequency_hz: Positive = 7e5
     bandwidth_hz: Positive = 1e5
+    pulse_s: Positive = 4e-4
     beam_width_horizontal_deg: Annotated[float, Meta(gt=0, le=60)] = 3.0
     beam_width_vertical_deg: Annotated[float, Meta(gt=0, le=80)] = 30.0
     rays_horizontal: Annotated[int, Meta(ge=1, le=200)] = 13
@@ -74,7 +76,8 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     source_level_db: float = 200.0
     noise_level_db: float = 42.0
     tvg_spreading: NonNegative = 30.0
-    floor_db: float = 100.0
+    tvg_limit_db: NonNegative = 60.0
+    floor_db: float = 120.0
     dynamic_range_db: Positive = 80.0
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
@@ -113,7 +116,8 @@ class ScanningSonar(Instrument):
         width, height = rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg)
         cover = 1.0 if config.model == "paper" else _FLANKS
         self._fan = Fan(width, height, config.rays_horizontal, config.rays_vertical, cover)
-        self._emitted = 10.0 ** (0.1 * config.source_level_db) * self._fan.pattern * self._fan.solid_angle
+        level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
+        self._emitted = level * self._fan.pattern * self._fan.solid_angle
         self._noise = 10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(width, height)
         self._absorption = Absorption(config.frequency_hz)
         counts = config.output == "counts"
@@ -226,7 +230,8 @@ class ScanningSonar(Instrument):
         config, bins = self._config, self._config.bins
         r = (np.arange(bins) + 0.5) * (self.settings.range / bins)
         level = 10.0 * np.log10(np.maximum(intensity, 1e-30))
-        level += config.tvg_spreading * np.log10(r) + 2.0 * alpha * r + (self.settings.gain - config.floor_db)
+        level += np.minimum(config.tvg_spreading * np.log10(r) + 2.0 * alpha * r, config.tvg_limit_db)
+        level += self.settings.gain - config.floor_db
         result: FloatArray = np.rint(np.clip(level * (_FULL_SCALE / config.dynamic_range_db), 0.0, _FULL_SCALE))
         return result
 

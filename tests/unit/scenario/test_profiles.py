@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
+from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
 from uwserver.scenario.build import build
 from uwserver.scenario.convert import kinds_of
@@ -14,9 +18,10 @@ from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.load import load
 from uwserver.scenario.profiles import check_profile
 from uwserver.scenario.schema import Scenario, VehicleEntry
-from uwserver.sensors import DvlConfig, SensorConfig
+from uwserver.sensors import DvlConfig, Pose, SensorConfig
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
+from uwserver.testing.sensors import scopes
 
 SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios" / "devices"
 PROFILES = [path for path in sorted(SHIPPED.glob("*.toml")) if "properties" in msgspec.toml.decode(path.read_bytes())]
@@ -105,6 +110,48 @@ def test_kinds_must_agree(tmp_path):
     path.write_text(SCENARIO.format(profile="a50", more="").replace('kind = "dvl"', 'kind = "imu"'))
     with pytest.raises(ScenarioError, match='a device of kind "dvl", not of "imu"'):
         load(path, adapters={})
+
+
+def pings(name, distance, n):
+    """Readings of a shipped device that looks down on sediment, and its settings."""
+    keys = check_profile(msgspec.toml.decode((SHIPPED / f"{name}.toml").read_bytes()), lambda *_: None)
+    reach = keys.get("max_altitude_m", keys.get("max_range_m"))
+    config = msgspec.convert({"rate_hz": 240.0, **keys, **({"range_m": reach} if "bins" in keys else {})}, SensorConfig)
+    down = quat_from_rpy(0.0, -math.pi / 2.0, 0.0) if "bins" in keys else (1.0, 0.0, 0.0, 0.0)
+    bottom = FakeGeometry([Plane((0.0, 0.0, 200.0 + distance * reach), (0.0, 0.0, -1.0))])
+    sensor = config.build(Pose(q=down))
+    found = []
+    for _ in range(n):
+        sensor.memory[:2] = [0.0, 0.0]
+        found.append(sensor.measure(replace(scopes()[0], p_NB=(0.0, 0.0, 200.0), geometry=bottom)))
+    return reach, found
+
+
+@pytest.mark.parametrize(("name", "field"), [("a50", 1), ("dvl1000", 1), ("ping1d", 0), ("micron_echosounder", 0)])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.8])
+def test_shipped_altimeters_and_dvls_reach_what_they_promise(name, field, part):
+    """Sediment within 0.8 of the range is told where it is; twice as far it is not."""
+    reach, found = pings(name, part, 40)
+    heard = [values[field] for valid, values in found[10:] if valid]
+    assert len(heard) > 20
+    assert np.median(heard) == pytest.approx(part * reach, rel=0.03)
+    assert not any(valid for valid, _ in pings(name, 2.0, 20)[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [("micron_dst", 0.1), ("micron_dst", 0.5), ("micron_dst", 0.8), ("ping360", 0.1), ("ping360", 0.4)],
+)
+def test_shipped_sonars_reach_what_they_promise(name, part):
+    """A wall of sediment stands out of the noise of an empty picture, at its range; the picture is neither black nor white."""
+    reach, found = pings(name, part, 10)
+    seen = np.mean([values[3] for _, values in found], axis=0)
+    empty = np.mean([values[3] for _, values in pings(name, 2.0, 10)[1]], axis=0)
+    excess = np.convolve(seen - empty, np.full(5, 0.2), "same")
+    assert 15.0 < excess.max() < 255.0
+    first = int(np.argmax(excess > 0.5 * excess.max()))
+    assert (first + 0.5) / len(excess) * reach == pytest.approx(part * reach, rel=0.04)
+    assert empty.mean() < 100.0
 
 
 # -- instruments in the world -----------------------------------------------------------------------------------------------------------

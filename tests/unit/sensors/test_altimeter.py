@@ -158,9 +158,23 @@ def test_timing(over):
 
 def test_settings(over):
     altimeter = AltimeterConfig(rate_hz=10).build(Pose())
-    altimeter.change({"max_range": 10.0})
+    altimeter.change({"range": 10.0})
     assert not altimeter.sense(over()).valid
     altimeter = AltimeterConfig(rate_hz=10).build(Pose())
     altimeter.change({"gain": -40.0})
     assert not altimeter.sense(over()).valid
-    assert altimeter.properties() == {"max_range": 50.0, "gain": -40.0, "sound_speed": 0.0}
+    assert altimeter.properties() == {"range": 50.0, "gain": -40.0, "sound_speed": 0.0}
+
+
+def test_a_shorter_range_pings_faster_and_hears_no_worse(over):
+    near = AltimeterConfig(rate_hz=100, range_m=25.0)
+    rates = []
+    for config in (near, AltimeterConfig(rate_hz=100)):
+        altimeter = config.build(Pose())
+        readings = [altimeter.sense(over(t_ns=k * 10_000_000)) for k in range(100)]
+        told = [r for r in readings if r is not None]
+        rates.append(len(told))
+        assert all(r.valid for r in told)
+    assert rates == [25, 15]
+    with pytest.raises(ValueError, match="range_m must lie between"):
+        AltimeterConfig(rate_hz=10, range_m=60.0)

@@ -76,7 +76,8 @@ def sonar_equation(config, instant, height, r):
     pattern = 20.0 * math.log10(one_way(math.asin(height / r), tall))
     backscatter = -27.0 + 20.0 * math.log10(height / r)
     area = 10.0 * math.log10(phi * r * cell)
-    return config.source_level_db - 40.0 * math.log10(r) - 2.0 * alpha * r + backscatter + area + pattern
+    compressed = 10.0 * math.log10(config.bandwidth_hz * config.pulse_s)
+    return compressed + config.source_level_db - 40.0 * math.log10(r) - 2.0 * alpha * r + backscatter + area + pattern
 
 
 @pytest.mark.parametrize("r", [10.0, 14.0, 18.0, 23.0, 29.0])
@@ -203,7 +204,8 @@ def test_compression(facing):
     pressure, counts = row(LEVELS, instant), row(msgspec.structs.replace(LEVELS, output="counts"), instant)
     alpha = instant.water.absorption(7e5, DEEP)
     r = (np.arange(300) + 0.5) * 0.1
-    level = 20.0 * np.log10(np.maximum(pressure * 1e6, 1e-15)) + 30.0 * np.log10(r) + 2.0 * alpha * r - 100.0
+    level = 20.0 * np.log10(np.maximum(pressure * 1e6, 1e-15)) - 120.0
+    level += np.minimum(30.0 * np.log10(r) + 2.0 * alpha * r, 60.0)
     assert counts.tolist() == pytest.approx(np.clip(level / 80.0 * 255.0, 0, 255).tolist(), abs=0.51)
     assert 0 < counts.max() < 255
     louder = row(msgspec.structs.replace(LEVELS, output="counts", gain_db=8.0), instant)
