@@ -140,9 +140,11 @@ def _announce_compilation() -> None:
 
 def _announce(resolved: Resolved, addresses: dict[str, str], quiet: bool) -> None:
     """Say where to connect and what to type next."""
+    from uwserver.cli.scenario import alike
+
     if quiet:
         return
-    vehicles = ", ".join(f"{v.name} ({v.vehicle.name})" for v in resolved.vehicles.values())
+    vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())
     click.echo(f"uwserver runs {resolved.name}: {vehicles}")
     for name, address in addresses.items():
         click.echo(f"  {name}: {address}")

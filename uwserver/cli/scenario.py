@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Mapping
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.export import explain as explain_resolved
 from uwserver.scenario.json_schema import FileKind, json_schema
 from uwserver.scenario.load import load
-from uwserver.scenario.resolved import Resolved
+from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.starter import starter
 from uwserver.sensors import SensorConfig
 
@@ -50,10 +51,10 @@ def check(files: tuple[str, ...], explain: bool) -> None:
 def summary(file: str, resolved: Resolved) -> str:
     """One line: vehicles, their ports with rates, adapters."""
     scenario = resolved.scenario
-    vehicles = ", ".join(f"{v.name} ({v.entry.model})" for v in resolved.vehicles.values()) or "none"
+    vehicles = ", ".join(f"{name} ({v.entry.model})" for name, v in alike(resolved).items()) or "none"
     ports = [
-        f"{v.name}/{name}{rate}"
-        for v in resolved.vehicles.values()
+        f"{vehicle}/{name}{rate}"
+        for vehicle, v in alike(resolved).items()
         for name, rate in [
             *((name, f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
             *((name, "") for name in v.vehicle.actuators),
@@ -67,6 +68,12 @@ def summary(file: str, resolved: Resolved) -> str:
         f"ok: {file}: physics {scenario.world.rate_hz:g} Hz; vehicles: {vehicles}; ports: {', '.join(ports) or 'none'}; "
         f"adapters: {', '.join(adapters) or 'none'}"
     )
+
+
+def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:
+    """The first of each run of vehicles that share one file, by what they are called together: ``rov``, or ``rov_1..rov_40``."""
+    groups = [list(group) for _, group in groupby(resolved.vehicles.values(), key=lambda v: id(v.vehicle))]
+    return {g[0].name if len(g) == 1 else f"{g[0].name}..{g[-1].name}": g[0] for g in groups}
 
 
 def scenario_kind(config: Any) -> str:

@@ -10,6 +10,7 @@ from uwserver.faults import FaultConfig, Hull, Targets, refusals
 from uwserver.scenario.assembly import named
 from uwserver.scenario.body import matrices
 from uwserver.scenario.convert import Report, convert, silent
+from uwserver.scenario.copies import raw_places
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import Vehicle
 from uwserver.sensors.truth import TRUTH
@@ -18,7 +19,7 @@ from uwserver.sensors.truth import TRUTH
 def check_faults(
     raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environment: Environment, report: Report
 ) -> None:
-    """Targets, members and sizes of the faults in the file `raw`, whose vehicles could all be read."""
+    """Targets, members and sizes of the faults in the file `raw`, whose vehicles could all be read; `vehicles` by table."""
     targets = _targets(raw, vehicles, environment)
     before: list[FaultConfig] = []
     for name, table in named(raw, "faults").items():
@@ -32,18 +33,18 @@ def check_faults(
 def _targets(raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environment: Environment) -> Targets:
     thrusters: dict[str, tuple[str, ...]] = {}
     sensors: list[str] = []
-    for name, vehicle in vehicles.items():
+    hulls: dict[str, Hull] = {}
+    water = environment.density_kgpm3 * environment.gravity_mps2
+    for table, name, _ in raw_places(raw, "vehicles"):
+        vehicle = vehicles[table]
         for key, actuator in vehicle.actuators.items():
             if isinstance(actuator, ThrustersConfig):
                 thrusters[f"{name}/{key}"] = actuator.members or tuple(vehicle.thrusters)
             elif isinstance(actuator, ThrusterConfig):
                 thrusters[f"{name}/{key}"] = (actuator.member,)
         sensors += [f"{name}/{key}" for key in vehicle.sensors]
-        if "truth" in named(raw, "vehicles")[name]:
+        if "truth" in named(raw, "vehicles")[table]:
             sensors += [f"{name}/truth/{key}" for key in TRUTH]
-    water = environment.density_kgpm3 * environment.gravity_mps2
-    hulls = {
-        name: Hull(matrices(vehicle).M_RB, vehicle.rigid_body.center_of_mass_frd_m, vehicle.buoyancy.volume_m3, water)
-        for name, vehicle in vehicles.items()
-    }
+        M_RB, r_g = matrices(vehicle).M_RB, vehicle.rigid_body.center_of_mass_frd_m
+        hulls[name] = Hull(M_RB, r_g, vehicle.buoyancy.volume_m3, water)
     return Targets(hulls, thrusters, tuple(sensors))

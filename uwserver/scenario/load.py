@@ -12,6 +12,7 @@ import msgspec
 from uwserver.scenario.assembly import Draft, MergedFile, drafted, merged_file, named
 from uwserver.scenario.checks import check_scenario
 from uwserver.scenario.convert import check_name, convert, convert_kind, convert_struct, silent
+from uwserver.scenario.copies import check_names, entries, raw_places
 from uwserver.scenario.device_checks import check_device
 from uwserver.scenario.documents import Document, find, from_tables, read
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, suggestion
@@ -91,6 +92,8 @@ class _Load:
             if isinstance(entry, dict):
                 self._vehicle(name, entry)
         self._solids.check_places()
+        self._solids.check_engines(tuple(raw_places(self._document.raw, "vehicles")))
+        check_names(self._document.raw, self._report(self._document))
         check_scenario(
             self._document.raw, self._scenario, self._world, self._report(self._document), self._warn(self._document)
         )
@@ -102,9 +105,11 @@ class _Load:
         if scenario is None or any(problem.severity == "error" for problem in problems):
             raise ScenarioError(problems)
         vehicles = {
-            name: ResolvedVehicle(name, scenario.vehicles[name], files[name], devices, self._solids.vehicles.get(name))
-            for name, (_, devices) in self._vehicles.items()
+            name: ResolvedVehicle(name, entry, files[key], devices, self._solids.vehicles.get(key))
+            for key, (_, devices) in self._vehicles.items()
+            for name, entry in entries(key, scenario.vehicles[key]).items()
         }
+        scenario = msgspec.structs.replace(scenario, vehicles={name: each.entry for name, each in vehicles.items()})
         path = self._document.path
         solids = self._solids
         return Resolved(

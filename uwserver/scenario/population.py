@@ -16,6 +16,7 @@ from uwserver.scenario.members import build_scene, object_member, vehicle_member
 from uwserver.scenario.resolved import Resolved
 from uwserver.scenario.schema import VehicleEntry
 from uwserver.scenario.solid_schema import ObjectEntry
+from uwserver.scenario.solids import missing_engines
 from uwserver.slots import Member
 from uwserver.units import rad
 from uwserver.world import World
@@ -33,9 +34,10 @@ class Population:
         self._world = world
         self._resolved = resolved
         environment = resolved.scenario.environment
+        files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
+        alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
         self._params: dict[str, BodyParams] = {
-            name: body_params(vehicle.vehicle, vehicle.devices, environment)
-            for name, vehicle in resolved.vehicles.items()
+            name: alike[id(vehicle.vehicle)] for name, vehicle in resolved.vehicles.items()
         }
 
     def begin(self) -> None:
@@ -72,6 +74,10 @@ class Population:
         norm = math.hypot(*q_NB)
         if norm == 0.0:
             raise Refused("bad_argument", "a quaternion of zero length is no attitude", "q_NB")
+        vehicle = self._resolved.vehicles.get(like)
+        missing = missing_engines() if world.scene is None and vehicle is not None and vehicle.solid else None
+        if missing:
+            raise Refused("denied", missing, "like")
         saved = world.hydro.save()
         member = self._member(like, name)
         self._place(member, p_NB, tuple(c / norm for c in q_NB))  # type: ignore[arg-type]  # four of them

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,13 @@ from uwserver.physics.shapes import (
 )
 from uwserver.scenario.assembly import MergedFile, named
 from uwserver.scenario.convert import Report, check_name, convert, silent
+from uwserver.scenario.copies import raw_places
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath
 from uwserver.scenario.objects import object_params
 from uwserver.scenario.resolved import ResolvedObject
 from uwserver.scenario.schema import Environment, WorldTable
-from uwserver.scenario.solid_schema import Collision, Contact, ObjectEntry, Seabed, Structure
+from uwserver.scenario.solid_schema import Collision, Contact, HullCollision, ObjectEntry, Seabed, Structure
 from uwserver.scenario.solids import (
     Materials,
     collision_solid,
@@ -88,7 +90,11 @@ class SolidFiles:
             if table is not None:
                 tables[key], folders[key] = table, merged.folder_of(("collision", key, "file"))
         contact = convert(merged.raw.get("contact", {}), Contact, (), silent)
-        if not tables or contact is None or not self._engines(("collision",), report):
+        if not tables or contact is None:
+            return
+        if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(
+            ("collision",), report
+        ):
             return
         try:
             self.vehicles[name] = collision_solid(
@@ -100,14 +106,18 @@ class SolidFiles:
     def check_places(self) -> None:
         """Vehicles and objects must not begin inside something."""
         for table in ("vehicles", "objects"):
-            for name, raw in named(self._document.raw, table).items():
-                p = raw.get("position_ned_m", (0.0, 0.0, 0.0)) if isinstance(raw, dict) else None
+            for key, _, p in raw_places(self._document.raw, table):
                 if not isinstance(p, (list, tuple)) or len(p) != 3 or not all(isinstance(c, (int, float)) for c in p):
                     continue
                 for solid in self.static.values():
                     what = _buried(solid, np.array(p, dtype=np.float64))
                     if what is not None:
-                        self._report((table, name, "position_ned_m"), f'it begins inside "{solid.name}": {what}')
+                        self._report((table, key, "position_ned_m"), f'it begins inside "{solid.name}": {what}')
+
+    def check_engines(self, vehicles: Sequence[tuple[str, str, object]]) -> None:
+        """What can touch something needs the engines; one vehicle alone does not. `vehicles`: see `raw_places`."""
+        if sum(key in self.vehicles for key, _, _ in vehicles) > 1:
+            self._engines(("vehicles",), self._report)
 
     def _read_seabed(self, world: WorldTable | None) -> None:
         origin = None
