@@ -12,7 +12,7 @@ from msgspec import Struct
 from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
 from uwserver.physics.hydrodynamics import Saved
-from uwserver.ports import Sample, Value
+from uwserver.ports import Refused, Sample, Value
 from uwserver.sensors import Instrument, Settings
 from uwserver.slots import Member
 from uwserver.world import World
@@ -65,8 +65,8 @@ class Snapshot(Struct, frozen=True):
     def hash(self) -> str:
         """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
         digest = hashlib.sha256()
-        for array in (*self.rows.running, *self.rows.touched.contacts, self.rows.touched.impulse):
-            digest.update(array.tobytes())
+        for bits in self.rows.bits():
+            digest.update(bits)
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
         water = (self.current, self.drifts)
         rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
@@ -121,10 +121,18 @@ def take(world: World) -> Snapshot:
 
 
 def restore(world: World, snapshot: Snapshot) -> None:
-    """Put a world back, bit for bit: bodies that came since are gone, and those that went are back."""
+    """Put a world back, bit for bit: bodies that came since are gone, and those that went are back.
+
+    Raises:
+        Refused: the snapshot is of another world, with other bodies or components.
+    """
+    own = all(member.vehicle.hydro is world.hydro for member in snapshot.members)
+    alike = snapshot.sensors.keys() == world.sensors.keys() and snapshot.actuators.keys() == world.actuators.keys()
+    if not own and not alike:
+        raise Refused("bad_argument", "the snapshot is of a world with other vehicles or components", "name")
     world.jump(snapshot.tick)
     world.hydro.load(snapshot.rows)
-    if tuple(world.members.values()) != snapshot.members:
+    if own and tuple(world.members.values()) != snapshot.members:
         world.set_members(snapshot.members)
     for drift, (stream, ends) in zip(_drifts(world), snapshot.drifts, strict=True):
         drift.rng.bit_generator.state = stream
@@ -138,8 +146,8 @@ def restore(world: World, snapshot: Snapshot) -> None:
             modifier.stream.rng.bit_generator.state = stream
             modifier.memory = list(memory)
         if isinstance(slot.sensor, Instrument) and sensor.instrument is not None:
-            slot.sensor.rng.bit_generator.state, own, slot.sensor.settings = sensor.instrument
-            slot.sensor.memory = list(own)
+            slot.sensor.rng.bit_generator.state, kept, slot.sensor.settings = sensor.instrument
+            slot.sensor.memory = list(kept)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)

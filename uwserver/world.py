@@ -106,6 +106,7 @@ class World:
 
     def set_members(self, members: Iterable[Member]) -> None:
         """Let these bodies, and no others, be in the world. Their rows are there already."""
+        begun = bool(self.members)
         self.members = {member.vehicle.name: member for member in members}
         self._set_solids()
         self.vehicles.clear()
@@ -127,7 +128,8 @@ class World:
         self._last = {path: sample for path, sample in self._last.items() if path in self.ports}
         self.commands.watch = self.tick
         self.schedule()
-        self.say("ports_changed", "bodies came or went")
+        if begun:
+            self.say("ports_changed", "bodies came or went")
 
     def _set_solids(self) -> None:
         if self.scene is None:
