@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,9 +24,10 @@ def blocks(page: str, language: str) -> list[str]:
     return [code for kind, code in BLOCK.findall((ROOT / page).read_text()) if kind == language]
 
 
-@pytest.fixture(scope="module")
-def port() -> Iterator[int]:
-    command = [sys.executable, "-m", "uwserver", "run", "--port", "0", "--speed", "4"]
+@contextmanager
+def served(*scenario: str) -> Iterator[int]:
+    """A server in four times real time; its port."""
+    command = [sys.executable, "-m", "uwserver", "run", *scenario, "--port", "0", "--speed", "4"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         assert server.stdout is not None
@@ -34,6 +36,12 @@ def port() -> Iterator[int]:
     finally:
         server.terminate()
         server.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with served() as found:
+        yield found
 
 
 @pytest.fixture
@@ -71,6 +79,28 @@ def test_python_listings_run(page, port, tmp_path):
     assert listings
     for code in listings:
         assert python(code, port, tmp_path).strip()
+
+
+def test_something_is_touched_as_the_how_to_says(tmp_path):
+    page = "docs/how-to/touch-something.md"
+    (listing,) = blocks(page, "python")
+    commands = [line for code in blocks(page, "sh") for line in code.splitlines() if line.startswith("uwclient ")]
+    with served("push_the_crate") as port:
+        code = listing.replace("uwclient.connect()", f"uwclient.connect(port={port})")
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S
+        )
+        assert done.returncode == 0, done.stderr
+        lines = done.stdout.splitlines()
+        crate = [float(re.search(r"crate at ([\d.]+) m", line)[1]) for line in lines]
+        assert len(crate) == 10
+        assert crate[0] == 0.8
+        assert crate[-1] > 1.5
+        assert len(commands) == 2
+        for command in commands:
+            client = command.replace("uwclient ", f"uwclient --port {port} ", 1)
+            done = subprocess.run(client, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S)
+            assert done.returncode == 0, f"{client}\n{done.stdout}\n{done.stderr}"
 
 
 def test_the_shell_commands_of_the_readme_run(shell):

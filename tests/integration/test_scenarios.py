@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from importlib import resources
@@ -41,6 +42,22 @@ def test_every_sensor_speaks_and_every_actuator_takes_a_command(name):
     spoken = {sample.port for sample in world.step(round(world.rate_hz))}
     assert spoken == {path for path, port in world.ports.items() if port.direction == "sensor"}
     assert all(max(map(abs, vehicle.nu)) < 5.0 for vehicle in world.vehicles.values())
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_what_its_header_says_to_type_is_right(name):
+    """The first lines of a scenario name it in `uwserver run`, and ports and fields that it has."""
+    text = (resources.files("uwserver_scenarios") / f"{name}.toml").read_text()
+    lines = [line.removeprefix("#").split("#")[0].split() for line in text.partition("\nschema")[0].splitlines()]
+    world = uwserver.load(name)
+    for words in lines:
+        if words[:2] == ["uwserver", "run"]:
+            assert words[2] == name
+        elif words[:2] == ["uwclient", "send"]:
+            values = [word.partition("=") for word in words[3:] if "=" in word]
+            world.command(words[2], **{key: json.loads(value.strip("'")) for key, _, value in values})
+        elif words[:2] == ["uwclient", "echo"]:
+            assert words[2] in world.ports
 
 
 def test_one_of_everything_has_one_of_everything():
