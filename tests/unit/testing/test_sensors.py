@@ -13,6 +13,7 @@ from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Scope, SensorConfig, SensorTable
+from uwserver.sensors.interrogation import Beacon
 from uwserver.testing import check_sensor
 from uwserver.testing.sensors import scopes
 
@@ -21,7 +22,12 @@ KINDS = get_args(SensorConfig)
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.__struct_config__.tag))
 def test_shipped_sensors(kind: type[Any]) -> None:
-    config = kind(rate_hz=10.0, **({"members": ("t1",)} if kind in (RpmConfig, CompoundConfig) else {}))
+    needed: dict[str, Any] = {}
+    if kind in (RpmConfig, CompoundConfig):
+        needed = {"members": ("t1",)}
+    elif "beacons" in kind.__struct_fields__:
+        needed = {"beacons": {"b": Beacon(position_ned_m=(10.0, 5.0, 20.0))}}
+    config = kind(rate_hz=10.0, **needed)
     check_sensor(config, instants=wired() if kind is RpmConfig else None)
 
 
