@@ -40,7 +40,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("services",),
     ("snapshot",),
     ("world",),  # the tick
-    ("faults",),  # mark rows and slots
+    ("faults", "commands"),  # mark rows and slots; who commands the actuators
     ("slots",),  # what the world keeps of each component
     ("vehicle", "requests"),
     ("actuators", "sensors", "autopilot"),
@@ -350,13 +350,15 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader (files) and by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of a sensor's table (files), by codecs (wires), and by the report of an oracle's attitude error."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            assert module.part == "scenario" or module.name == "uwserver.physics.oracle", f"{module.name} uses {uses}"
+            assert module.part in ("scenario", "sensors") or module.name == "uwserver.physics.oracle", (
+                f"{module.name} uses {uses}"
+            )
     for module in modules("uwserver_adapters"):
         if any(i.target == "uwserver.units" for i in imports(module)):
             assert module.name.rsplit(".", 1)[-1] == "codec", f"{module.name}: units are converted in codec.py"
@@ -432,6 +434,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 
 UNITS = {
     "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^3",
+    "m^2/s^2", "J", "N s", "S/m", "m^2", "ns", "dB",
 }  # fmt: skip
 
 
@@ -464,13 +467,13 @@ def test_every_field_has_unit_and_text(all_ports):
 
 
 def test_every_vector_has_a_frame(all_ports):
-    """Three components without frame are a guess too. A list of commands, one for each device, has none."""
+    """Three components without frame are a guess too. A list of things of one kind has none: commands of devices, or a plural name."""
     for path, port in all_ports.items():
         for field in port.fields:
-            lists_devices = port.kind in ("thrusters", "fins")
-            if field.shape and not lists_devices:
+            is_list = port.kind in ("thrusters", "fins") or (field.name.endswith("s") and field.shape)
+            if field.shape and not is_list:
                 assert field.frame, f"{path}.{field.name} has no frame"
-            if not field.shape or lists_devices:
+            if not field.shape or is_list:
                 assert field.frame == "", f"{path}.{field.name} has a frame"
 
 
@@ -481,7 +484,7 @@ def test_names_of_vectors_end_in_their_frame(all_ports):
             if field.frame in ("B", "S"):
                 assert field.name.endswith(f"_{field.frame}"), f"{path}.{field.name} in {field.frame}"
             elif field.frame:
-                assert re.fullmatch(r"[pqv]_N[BS]", field.name), f"{path}.{field.name} in {field.frame}"
+                assert re.fullmatch(r"(\w+_)?[pqv]_N[BS]", field.name), f"{path}.{field.name} in {field.frame}"
 
 
 def test_every_service_and_argument_has_a_text(world):

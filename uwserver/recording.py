@@ -24,8 +24,10 @@ from msgspec import Struct
 from uwserver import __version__, clock
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
 from uwserver.scenario.export import tables
-from uwserver.scenario.resolved import Resolved, ResolvedVehicle
+from uwserver.scenario.objects import object_params
+from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.schema import Scenario
+from uwserver.scenario.solid_archive import pack, unpack
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
 from uwserver.simulation import Timing
 
@@ -127,13 +129,18 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
             }
             for name, vehicle in resolved.vehicles.items()
         },
+        "materials": resolved.materials,
     }
+    solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
+    solids |= {f"objects/{name}": body.solid for name, body in resolved.objects.items()}
+    solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
     return {
         "format": FORMAT,
         **{key: str(value) for key, value in msgspec.structs.asdict(versions_here()).items()},
         "seed": str(seed),
         "timing": msgspec.json.encode(timing).decode(),
         "scenario": msgspec.json.encode(whole, enc_hook=str).decode(),
+        "solids": pack(solids),
     }
 
 
@@ -148,16 +155,23 @@ def head_of(record: Mapping[str, str]) -> Head:
     try:
         whole = msgspec.json.decode(record["scenario"])
         scenario = msgspec.convert(whole["scenario"], Scenario)
+        solids = unpack(record["solids"])
         vehicles = {
             name: ResolvedVehicle(
                 name,
                 scenario.vehicles[name],
                 msgspec.convert(parts["vehicle"], Vehicle),
                 msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
+                solids.get(f"vehicles/{name}"),
             )
             for name, parts in whole["vehicles"].items()
         }
-        resolved = Resolved(whole["name"], scenario, vehicles, None, ())
+        objects = {
+            name: ResolvedObject(name, entry, object_params(entry, scenario.environment), solids[f"objects/{name}"])
+            for name, entry in scenario.objects.items()
+        }
+        static = {name.removeprefix("static/"): solid for name, solid in solids.items() if name.startswith("static/")}
+        resolved = Resolved(whole["name"], scenario, vehicles, None, (), static, objects, tuple(whole["materials"]))
         versions = msgspec.convert(dict(record), Versions)
         return Head(versions, int(record["seed"]), msgspec.json.decode(record["timing"]), resolved)
     except (KeyError, TypeError, ValueError) as error:

@@ -13,6 +13,7 @@ from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.faults import FaultConfig
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.requests import shown
+from uwserver.sensors import Instrument
 from uwserver.slots import ActuatorSlot, Carry, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
@@ -138,7 +139,15 @@ def component_services(
 
 
 def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tuple[Service, Carry]]:
-    rate = Argument("rate_hz", "float", "samples a second; divides the physics rate", "Hz", minimum=1e-3)
+    instrument = slot.sensor if isinstance(slot.sensor, Instrument) else None
+    rate = Argument(
+        "rate_hz",
+        "float",
+        "samples a second; divides the physics rate",
+        "Hz",
+        required=instrument is None,
+        minimum=1e-3,
+    )
 
     def activate(active: bool) -> Json:
         slot.active = active
@@ -150,22 +159,31 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
             "rate_hz": float(world.rate_hz / slot.divisor),
             "active": slot.active,
             "latency_s": slot.latency_ns / 1e9,
+            **(instrument.properties() if instrument else {}),
         }
 
-    def set_rate(args: Mapping[str, Json]) -> Json:
-        wanted = Fraction(str(args["rate_hz"]))
+    def change(args: Mapping[str, Json]) -> Json:
+        given = {name: value for name, value in args.items() if value is not None}
+        divisor = divisor_of(given.pop("rate_hz")) if "rate_hz" in given else slot.divisor
+        if instrument:
+            instrument.change(given)
+        world.set_divisor(slot, divisor)
+        return None
+
+    def divisor_of(rate_hz: Json) -> int:
+        wanted = Fraction(str(rate_hz))
         divisor = round(world.rate_hz / wanted) if wanted <= world.rate_hz else 0
         if divisor == 0 or abs(world.rate_hz / wanted - divisor) > Fraction(1, 10**9):
             legal = sorted({float(world.rate_hz / k) for k in (max(1, divisor - 1), max(1, divisor), divisor + 1)})
             text = f"{float(wanted):g} Hz does not divide the physics rate; near it are {', '.join(f'{r:g}' for r in legal)} Hz"
             raise Refused("bad_argument", text, "rate_hz")
-        world.set_divisor(slot, divisor)
-        return None
+        return divisor
 
+    settings = instrument.arguments if instrument else ()
     yield Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True)
     yield Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False)
     yield Service(f"{path}/get", "Properties of the sensor."), get
-    yield Service(f"{path}/set", "Change properties of the sensor.", (rate,)), set_rate
+    yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *settings)), change
 
 
 def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[tuple[Service, Carry]]:

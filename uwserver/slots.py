@@ -9,16 +9,18 @@ from typing import Literal
 from msgspec import Struct
 
 from uwserver.actuators import Actuator
-from uwserver.modifiers import Modifier
+from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.shapes import Solid
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Reply, Sample, Service, Value
-from uwserver.sensors import Sensor
+from uwserver.ports import Call, Command, Event, Field, Json, OnReply, Port, Reply, Sample, Service, Value
+from uwserver.sensors import Instrument, Scope, Sensor
+from uwserver.sensors.wiring import Wiring
 from uwserver.vehicle import Vehicle
 
 
 @dataclass(slots=True)
 class SensorSlot:
-    """A sensor in the world: when it is due, what it counted, its errors, and its last reading (valid, values) for when it freezes."""
+    """A sensor in the world: when it is due, what it counted, its errors, and its last reading (valid, values) for when it freezes or a
+    compound sensor repeats it, with its time (ns); and the vehicle's inside."""
 
     port: Port
     row: int
@@ -30,6 +32,34 @@ class SensorSlot:
     active: bool = True
     fault: Literal["", "frozen", "silent"] = ""
     held: tuple[bool, tuple[Value, ...]] | None = None
+    held_ns: int = 0
+    wiring: Wiring | None = None
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Of the port."""
+        return self.port.fields
+
+    def set_interval(self, dt: float) -> None:
+        """Tell the sensor and its errors the time (s) from one reading to the next."""
+        if isinstance(self.sensor, Instrument):
+            self.sensor.dt = dt
+        for modifier in self.modifiers:
+            modifier.stream.dt = dt
+
+    def read(self, scope: Scope) -> Measurement | None:
+        """A reading with its errors; None when the device has none to give."""
+        if isinstance(self.sensor, Instrument):
+            reading = self.sensor.sense(scope)
+            if reading is None:
+                return None
+            reading.delay_ns += self.latency_ns
+        else:
+            valid, values = self.sensor.measure(scope)
+            reading = Measurement(values, valid, self.latency_ns)
+        for modifier in self.modifiers:
+            modifier.apply(reading)
+        return reading
 
 
 @dataclass(slots=True)

@@ -12,19 +12,23 @@ from msgspec import Struct
 from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
 from uwserver.physics.hydrodynamics import Saved
-from uwserver.ports import Sample, Value
+from uwserver.ports import Refused, Sample, Value
+from uwserver.sensors import Instrument, Settings
 from uwserver.slots import Member
 from uwserver.world import World
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, its last reading, and the random stream and memory of each modifier."""
+    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, and those and the settings of an
+    instrument."""
 
     seq: int
     active: bool
     divisor: int
     held: tuple[bool, tuple[Value, ...]] | None
+    held_ns: int
     modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
+    instrument: tuple[Any, tuple[float, ...], Settings] | None
 
 
 class ActuatorState(Struct, frozen=True):
@@ -61,8 +65,8 @@ class Snapshot(Struct, frozen=True):
     def hash(self) -> str:
         """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
         digest = hashlib.sha256()
-        for array in (*self.rows.running, *self.rows.touched.contacts, self.rows.touched.impulse):
-            digest.update(array.tobytes())
+        for bits in self.rows.bits():
+            digest.update(bits)
         actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
         water = (self.current, self.drifts)
         rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
@@ -88,7 +92,11 @@ def take(world: World) -> Snapshot:
                 slot.active,
                 slot.divisor,
                 slot.held,
+                slot.held_ns,
                 tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
+                (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
+                if isinstance(slot.sensor, Instrument)
+                else None,
             )
             for path, slot in world.sensors.items()
         },
@@ -113,10 +121,18 @@ def take(world: World) -> Snapshot:
 
 
 def restore(world: World, snapshot: Snapshot) -> None:
-    """Put a world back, bit for bit: bodies that came since are gone, and those that went are back."""
+    """Put a world back, bit for bit: bodies that came since are gone, and those that went are back.
+
+    Raises:
+        Refused: the snapshot is of another world, with other bodies or components.
+    """
+    own = all(member.vehicle.hydro is world.hydro for member in snapshot.members)
+    alike = snapshot.sensors.keys() == world.sensors.keys() and snapshot.actuators.keys() == world.actuators.keys()
+    if not own and not alike:
+        raise Refused("bad_argument", "the snapshot is of a world with other vehicles or components", "name")
     world.jump(snapshot.tick)
     world.hydro.load(snapshot.rows)
-    if tuple(world.members.values()) != snapshot.members:
+    if own and tuple(world.members.values()) != snapshot.members:
         world.set_members(snapshot.members)
     for drift, (stream, ends) in zip(_drifts(world), snapshot.drifts, strict=True):
         drift.rng.bit_generator.state = stream
@@ -124,11 +140,14 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.set_current(snapshot.current)
     for path, sensor in snapshot.sensors.items():
         slot = world.sensors[path]
-        slot.seq, slot.active, slot.held = sensor.seq, sensor.active, sensor.held
+        slot.seq, slot.active, slot.held, slot.held_ns = sensor.seq, sensor.active, sensor.held, sensor.held_ns
         world.set_divisor(slot, sensor.divisor)
         for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
             modifier.stream.rng.bit_generator.state = stream
             modifier.memory = list(memory)
+        if isinstance(slot.sensor, Instrument) and sensor.instrument is not None:
+            slot.sensor.rng.bit_generator.state, kept, slot.sensor.settings = sensor.instrument
+            slot.sensor.memory = list(kept)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING
 from msgspec import structs
 
 from uwserver.commands import Commands
+from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.faults import Faults
 from uwserver.frames import Vec3
-from uwserver.modifiers import Measurement
 from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
-from uwserver.sensors import Scope
+from uwserver.sensors import Compound, Scope
+from uwserver.sensors.base import SEDIMENT
 from uwserver.slots import ActuatorSlot, Carry, Member, Posted, SensorSlot, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
@@ -54,7 +55,8 @@ class World:
         vehicles: the bodies by name, free objects too.
         scene: solid things; None where nothing is solid.
         geometry: the same, as sensors see it.
-        water: the environment.
+        lambert: (n) backscatter of their materials, by number.
+        water, earth: the environment, and where N lies.
         faults: of thrusters, sensors and hulls.
         jumps: how often a reset or restore has set the time.
     """
@@ -68,6 +70,9 @@ class World:
         self.epoch_utc = epoch_utc
         self.hydro = hydro
         self.water = water
+        self.geometry: Geometry = OpenWater()
+        self.earth = Earth()
+        self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -77,7 +82,6 @@ class World:
         self.actuators: dict[str, ActuatorSlot] = {}
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
-        self.geometry: Geometry = OpenWater()
         self._solids: dict[Member, int] = {}
         self._own_services: dict[str, Service] = {}
         self._own_carry: dict[str, Carry] = {}
@@ -102,6 +106,7 @@ class World:
 
     def set_members(self, members: Iterable[Member]) -> None:
         """Let these bodies, and no others, be in the world. Their rows are there already."""
+        begun = bool(self.members)
         self.members = {member.vehicle.name: member for member in members}
         self._set_solids()
         self.vehicles.clear()
@@ -123,7 +128,8 @@ class World:
         self._last = {path: sample for path, sample in self._last.items() if path in self.ports}
         self.commands.watch = self.tick
         self.schedule()
-        self.say("ports_changed", "bodies came or went")
+        if begun:
+            self.say("ports_changed", "bodies came or went")
 
     def _set_solids(self) -> None:
         if self.scene is None:
@@ -140,8 +146,7 @@ class World:
         if slot.divisor == divisor:
             return
         slot.divisor = divisor
-        for modifier in slot.modifiers:
-            modifier.stream.dt = float(divisor / self.rate_hz)
+        slot.set_interval(float(divisor / self.rate_hz))
         slot.port = self._replaced(structs.replace(slot.port, rate_hz=float(self.rate_hz / divisor)))
         self.schedule()
 
@@ -166,11 +171,12 @@ class World:
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
-        groups: dict[int, list[SensorSlot]] = {}
+        groups: dict[tuple[bool, int], list[SensorSlot]] = {}
         for slot in self.sensors.values():
             if slot.active:
-                groups.setdefault(slot.divisor, []).append(slot)
-        self._due = sorted(groups.items())
+                last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
+                groups.setdefault((last, slot.divisor), []).append(slot)
+        self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
@@ -347,19 +353,20 @@ class World:
                 x = self.hydro.state[slot.row].tolist()
                 scope = scopes[slot.row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry,
+                    geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=slot.wiring,
+                    lambert=self.lambert,
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            valid, values = slot.sensor.measure(scope)
-            reading = Measurement(values, valid, slot.latency_ns)
-            for modifier in slot.modifiers:
-                modifier.apply(reading)
+            reading = slot.read(scope)
+            if reading is None:
+                continue
             seq, slot.seq = slot.seq, slot.seq + 1
             if reading.dropped:
                 continue
             if not slot.fault or slot.held is None:
                 slot.held = reading.valid, tuple(reading.values)
+            slot.held_ns = t_ns
             sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, *slot.held)
             if reading.delay_ns == 0:
                 samples.append(sample)

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from uwserver_adapters.moos import wire as moos
+from uwserver_adapters.moos.config import CommunityTable
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
 from uwserver.testing import FakeContext, TcpPeer, check_adapter
@@ -39,8 +41,36 @@ def _warm_zenoh() -> None:
     listening.close()
 
 
+async def _moos_database(context: FakeContext) -> TcpPeer:
+    """A database where the adapter looks for one; it listens until somebody has come."""
+    host, _, port = context.stats.address.split(",")[0].rpartition(":")
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        listener.setblocking(False)
+        listener.bind((host, int(port)))
+        listener.listen()
+        accepted, _ = await asyncio.get_running_loop().sock_accept(listener)
+    return TcpPeer(*await asyncio.open_connection(sock=accepted, limit=4096))
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+MOOS_PORT = _free_port()
+MOOS_WELCOME = moos.packet([moos.encode(moos.Message(moos.WELCOME, "", 0.0, moos.ASYNCHRONOUS.encode()))])
+MOOS_HELLO = moos.HELLO + moos.packet([moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"peer", kind="S"))])
+MOOS_HEAR_ALL = moos.packet([moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "peer", 0.0, "*"))])
+
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
+    # Each community is one connection, and so can have one peer.
+    "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
+    "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
+    "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }

@@ -31,7 +31,8 @@ def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) 
     assert report["format"] == "uwserver-bench-1"
     assert report["quick"] is True
     assert [row["group"] for row in report["rows"]] == sorted(
-        (row["group"] for row in report["rows"]), key=("physics", "solids", "server", "start", "net").index
+        (row["group"] for row in report["rows"]),
+        key=("physics", "solids", "contact", "server", "start", "net", "moos").index,
     )
     for row in report["rows"]:
         if row["verdict"] == "absent":
@@ -52,6 +53,8 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["zenoh: command sent to its force, p99"] == 5.0
     assert bars["TCP msgpack: end of the tick to the client, p50"] == 0.5
     assert bars["TCP msgpack: samples received, free-running, 10 clients"] == 50_000.0
+    assert bars["doubles through the embedded MOOSDB, both ends here"] == 20_000.0
+    assert bars["NAV_*: end of the tick to the client, p99"] == 20.0
     assert bars["`uwserver run` to the first sample at a client"] == 3.0
 
 

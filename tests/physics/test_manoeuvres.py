@@ -15,7 +15,7 @@ from uwserver.physics.layout import NU
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Environment, Scenario, VehicleEntry, WorldTable
-from uwserver.testing.remus import OVERRIDE, PUBLISHED, RHO, STEPS, Remus, remus_track
+from uwserver.testing.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
 from uwserver.world import World
 
 DEPTH = 200.0
@@ -51,7 +51,7 @@ def test_remus_steps_against_the_same_equations_by_another_integrator() -> None:
 
 def test_remus_steps_against_the_figures_of_the_python_vehicle_simulator() -> None:
     """Bar: 0.02 m at 100 s. Its Euler steps move 4 mm from 2.5 to 1.25 ms; extrapolated to zero they meet ours."""
-    coarse, fine = (np.array(PUBLISHED[dt]) for dt in (0.0025, 0.00125))
+    coarse, fine = (np.array(SIMULATED[dt]) for dt in (0.0025, 0.00125))
     got = remus_track(240.0)[-1][:3]
     assert np.linalg.norm(got - fine) <= 0.02
     assert np.linalg.norm(got - (2.0 * fine - coarse)) <= 1e-4
@@ -60,7 +60,7 @@ def test_remus_steps_against_the_figures_of_the_python_vehicle_simulator() -> No
 def test_the_shipped_remus_stays_near_the_simulators() -> None:
     """Where it is ours and not the simulator's (inflow of the propeller along its axis) it is 1.1 m away after 245 m."""
     got = remus_track(240.0, {"buoyancy": OVERRIDE["buoyancy"]})[-1][:3]
-    assert np.linalg.norm(got - PUBLISHED[0.00125]) <= 1.5
+    assert np.linalg.norm(got - SIMULATED[0.00125]) <= 1.5
 
 
 def test_remus_with_the_whole_munk_moment_is_fossens_form() -> None:

@@ -75,7 +75,8 @@ def test_t200_maxima_and_dead_band(t200: ThrusterDevice, voltage: float) -> None
 def test_t200_between_the_voltages_and_beyond(t200: ThrusterDevice) -> None:
     table = force_table(t200)
     assert wrench(fixed(thruster(table=table, voltage=15.0)), 1.0)[0] == pytest.approx(0.5 * (44.4 + 51.4))
-    assert wrench(fixed(thruster(table=table, voltage=10.0)), 1.0)[0] == pytest.approx(36.4)
+    assert wrench(fixed(thruster(table=table, voltage=9.0)), 1.0)[0] == pytest.approx(0.5 * (15.8 + 36.4))
+    assert wrench(fixed(thruster(table=table, voltage=4.0)), 1.0)[0] == pytest.approx(15.8)
     assert wrench(fixed(thruster(table=table, voltage=24.0)), 1.0)[0] == pytest.approx(65.9)
 
 

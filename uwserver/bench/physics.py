@@ -12,9 +12,11 @@ import numpy as np
 from uwserver.bench.peers import BulletBodies, BulletWithNumpy, MujocoFluid, MujocoVehicle
 from uwserver.bench.rows import Row
 from uwserver.clock import SystemTime
+from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry, WorldTable
+from uwserver.world import World
 
 RATE_HZ = 240.0
 DEPTH_M = 100.0
@@ -95,6 +97,16 @@ class OpenWater:
             for k in range(tick % COMMAND_EVERY, len(ports), COMMAND_EVERY):
                 world.command(ports[k], u=commands[(tick // COMMAND_EVERY + k) % len(commands)])
             world.advance()
+
+    @property
+    def world(self) -> World:
+        """What it steps."""
+        return self._world
+
+    @property
+    def hydro(self) -> Hydrodynamics:
+        """The bodies of that world."""
+        return self._world.hydro
 
     def close(self) -> None:
         """Nothing to give back."""

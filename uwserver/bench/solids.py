@@ -39,8 +39,8 @@ def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
     except ImportError as error:
         return [Row("solids", "seabed and rays", "s", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, times = (2, 2) if quick else (7, 50)
-    seabed = Solid("seabed", (Placed(_seabed()),))
-    hull = Solid("hull", (Placed(ConvexHull(_pebble())),))
+    seabed = Solid("seabed", (Placed(seabed_mesh()),))
+    hull = Solid("hull", (Placed(ConvexHull(pebble())),))
     rows: dict[str, list[float]] = {"load": [], "rays": [], "far": [], "resting": []}
     for repeat in range(-1, repeats):  # the first compiles
         say(f"solids: repeat {repeat + 1} of {repeats}")
@@ -71,7 +71,7 @@ def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 def _repeat(solids: Solids, rays: Rays, seabed: Solid, hull: Solid, times: int) -> dict[str, float]:
     """One figure for each row."""
-    far, resting = _states(above=20.0), _states(above=0.2)
+    far, resting = states_above(20.0), states_above(0.2)
     origin, direction = np.tile([0.0, 0.0, -20.0], (RAYS, 1)), _down()
     look = rays.at(far)
 
@@ -96,14 +96,15 @@ def _depth(north: FloatArray, east: FloatArray) -> FloatArray:
     return depth
 
 
-def _seabed() -> TriangleMesh:
+def seabed_mesh() -> TriangleMesh:
+    """Waves of 3 m in a square of 446 m."""
     axis = 2.0 * (np.arange(POINTS) - 0.5 * (POINTS - 1))
     north, east = np.meshgrid(axis, axis, indexing="ij")
     (mesh,) = triangulate(Grid(north, east, _depth(north, east)))
     return mesh
 
 
-def _pebble() -> FloatArray:
+def pebble() -> FloatArray:
     """32 corners of an egg."""
     points = np.random.Generator(np.random.PCG64(1)).normal(size=(32, 3))
     egg: FloatArray = points / np.linalg.norm(points, axis=1)[:, None] * [0.3, 0.25, 0.2]
@@ -117,7 +118,7 @@ def _down() -> FloatArray:
     return unit
 
 
-def _states(above: float) -> FloatArray:
+def states_above(above: float) -> FloatArray:
     """Bodies 20 m apart, `above` (m) over the seabed, slowly moving."""
     state = np.zeros((BODIES, 13))
     k = np.arange(BODIES)

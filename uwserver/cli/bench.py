@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "solids", "server", "start", "net")
+PARTS = ("physics", "solids", "contact", "server", "start", "net", "moos")
 
 
 @click.command()
@@ -17,11 +17,13 @@ PARTS = ("physics", "solids", "server", "start", "net")
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, solids, server, start and net (or one PART) on an idle machine; about seven minutes.
+    """Measure physics, solids, contact, server, start, net and moos (or one PART) on an idle machine; about nine minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder.
     """
+    from uwserver.bench.contact import bench_contact
+    from uwserver.bench.moos import bench_moos
     from uwserver.bench.net import bench_net
     from uwserver.bench.physics import bench_physics
     from uwserver.bench.processes import BenchFailed
@@ -35,9 +37,11 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     parts: dict[str, Callable[[bool, Callable[[str], None]], list[Row]]] = {
         "physics": lambda quick, say: [*bench_physics(quick, say), *bench_remus(quick, say)],
         "solids": bench_solids,
+        "contact": bench_contact,
         "server": bench_server,
         "start": bench_start,
         "net": bench_net,
+        "moos": bench_moos,
     }
     machine, rows = machine_facts(), list[Row]()
     try:

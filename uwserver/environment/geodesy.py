@@ -1,4 +1,4 @@
-"""Latitude and longitude to north and east of an origin, on the WGS84 ellipsoid."""
+"""Latitude and longitude to north and east of an origin, and back, on the WGS84 ellipsoid."""
 
 from __future__ import annotations
 
@@ -33,3 +33,20 @@ def north_east(
     north: FloatArray = c0 * z - s0 * x
     east: FloatArray = across * cosines * np.sin(turn)
     return north, east
+
+
+def latitude_longitude(
+    north: float, east: float, origin_latitude: float, origin_longitude: float
+) -> tuple[float, float]:
+    """Latitude and longitude (rad) of a point of the plane (m): the inverse of `north_east`, exact; beyond the Earth's edge that of the edge."""
+    s, c = math.sin(origin_latitude), math.cos(origin_latitude)
+    across = SEMI_MAJOR_AXIS / math.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
+    flat = 1.0 - ECCENTRICITY_SQUARED
+    # Earth-centred, axis x through the origin's meridian; the point of the plane, then down its normal (c, 0, s) to the ellipsoid.
+    x, z = across * c - s * north, flat * across * s + c * north
+    a, b = c * c + s * s / flat, c * x + s * z / flat
+    gap = x * x + east * east + z * z / flat - SEMI_MAJOR_AXIS**2
+    up = -gap / (b + math.sqrt(max(0.0, b * b - a * gap)))
+    x, z = x + c * up, z + s * up
+    longitude = math.remainder(origin_longitude + math.atan2(east, x), 2.0 * math.pi)
+    return math.atan2(z, flat * math.hypot(x, east)), longitude

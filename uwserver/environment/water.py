@@ -1,9 +1,10 @@
-"""The water that every sensor asks: density, gravity, temperature, and pressure, velocity and surface as functions of place and time."""
+"""The water that every sensor asks: what it is like over depth, and pressure, velocity and surface as functions of place and time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from uwserver.environment.column import WaterColumn, uniform_column
 from uwserver.environment.sea import Sea
 from uwserver.frames import Vec3
 
@@ -13,12 +14,14 @@ class Water:
     """A body of water. Without `sea` it flows uniformly and steadily, and its surface is the plane z = 0 of N.
 
     Attributes:
-        density: kg/m3.
+        density: kg/m3, which forces act with.
         gravity: m/s2, along +z of N.
-        temperature: degC.
+        temperature: degC at the surface.
         atmospheric_pressure: Pa at the surface.
         current: steady part of the water's velocity in N, m/s; the only value here that changes during a run (``world/set_current``).
         sea: other currents, and waves.
+        given: the water over depth; default: uniform water of this density and temperature.
+        column: what is used of the two.
     """
 
     density: float
@@ -27,6 +30,12 @@ class Water:
     atmospheric_pressure: float
     current: Vec3
     sea: Sea | None = None
+    given: WaterColumn | None = None
+    column: WaterColumn = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Without a column the water is uniform."""
+        self.column = self.given or uniform_column(self.density, self.temperature, self.gravity)
 
     def velocity(self, p: Vec3, t: float) -> Vec3:
         """Velocity of the water (m/s, N) at a point of N (m); t (s) in the present tick."""
@@ -42,4 +51,24 @@ class Water:
         Linear theory holds below z = 0. In a crest above it the pressure is hydrostatic from the surface down.
         """
         head = p[2] if self.sea is None else p[2] + self.sea.head(p, t)
-        return self.atmospheric_pressure + self.density * self.gravity * max(0.0, head)
+        return self.atmospheric_pressure + self.column.pressure_at(head)
+
+    def sound_speed(self, depth: float) -> float:
+        """Speed of sound, m/s, at a depth below z = 0 (m)."""
+        return self.column.sound_speed_at(depth)
+
+    def absorption(self, frequency_Hz: float, depth: float) -> float:
+        """Absorption of sound, dB/m."""
+        return self.column.absorption_at(frequency_Hz, depth)
+
+    def temperature_at(self, depth: float) -> float:
+        """Temperature in situ, degC."""
+        return self.column.temperature_at(depth)
+
+    def salinity_at(self, depth: float) -> float:
+        """Practical salinity."""
+        return self.column.salinity_at(depth)
+
+    def density_at(self, depth: float) -> float:
+        """Density in situ, kg/m3."""
+        return self.column.density_at(depth)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -58,8 +58,9 @@ _FIXED = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivat
 """Arrays that only `add` changes, by making new ones."""
 
 
-class Saved(NamedTuple):
-    """All rows of a world at an instant.
+@dataclass(frozen=True, eq=False)
+class Saved:
+    """All rows of a world at an instant; equal if their bits are.
 
     Attributes:
         params, tables, lags, fixed: what only `add` changes.
@@ -73,6 +74,16 @@ class Saved(NamedTuple):
     fixed: tuple[Records, ...]
     running: tuple[Records | FloatArray, ...]
     touched: Impulses
+
+    def bits(self) -> tuple[bytes, ...]:
+        """Everything that changes in a run."""
+        arrays = (*self.running, *self.touched.contacts, self.touched.impulse)
+        return tuple(array.tobytes() for array in arrays)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Saved) and self.bits() == other.bits()
+
+    __hash__ = None  # type: ignore[assignment]  # as of any mutable thing
 
 
 class Hydrodynamics:

@@ -6,11 +6,13 @@ Bullet holds each convex shape and each mesh as a body of its own, at the pose t
 
 from __future__ import annotations
 
+import ctypes
 import math
+import os
 from array import array
 from functools import cache
 from types import ModuleType, TracebackType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -42,6 +44,28 @@ _TURN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 
 
 @cache
+def _engine() -> ModuleType:
+    """pybullet, without the line that it writes to standard error when it is imported: a log should not begin with a stray date."""
+    try:
+        err = os.dup(2)
+    except OSError:  # there is none
+        import pybullet
+
+        return cast("ModuleType", pybullet)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        import pybullet
+
+        ctypes.CDLL(None).fflush(None)  # it waits in C's own buffer
+    finally:
+        os.dup2(err, 2)
+        os.close(err)
+        os.close(nowhere)
+    return cast("ModuleType", pybullet)
+
+
+@cache
 def _kernels() -> tuple[ModuleType, ModuleType]:
     from uwserver.physics import near, touch
 
@@ -59,10 +83,8 @@ class Solids:
     """
 
     def __init__(self, gate: bool = True) -> None:
-        import pybullet
-
-        self._bullet = pybullet
-        self._client: int = pybullet.connect(pybullet.DIRECT)
+        self._bullet: Any = _engine()
+        self._client: int = self._bullet.connect(self._bullet.DIRECT)
         if self._client < 0:
             raise RuntimeError("Bullet gives no further world: close some")
         self._gate = gate

@@ -97,7 +97,7 @@ class MergedFile:
 def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: Document) -> MergedFile:
     """The vehicle file with `override` merged in key by key, then the scenario's sensors, each replacing one of the same name whole."""
     override = entry.get("override")
-    raw = _merge(file.raw, override) if isinstance(override, dict) else dict(file.raw)
+    raw = merged(file.raw, override) if isinstance(override, dict) else dict(file.raw)
     added = entry.get("sensors")
     if isinstance(added, dict):
         present = raw.get("sensors")
@@ -125,9 +125,10 @@ def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
+def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """The base with the keys of the override in it, table by table."""
+    whole = dict(base)
     for key, value in override.items():
-        below = merged.get(key)
-        merged[key] = _merge(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
-    return merged
+        below = whole.get(key)
+        whole[key] = merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
+    return whole

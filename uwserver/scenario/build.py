@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from functools import partial
 
+from msgspec import UnsetType
+
+from uwserver.environment.earth import NO_FIELD, Earth
+from uwserver.environment.materials import lambert
 from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.scenario.epoch import instant, nanoseconds, year_of
+from uwserver.scenario.magnetic import magnetic_about
 from uwserver.scenario.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.population import Population
 from uwserver.scenario.resolved import Resolved
 from uwserver.scenario.sea import water_of
+from uwserver.sensors import MagnetometerConfig
 from uwserver.services import offer_world_services
+from uwserver.units import rad
 from uwserver.world import World
 
 
@@ -27,6 +35,8 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
     hydro.sea = None if water.sea is None else water.sea.rows
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
+    world.earth = _earth(resolved)
+    world.lambert = lambert(resolved.materials)
     if resolved.is_solid:
         build_scene(world, resolved)
     hydro.load_kernels()
@@ -36,3 +46,16 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
         world.faults.set(name, fault, world.tick)
     offer_world_services(world)
     return world
+
+
+def _earth(resolved: Resolved) -> Earth:
+    """Where N lies. The magnetic field costs a moment, and is computed where a magnetometer or a magnetic heading asks for it."""
+    table = resolved.scenario.world
+    epoch = instant(table.epoch_utc)
+    if isinstance(table.origin_lat_deg, UnsetType) or isinstance(table.origin_lon_deg, UnsetType):
+        return Earth(epoch_ns=nanoseconds(epoch))
+    latitude, longitude = rad(table.origin_lat_deg), rad(table.origin_lon_deg)
+    sensors = [config for vehicle in resolved.vehicles.values() for config in vehicle.vehicle.sensors.values()]
+    magnetic = any(isinstance(c, MagnetometerConfig) or getattr(c, "north", "") == "magnetic" for c in sensors)
+    field = magnetic_about(latitude, longitude, year_of(epoch)) if magnetic else NO_FIELD
+    return Earth(latitude, longitude, nanoseconds(epoch), field)

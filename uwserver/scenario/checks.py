@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
-from datetime import datetime
 from typing import Any
 
 from uwserver.scenario.assembly import named
 from uwserver.scenario.convert import Report, convert, silent
 from uwserver.scenario.environment_checks import check_environment
+from uwserver.scenario.epoch import instant
 from uwserver.scenario.errors import KeyPath
 from uwserver.scenario.schema import Scenario, WorldTable
 from uwserver.sensors.truth import Truth
-
-_RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 
 
 def check_scenario(
@@ -62,15 +59,10 @@ def check_rate(rate_hz: float, physics_hz: float, path: KeyPath, report: Report)
 
 def _check_time(world: WorldTable, report: Report) -> None:
     path: KeyPath = ("world", "epoch_utc")
-    match = _RFC_3339.fullmatch(world.epoch_utc)
-    if match is None:
-        report(path, f'"{world.epoch_utc}" is no instant: write it as "2026-01-01T00:00:00Z"')
-    else:
-        zone = match[2].upper().replace("Z", "+00:00")
-        try:  # without the fraction, of which Python 3.10 takes only some lengths
-            datetime.fromisoformat(world.epoch_utc[:19].upper() + zone)
-        except ValueError as error:
-            report(path, f'"{world.epoch_utc}" is no instant: {error}')
+    try:
+        instant(world.epoch_utc)
+    except ValueError as error:
+        report(path, f'"{world.epoch_utc}" is no instant: {error}')
     clock = world.clock
     if clock.mode == "lockstep" and not clock.lockstep_clients:
         report(

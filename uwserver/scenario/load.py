@@ -15,14 +15,16 @@ from uwserver.scenario.convert import check_name, convert, convert_kind, convert
 from uwserver.scenario.copies import check_names, entries, raw_places
 from uwserver.scenario.device_checks import check_device
 from uwserver.scenario.documents import Document, find, from_tables, read
-from uwserver.scenario.errors import KeyPath, Problem, ScenarioError
+from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, suggestion
 from uwserver.scenario.export import tables
 from uwserver.scenario.fault_checks import check_faults
+from uwserver.scenario.profiles import check_profile, expanded
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.schema import Environment, Scenario, WorldTable
 from uwserver.scenario.solid_files import SolidFiles
 from uwserver.scenario.vehicle_checks import check_vehicle
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
+from uwserver.sensors import carriers
 
 
 def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Resolved:
@@ -71,10 +73,11 @@ class _Load:
     """One run through all files. Collects problems; `result` raises them or gives what was read."""
 
     def __init__(self, document: Document, adapters: Mapping[str, type]) -> None:
-        self._document = document
         self._problems: list[Problem] = []
         self._files: dict[Path, Document | None] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
+        self._profiles: dict[Path, Mapping[str, Any] | None] = {}
+        self._document = document = self._with_profiles(document)
         self._scenario = scenario_from(document.raw, adapters, self._report(document))
         self._world = _quietly(document.raw, "world", WorldTable)
         self._environment = _quietly(document.raw, "environment", Environment)
@@ -123,13 +126,25 @@ class _Load:
         file = self._read(find(model, "vehicles", beside, lambda text: self._report(document)(path, text)))
         if file is None:
             return
-        merged = merged_file(document, name, entry, file)
+        merged = merged_file(document, name, entry, self._with_profiles(file))
         vehicle = convert_struct(merged.raw, Vehicle, (), self._report(merged))
         devices = self._thruster_devices(merged)
         draft: Draft = drafted(merged.raw, devices)
+        self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         self._solids.read_vehicle(name, merged, self._report(merged), self._warn(merged))
         self._vehicles[name] = vehicle, devices
+
+    def _check_carriers(self, draft: Draft, merged: MergedFile) -> None:
+        """Beacons sit on vehicles that there are."""
+        vehicles = tuple(named(self._document.raw, "vehicles"))
+        for name, sensor in draft.sensors.items():
+            for beacon, vehicle in carriers(sensor):
+                if vehicle not in vehicles:
+                    path: KeyPath = ("sensors", name, "beacons", beacon, "vehicle")
+                    self._report(merged)(
+                        path, f'no vehicle "{vehicle}"{suggestion(vehicle, vehicles, "; there are: ")}'
+                    )
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:
         devices: dict[str, ThrusterDevice] = {}
@@ -159,6 +174,20 @@ class _Load:
                 check_device(document.raw, report)
             self._devices[path] = device
         return self._devices[path]
+
+    def _with_profiles(self, document: Document) -> Document:
+        """The file with the sensors' device files filled in."""
+        report = self._report(document)
+        beside = document.path.parent if document.path else Path.cwd()
+
+        def keys_of(reference: str, place: KeyPath) -> Mapping[str, Any] | None:
+            path = find(reference, "devices", beside, lambda text: report(place, text))
+            if path is not None and path not in self._profiles:
+                file = self._read(path)
+                self._profiles[path] = None if file is None else check_profile(file.raw, self._report(file))
+            return None if path is None else self._profiles[path]
+
+        return expanded(document, keys_of, report)
 
     def _read(self, path: Path | None) -> Document | None:
         if path is None:

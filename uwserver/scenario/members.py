@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
 import numpy as np
@@ -15,8 +15,9 @@ from uwserver.physics.bodies import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
-from uwserver.sensors import Pose, Sensor, SensorConfig
+from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
+from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.services import component_services
 from uwserver.slots import ActuatorSlot, Member, SensorSlot
 from uwserver.units import NANOSECONDS, rad
@@ -59,12 +60,27 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
     thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
     servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
     body = Body(hydro, row, thrusters, first_wrench, servos)
-    sensors = [_sensor(world, f"{name}/{key}", config, file, row) for key, config in file.sensors.items()]
+    wiring = Wiring(hydro, row, thrusters, _electrics(resolved))
+    built: dict[str, SensorSlot] = {}
+    for key, config in sorted(file.sensors.items(), key=lambda item: isinstance(item[1], CompoundConfig)):
+        built[key] = _sensor(world, f"{name}/{key}", config, file, row, built)
+    for slot in built.values():
+        slot.wiring = wiring
+    sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
     actuators = tuple(_actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items())
     services = tuple(component_services(world, sensors, actuators))
     return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), actuators, services, resolved.solid)
+
+
+def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
+    tables = {name: device.electric for name, device in resolved.devices.items()}
+    return {
+        name: Electric(table.power_WpN15, table.speed_radpspN05)
+        for name, table in tables.items()
+        if not isinstance(table, UnsetType)
+    }
 
 
 def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
@@ -74,9 +90,16 @@ def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
     return Pose(place.position_frd_m, quat_from_rpy(roll, pitch, yaw))
 
 
-def _sensor(world: World, path: str, config: SensorConfig, file: VehicleFile, row: int) -> SensorSlot:
+def _sensor(
+    world: World, path: str, config: SensorConfig, file: VehicleFile, row: int, built: Mapping[str, SensorSlot]
+) -> SensorSlot:
     sensor: Sensor = config.build(mount_of(config, file))
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
+    if isinstance(sensor, Instrument):
+        sensor.dt = float(divisor / world.rate_hz)
+        sensor.start(stream_of(world.seed, path))
+    if isinstance(sensor, Compound):
+        sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
     modifiers: list[Modifier] = [

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType, field
 
+from uwserver.environment.column import ColumnConfig
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.faults import FaultConfig
@@ -64,6 +65,10 @@ class Environment(Table, kw_only=True, frozen=True):
     """Water and gravity. The sea surface at rest is the plane z = 0 of N.
 
     Attributes:
+        density_kgpm3: which forces act with.
+        surface_level_m: of the still surface above z = 0, as the tide has it.
+        water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
+            default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
         current: uniform, steady current.
         currents: more of them, by name; all add up.
         waves: of the surface; default: none.
@@ -73,7 +78,9 @@ class Environment(Table, kw_only=True, frozen=True):
     gravity_mps2: Annotated[float, Meta(ge=0, le=30)] = 9.81
     temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
+    surface_level_m: Annotated[float, Meta(ge=-20, le=20)] = 0.0
     current: Current = Current()
+    water: ColumnConfig | UnsetType = UNSET
     currents: dict[str, CurrentConfig] = field(default_factory=dict)
     waves: WavesConfig | UnsetType = UNSET
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import UnsetType
 
+from uwserver.environment.column import WaterColumn
 from uwserver.environment.currents import GaussMarkov, GaussMarkovConfig, ProfileConfig, UniformConfig, profile_rows
 from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
@@ -14,6 +15,9 @@ from uwserver.environment.waves import wave_rows
 from uwserver.physics.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
 from uwserver.scenario.schema import Environment
 from uwserver.units import rad
+
+_LONG = 1e-12
+"""Wave number (rad/m) of the tide: a wave without period and so long that it is flat, which forces and sensors then see alike."""
 
 Streams = Callable[[str], np.random.Generator]
 """The random stream of a path."""
@@ -24,13 +28,15 @@ def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Wate
     steady = [environment.current.velocity_ned_mps]
     steady += [c.velocity_ned_mps for c in environment.currents.values() if isinstance(c, UniformConfig)]
     north, east, down = (sum(components) for components in zip(*steady, strict=True))
+    density, gravity, column = environment.density_kgpm3, environment.gravity_mps2, environment.water
     return Water(
-        density=environment.density_kgpm3,
-        gravity=environment.gravity_mps2,
+        density=density,
+        gravity=gravity,
         temperature=environment.temperature_degc,
         atmospheric_pressure=environment.atmospheric_pressure_pa,
         current=(north, east, down),
         sea=_sea(environment, rate_hz, streams),
+        given=None if isinstance(column, UnsetType) else WaterColumn(column, gravity, density),
     )
 
 
@@ -44,6 +50,8 @@ def _sea(environment: Environment, rate_hz: float, streams: Streams) -> Sea | No
     if not isinstance(environment.waves, UnsetType):
         direction = rad(environment.waves.direction_deg)
         waves = wave_rows(environment.waves, direction, environment.gravity_mps2, streams("environment/waves"))
+    if environment.surface_level_m:
+        waves = np.concatenate([waves, [(_LONG, 0.0, _LONG, 0.0, environment.surface_level_m, 0.0, np.inf)]])
     rows = np.concatenate(profiles)
     if not (len(rows) or len(waves) or drifts):
         return None

@@ -15,10 +15,12 @@ from uwserver.scenario.assembly import Draft, named
 from uwserver.scenario.body import buoyancy_and_weight, matrices
 from uwserver.scenario.checks import check_rate
 from uwserver.scenario.convert import Report
+from uwserver.scenario.epoch import instant, year_of
 from uwserver.scenario.errors import KeyPath, suggestion
+from uwserver.scenario.magnetic import WMM_YEARS
 from uwserver.scenario.schema import Environment, WorldTable
 from uwserver.scenario.vehicle_schema import Damping, Vehicle
-from uwserver.sensors import Pose, SensorConfig
+from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig
 
 _ROUNDING = 1e-9
 _TRIM = 0.05
@@ -176,6 +178,9 @@ def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTab
     path: KeyPath = ("sensors", name)
     if world is not None:
         check_rate(sensor.rate_hz, world.rate_hz, (*path, "rate_hz"), report)
+        if getattr(sensor, "needs_origin", False):
+            _check_origin(world, path, report)
+    _check_parts(draft, sensor, path, report)
     if isinstance(sensor.mount, str):
         mounts = draft.names("mounts")
         if sensor.mount not in mounts:
@@ -189,6 +194,36 @@ def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTab
                 )
     for modifier_name, modifier in sensor.modifiers.items():
         _check_modifier(sensor, modifier, (*path, "modifiers", modifier_name), report)
+
+
+def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:
+    if world.origin_lat_deg is UNSET or world.origin_lon_deg is UNSET:
+        report(path, "needs to know where N lies: give [world] origin_lat_deg and origin_lon_deg")
+    try:
+        year = year_of(instant(world.epoch_utc))
+    except ValueError:
+        return  # told elsewhere
+    first, last = WMM_YEARS
+    if not first <= year < last:
+        text = f"the magnetic model holds from {first} to {last - 1}, [world] epoch_utc is in {int(year)}"
+        report(path, text)
+
+
+def _check_parts(draft: Draft, sensor: SensorConfig, path: KeyPath, report: Report) -> None:
+    if isinstance(sensor, RpmConfig):
+        for k, member in enumerate(sensor.members):
+            _check_member(member, draft.names("thrusters"), (*path, "members", k), report)
+    if not isinstance(sensor, CompoundConfig):
+        return
+    present = [name for name in _enabled(draft, "sensors") if name != path[-1]]
+    for k, member in enumerate(sensor.members):
+        place: KeyPath = (*path, "members", k)
+        if member not in present:
+            report(place, f'no sensor "{member}"{suggestion(member, present, "; there are: ")}')
+        elif isinstance(draft.sensors.get(member), CompoundConfig):
+            report(place, f'"{member}" is a compound sensor itself')
+        if member in sensor.members[:k]:
+            report(place, f'"{member}" is named twice')
 
 
 def _check_modifier(sensor: SensorConfig, modifier: ModifierConfig, path: KeyPath, report: Report) -> None:

@@ -173,6 +173,18 @@ class Propeller(Sourced, kw_only=True, frozen=True):
     inflow_sqrtN_spm: Annotated[float, Meta(ge=0)] = 0.0
 
 
+class Electric(Sourced, kw_only=True, frozen=True):
+    """Power and shaft speed of a propeller at rest, from its open-water thrust T.
+
+    Attributes:
+        power_WpN15: electric power is this times |T|**1.5.
+        speed_radpspN05: shaft speed is this times sqrt(|T|).
+    """
+
+    power_WpN15: Positive
+    speed_radpspN05: Positive
+
+
 class ThrusterDevice(Table, kw_only=True, frozen=True):
     """A device file of a thruster."""
 
@@ -184,3 +196,4 @@ class ThrusterDevice(Table, kw_only=True, frozen=True):
     curves: dict[str, ForceCurve]
     lag: LagTable
     propeller: Propeller
+    electric: Electric | UnsetType = UNSET

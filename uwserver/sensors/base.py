@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import msgspec
 
+from uwserver.environment.earth import Earth
+from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
 from uwserver.modifiers import ModifierConfig
-from uwserver.physics.geometry import Geometry, OpenWater
+from uwserver.physics.geometry import FloatArray, Geometry, OpenWater
 from uwserver.ports import Field, Value
+from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS
 
@@ -21,6 +25,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
 
     Attributes:
         rate_hz: samples a second; divides the physics rate.
+        profile: a shipped device file (``a50``) or the path of one; its values stand where this table gives none.
         mount: a mount of the vehicle file; or `position_frd_m` and `rpy_deg` of the sensor on the vehicle.
         latency_s: from the measurement to its delivery.
         enabled: False takes the sensor out.
@@ -28,6 +33,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """
 
     rate_hz: Positive
+    profile: Name | msgspec.UnsetType = msgspec.UNSET
     mount: Name | msgspec.UnsetType = msgspec.UNSET
     position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -44,7 +50,22 @@ class Pose:
     q: Quat = IDENTITY
 
 
+class Place(Protocol):
+    """Where another vehicle is."""
+
+    @property
+    def p_NB(self) -> Vec3:
+        """Position of its origin in N, m."""
+
+    @property
+    def q_NB(self) -> Quat:
+        """Its attitude."""
+
+
 _OPEN_WATER = OpenWater()
+_EARTH = Earth()
+SEDIMENT = lambert(["sediment"])
+"""Backscatter where nobody names materials."""
 
 
 @dataclass(slots=True)
@@ -59,6 +80,10 @@ class Scope:
         tau: applied force and moment about the origin in B; likewise.
         water: the environment.
         geometry: solid things, for rays.
+        vehicles: all of the world, by name.
+        earth: where N lies.
+        wiring: thrusters and hull of this vehicle; None where a sensor stands alone.
+        lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
     """
 
     t_ns: int
@@ -70,6 +95,10 @@ class Scope:
     nu_dot: tuple[float, ...] = field(default=(0.0,) * 6)
     tau: tuple[float, ...] = field(default=(0.0,) * 6)
     geometry: Geometry = field(default=_OPEN_WATER)
+    vehicles: Mapping[str, Place] = field(default_factory=dict)
+    earth: Earth = field(default=_EARTH)
+    wiring: Wiring | None = None
+    lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
 
     @property
     def t(self) -> float:
@@ -86,16 +115,22 @@ class Scope:
         """q_NS of a frame fixed to the body."""
         return multiply(self.q_NB, q_BS)
 
+    def velocity_of(self, p_BS: Vec3) -> Vec3:
+        """Velocity of a point fixed to the body at p_BS, m/s in B."""
+        wx, wy, wz = self.w_NB_B
+        vx, vy, vz = self.v_NB_B
+        rx, ry, rz = p_BS
+        return (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
+
     def specific_force(self, mount: Pose) -> Vec3:
         """What an ideal accelerometer at the mount feels, f_S (m/s2): acceleration of the mount minus gravity, in S.
 
         a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity).
         """
         wx, wy, wz = self.w_NB_B
-        vx, vy, vz = self.v_NB_B
         ax, ay, az, bx, by, bz = self.nu_dot
         rx, ry, rz = mount.p
-        ux, uy, uz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx  # velocity of the mount
+        ux, uy, uz = self.velocity_of(mount.p)
         a_B = (
             ax + by * rz - bz * ry + wy * uz - wz * uy,
             ay + bz * rx - bx * rz + wz * ux - wx * uz,

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from uwserver.frames import conjugate, rotate
-from uwserver.ports import Field, Value
+from uwserver.modifiers.base import Measurement
+from uwserver.ports import Field
 from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.triad import Triad, TriadErrors
 
 
 class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
-    """An IMU without errors of its own: add them as modifiers of `f_S` and `w_S`."""
+    """An IMU. Without the two tables it is exact; a `profile` fills them in.
+
+    Attributes:
+        ideal: exact, whatever else is given.
+        gyroscope: errors of `w_S`, in rad/s.
+        accelerometer: errors of `f_S`, in m/s2.
+    """
+
+    ideal: bool = False
+    gyroscope: TriadErrors = TriadErrors()
+    accelerometer: TriadErrors = TriadErrors()
 
     def build(self, mount: Pose) -> Imu:
-        """The ideal sensor."""
-        return Imu(mount)
+        """The instrument."""
+        return Imu(mount, self)
 
 
-class Imu:
+class Imu(Instrument):
     """Specific force from the equations of motion, with lever arm and gravity."""
 
     doc = "Inertial measurement unit: specific force (gravity included) and angular rate in the sensor frame."
@@ -26,10 +39,22 @@ class Imu:
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
 
-    def __init__(self, mount: Pose) -> None:
+    def __init__(self, mount: Pose, config: ImuConfig) -> None:
         self._mount = mount
+        self._to_S = conjugate(mount.q)
+        self._gyroscope = Triad(TriadErrors() if config.ideal else config.gyroscope)
+        self._accelerometer = Triad(TriadErrors() if config.ideal else config.accelerometer)
+        super().__init__(Settings())
 
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+    def turn_on(self) -> list[float]:
+        """Both triads."""
+        return [*self._gyroscope.turn_on(self.rng), *self._accelerometer.turn_on(self.rng)]
+
+    def sense(self, scope: Scope) -> Measurement:
         """Always valid."""
-        w_S = rotate(conjugate(self._mount.q), scope.w_NB_B)
-        return True, [scope.specific_force(self._mount), w_S, scope.water.temperature]
+        f_S, w_S = scope.specific_force(self._mount), rotate(self._to_S, scope.w_NB_B)
+        if not self._gyroscope.exact:
+            w_S = self._gyroscope.read(w_S, self.memory, 0, self.dt, self.rng)
+        if not self._accelerometer.exact:
+            f_S = self._accelerometer.read(f_S, self.memory, Triad.SIZE, self.dt, self.rng)
+        return Measurement([f_S, w_S, scope.water.temperature_at(scope.p_NB[2])], True)

@@ -15,8 +15,9 @@ _TEMPERATURE = Field("temperature", "degC", "temperature of the surrounding wate
 
 class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
     """Attributes:
-    output: "pressure" (Pa, absolute) or "depth" (m, positive down), as p = p_atm + rho g h inverted with the instrument's own settings.
-    assumed_density_kgpm3, assumed_atmosphere_pa: what the instrument believes; default: the truth of the scenario.
+    output: "pressure" (Pa, absolute) or "depth" (m, positive down) that the instrument computes from it.
+    assumed_density_kgpm3: the instrument inverts p = p_atm + rho g h with this density; default: the scenario's own relation of pressure and depth.
+    assumed_atmosphere_pa: what the instrument believes; default: the truth of the scenario.
     """
 
     output: Literal["pressure", "depth"] = "pressure"
@@ -40,7 +41,8 @@ class Pressure:
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Always valid; atmospheric pressure above the surface."""
-        return True, [scope.water.pressure(scope.position(self._mount.p), scope.t), scope.water.temperature]
+        p_NS = scope.position(self._mount.p)
+        return True, [scope.water.pressure(p_NS, scope.t), scope.water.temperature_at(p_NS[2])]
 
 
 class Depth:
@@ -59,10 +61,12 @@ class Depth:
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Above the surface the depth at atmospheric pressure: zero if the instrument knows the atmosphere. Invalid without gravity."""
         water, c = scope.water, self._config
-        density = water.density if c.assumed_density_kgpm3 is msgspec.UNSET else c.assumed_density_kgpm3
+        p_NS = scope.position(self._mount.p)
+        temperature = water.temperature_at(p_NS[2])
+        if water.gravity == 0.0:
+            return False, [None, temperature]
         atmosphere = water.atmospheric_pressure if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa
-        gauge = water.pressure(scope.position(self._mount.p), scope.t) - atmosphere
-        weight = density * water.gravity
-        if weight == 0.0:
-            return False, [None, water.temperature]
-        return True, [gauge / weight, water.temperature]
+        gauge = water.pressure(p_NS, scope.t) - atmosphere
+        if c.assumed_density_kgpm3 is msgspec.UNSET:
+            return True, [water.column.depth_of(gauge), temperature]
+        return True, [gauge / (c.assumed_density_kgpm3 * water.gravity), temperature]

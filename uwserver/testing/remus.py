@@ -37,7 +37,7 @@ STEPS: list[tuple[float, float, tuple[float, float, float]]] = [
 ]
 """The simulator's step inputs, from, to, (rudder, stern planes, rpm): rudder and planes 5 degrees, planes back to zero at 50 s."""
 
-PUBLISHED = {
+SIMULATED = {
     0.0025: (3.7267858898, -9.1193892217, -39.5438085497),
     0.00125: (3.7227548176, -9.1193845789, -39.5423081701),
 }

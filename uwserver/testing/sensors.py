@@ -14,6 +14,7 @@ from uwserver.frames import Quat, Vec3, quat_from_rpy
 from uwserver.modifiers import Bias, GaussMarkov, Measurement, ModifierConfig, Quantise, RandomWalk, Stream, WhiteNoise
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.instrument import Instrument
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
@@ -61,22 +62,23 @@ def check_sensor(config: SensorTable, *, mount: Pose = MOUNT, instants: Sequence
     sensor: Sensor = build(mount)
     check_fields(kind, sensor.fields)
     assert sensor.doc, f'sensor "{kind}": doc is empty'
-    for scope in scopes() if instants is None else instants:
+    asked = scopes() if instants is None else instants
+    for scope in asked:
         _check_instant(kind, sensor, build(mount), scope)
     for field in sensor.fields:
         if field.type == "float" and not field.is_rotation:
-            _check_modifiers(kind, sensor, field)
+            _check_modifiers(kind, sensor, field, asked)
 
 
 def check_fields(kind: str, fields: Sequence[Field]) -> None:
-    """Names are unique, every field has a unit and a sentence, every vector of a physical quantity its frame."""
+    """Names are unique, every field has a unit and a sentence, every vector its frame; a list of things (a plural name) has none."""
     names = [field.name for field in fields]
     assert names, f'sensor "{kind}" has no fields'
     assert len(set(names)) == len(names), f'sensor "{kind}": two fields have one name: {names}'
     for field in fields:
         assert field.unit, f'sensor "{kind}", field "{field.name}": no unit ("1" where there is none)'
         assert field.doc, f'sensor "{kind}", field "{field.name}": no doc'
-        if field.type == "float" and field.shape in ((3,), (4,)):
+        if field.type == "float" and field.shape in ((3,), (4,)) and not field.name.endswith("s"):
             assert field.frame, (
                 f'sensor "{kind}", field "{field.name}": a vector needs a frame (N, B, S, or "NS" of a rotation)'
             )
@@ -115,15 +117,24 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
 def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> None:
     where = f'sensor "{kind}" at p_NB = {scope.p_NB}, q_NB = {scope.q_NB}, v = {scope.v_NB_B}'
     before = replace(scope, water=replace(scope.water))
-    valid, values = sensor.measure(scope)
+    valid, values = measured(sensor, scope)
     check_values(where, sensor.fields, values, valid)
     assert scope == before, f"{where}: measure changed its scope"
     assert isinstance(valid, bool), f"{where}: the first result tells whether it could measure"
-    assert sensor.measure(scope) == (valid, values), f"{where}: asked again it gives other values, it must be stateless"
-    assert twin.measure(scope) == (valid, values), f"{where}: a second sensor of the same config gives other values"
-    assert sensor.measure(scope)[1] is not values, (
+    assert measured(sensor, scope) == (valid, values), (
+        f"{where}: asked again it gives other values, it must be stateless"
+    )
+    assert measured(twin, scope) == (valid, values), f"{where}: a second sensor of the same config gives other values"
+    assert measured(sensor, scope)[1] is not values, (
         f"{where}: it hands out one list twice, the modifiers would change it"
     )
+
+
+def measured(sensor: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
+    """What a sensor says; an instrument, which is a function of its memory and random stream too, when just switched on with the same one."""
+    if isinstance(sensor, Instrument):
+        sensor.start(np.random.default_rng(0))
+    return sensor.measure(scope)
 
 
 def _modifiers(field: Field) -> tuple[ModifierConfig, ...]:
@@ -137,13 +148,20 @@ def _modifiers(field: Field) -> tuple[ModifierConfig, ...]:
     )
 
 
-def _check_modifiers(kind: str, sensor: Sensor, field: Field) -> None:
+def _present(value: Value) -> bool:
+    return any(v is not None for v in value) if isinstance(value, tuple) else value is not None
+
+
+def _check_modifiers(kind: str, sensor: Sensor, field: Field, instants: Sequence[Scope]) -> None:
     index = sensor.fields.index(field)
-    scope = next((s for s in scopes() if sensor.measure(s)[0]), None)
-    assert scope is not None, f'sensor "{kind}" is valid at none of the instants: give some at which it can measure'
+    fine = [s for s in instants if measured(sensor, s)[0]]
+    assert fine, f'sensor "{kind}" is valid at none of the instants: give some at which it can measure'
+    scope = next((s for s in fine if _present(measured(sensor, s)[1][index])), None)
+    if scope is None:
+        return  # a valid reading may leave a field empty: nothing touched, no echo
     for modifier in _modifiers(field):
         where = f'sensor "{kind}", {type(modifier).__name__} of "{field.name}"'
-        valid, values = sensor.measure(scope)
+        valid, values = measured(sensor, scope)
         untouched = list(values)
         reading = Measurement(values, valid)
         modifier.build(Stream(sensor.fields, 0.01, np.random.default_rng(1))).apply(reading)

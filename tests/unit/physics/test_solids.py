@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -279,3 +282,12 @@ def test_what_would_crash_an_engine_is_refused(shape, text):
 def test_a_mesh_cannot_move():
     with world() as solids, pytest.raises(BadSolid, match="hull"):
         solids.add_moving(body(grid(2, 1.0)), 0)
+
+
+def test_the_engine_does_not_greet() -> None:
+    """pybullet writes its date of birth to standard error."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from uwserver.physics.solids import Solids; Solids().close()"],
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    assert done.stderr == ""

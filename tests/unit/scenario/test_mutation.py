@@ -18,7 +18,11 @@ from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
 FILES = {
     **{f"{name} (scenario)": (path, Scenario) for name, path in shipped().items()},
     **{f"{name} (vehicle)": (path, Vehicle) for name, path in shipped("vehicles").items()},
-    **{f"{name} (device)": (path, ThrusterDevice) for name, path in shipped("devices").items()},
+    **{
+        f"{name} (device)": (path, ThrusterDevice)
+        for name, path in shipped("devices").items()
+        if read(path).raw["kind"] == "thruster"
+    },
 }
 
 

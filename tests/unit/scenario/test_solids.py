@@ -9,12 +9,13 @@ import pytest
 import trimesh
 
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.shapes import Box, Capsule, ConvexHull, HalfSpace, TriangleMesh
+from uwserver.physics.shapes import Box, Capsule, ConvexHull, Cylinder, HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.solids import Solids
 from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.load import load
 from uwserver.scenario.objects import object_params
 from uwserver.scenario.schema import Environment
+from uwserver.scenario.solid_archive import pack, unpack
 from uwserver.scenario.solid_schema import BoxObject, CylinderObject, SphereObject
 
 HEAD = 'schema = 1\n[vehicles.rov]\nmodel = "./tiny.toml"\nposition_ned_m = [0.0, 0.0, 5.0]\n'
@@ -377,3 +378,30 @@ def test_added_mass_of_objects_in_closed_form():
         assert (np.linalg.eigvalsh(body.M_A) >= 0.0).all()
         assert (np.diag(body.D_L) > 0.0).all()
         assert (np.diag(body.D_Q) > 0.0).all()
+
+
+def test_an_archive_gives_the_same_bits() -> None:
+    rng = np.random.default_rng(1)
+    mesh = TriangleMesh(rng.normal(size=(30, 3)), rng.integers(0, 30, (20, 3)), oriented=False)
+    shapes = (
+        Box((1.0, 2.0, 3.0)),
+        Sphere(0.1),
+        Cylinder(0.2, 0.3),
+        Capsule(0.2, 0.3),
+        HalfSpace(),
+        ConvexHull(mesh.vertices),
+        mesh,
+    )
+    solids = {
+        "a": Solid("a", tuple(Placed(s, (0.1, 1.0 / 3.0, 0.2), (0.6, 0.0, 0.8, 0.0), 2) for s in shapes), 0.7, 0.1, 3)
+    }
+    back = unpack(pack(solids))
+    assert pack(back) == pack(solids)
+    np.testing.assert_array_equal(back["a"].shapes[-1].shape.vertices, mesh.vertices)  # type: ignore[union-attr]
+    assert back["a"].shapes[0] == solids["a"].shapes[0]
+
+
+@pytest.mark.parametrize("text", ["", "!", "00000", pack({})[:-3] + "abc"])
+def test_a_broken_archive_is_told(text: str) -> None:
+    with pytest.raises(ValueError, match=r"cannot be read|base85|padding"):
+        unpack(text)

@@ -3,20 +3,40 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, get_args
 
 import pytest
 
 from uwserver.ports import Field, Value
-from uwserver.sensors import Pose, Scope, SensorConfig, SensorTable
+from uwserver.scenario.build import build
+from uwserver.scenario.load import load
+from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Scope, SensorConfig, SensorTable
+from uwserver.sensors.interrogation import Beacon
 from uwserver.testing import check_sensor
+from uwserver.testing.sensors import scopes
 
 KINDS = get_args(SensorConfig)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.__struct_config__.tag))
 def test_shipped_sensors(kind: type[Any]) -> None:
-    check_sensor(kind(rate_hz=10.0))
+    needed: dict[str, Any] = {}
+    if kind in (RpmConfig, CompoundConfig):
+        needed = {"members": ("t1",)}
+    elif "beacons" in kind.__struct_fields__:
+        needed = {"beacons": {"b": Beacon(position_ned_m=(10.0, 5.0, 20.0))}}
+    config = kind(rate_hz=10.0, **needed)
+    check_sensor(config, instants=wired() if kind is RpmConfig else None)
+
+
+def wired() -> list[Scope]:
+    """The ordinary instants, inside a vehicle."""
+    world = build(load(Scenario(schema=1, vehicles={"rov": VehicleEntry(model="bluerov2_heavy")}), adapters={}))
+    world.command("rov/thrusters", u=[0.5] * 8)
+    world.step(20)
+    return [replace(scope, wiring=world.sensors["rov/imu"].wiring) for scope in scopes()]
 
 
 class Odd:

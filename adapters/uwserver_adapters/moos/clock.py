@@ -1,0 +1,55 @@
+"""MOOS time: seconds since 1970 times the warp, plus what the database's clock is ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timezone
+
+CREDIBLE_S = 86_400.0
+"""Difference of two clocks above which the warp must be different, MOOS seconds at warp 1."""
+_JUMP_S = 1.0
+_GAIN = 0.1
+
+
+class MoosClock:
+    """Steady: the machine's date is asked once, later steps of it are followed as a skew.
+
+    Args:
+        warp: MOOS seconds in a second; the MOOSTimeWarp of the community.
+        steady: a clock that never jumps, s (that of the loop).
+        unix: seconds since 1970 now; default: the machine's.
+
+    Attributes:
+        warp: as given.
+        skew: what is added to follow the database, MOOS seconds.
+    """
+
+    def __init__(self, warp: float, steady: Callable[[], float], unix: float | None = None) -> None:
+        self.warp = warp
+        self.skew = 0.0
+        self._steady = steady
+        start = datetime.now(timezone.utc).timestamp() if unix is None else unix
+        self._offset = start - steady()
+
+    def now(self) -> float:
+        """MOOS time, s."""
+        return (self._steady() + self._offset) * self.warp + self.skew
+
+    def observe(self, sent: float, theirs: float, received: float) -> None:
+        """Follow the database's clock.
+
+        A time of theirs between our sending and receiving is what equal clocks show, so nothing is changed then.
+
+        Args:
+            sent, received: our MOOS times of a question and its answer.
+            theirs: the database's MOOS time in between.
+        """
+        if sent <= theirs <= received:
+            return
+        ahead = theirs - 0.5 * (sent + received)
+        self.skew += ahead if abs(ahead) > _JUMP_S * self.warp else _GAIN * ahead
+
+    @property
+    def is_credible(self) -> bool:
+        """Whether the difference to the database can be one of clocks: another warp makes it far larger."""
+        return abs(self.skew) < CREDIBLE_S * self.warp

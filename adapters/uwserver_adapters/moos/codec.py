@@ -1,0 +1,147 @@
+"""The conventional variables of MOOS and uSimMarine: degrees, east and north, from and to N, B and radians."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from msgspec import Struct
+
+from uwserver.frames import Quat, Vec3, quat_from_rpy, rotate, rpy_from_quat
+from uwserver.units import NANOSECONDS, deg, rad
+
+Pairs = list[tuple[str, float | str]]
+
+_TURN = 2 * math.pi
+_SEMI_MAJOR_M = 6_378_137.0
+_ECCENTRICITY_2 = 6.694_379_990_14e-3
+"""Ellipsoid WGS 84."""
+
+
+class Fix(Struct, kw_only=True):
+    """What is known of the vehicle now; None where nothing is.
+
+    Attributes:
+        p_N: position in N, m.
+        q_NB: attitude.
+        v_B: velocity over ground in B, m/s.
+        depth: below the surface, m; default: from the position.
+        altitude: above the bottom, m; default: from the depth.
+        water_depth: of the bottom, m.
+    """
+
+    p_N: Vec3 | None = None
+    q_NB: Quat | None = None
+    v_B: Vec3 | None = None
+    depth: float | None = None
+    altitude: float | None = None
+    water_depth: float | None = None
+
+
+def navigation(fix: Fix, prefix: str, origin_deg: tuple[float, float] | None) -> Pairs:
+    """The conventional set of what is known: X east, Y north, DEPTH and SPEED in m and m/s, HEADING in degrees clockwise from north, ROLL and
+    PITCH (nose up) in rad, YAW in rad against the clock from north, as uSimMarine has it. SPEED is the surge."""
+    pairs: Pairs = []
+    depth = fix.depth
+    if fix.p_N is not None:
+        north, east, down = fix.p_N
+        pairs += [("X", east), ("Y", north)]
+        if origin_deg is not None:
+            pairs += zip(("LAT", "LONG"), geodetic(north, east, origin_deg), strict=True)
+        depth = down if depth is None else depth
+    if fix.q_NB is not None:
+        roll, pitch, yaw = rpy_from_quat(fix.q_NB)
+        pairs += [("HEADING", compass(yaw)), ("YAW", -yaw), ("PITCH", pitch), ("ROLL", roll)]
+    if fix.v_B is not None:
+        pairs.append(("SPEED", fix.v_B[0]))
+        if fix.q_NB is not None:
+            v_n, v_e, _ = rotate(fix.q_NB, fix.v_B)
+            pairs += [("SPEED_OVER_GROUND", math.hypot(v_n, v_e)), ("HEADING_OVER_GROUND", compass(math.atan2(v_e, v_n)))]  # fmt: skip
+    if depth is not None:
+        pairs += [("DEPTH", depth), ("Z", -depth)]
+    altitude = fix.altitude
+    if altitude is None and depth is not None and fix.water_depth is not None:
+        altitude = fix.water_depth - depth
+    if altitude is not None:
+        pairs.append(("ALTITUDE", altitude))
+    return [(f"{prefix}_{name}", value) for name, value in pairs]
+
+
+def compass(yaw: float) -> float:
+    """Heading, degrees in [0, 360), of a yaw angle (rad)."""
+    return deg(yaw % _TURN) % deg(_TURN)
+
+
+def geodetic(north: float, east: float, origin_deg: tuple[float, float]) -> tuple[float, float]:
+    """Latitude and longitude (degrees) at a place near the origin: the ellipsoid's radii at the origin, good to 1 m within 3 km."""
+    lat, lon = origin_deg
+    sine = math.sin(rad(lat))
+    root = 1.0 - _ECCENTRICITY_2 * sine * sine
+    east_radius = _SEMI_MAJOR_M / math.sqrt(root)
+    north_radius = east_radius * (1.0 - _ECCENTRICITY_2) / root
+    return lat + deg(north / north_radius), lon + deg(east / (east_radius * math.cos(rad(lat))))
+
+
+def radians(value: float | Sequence[float]) -> float | tuple[float, ...]:
+    """Degrees of a table to radians, each component."""
+    return rad(value) if isinstance(value, int | float) else tuple(map(rad, value))
+
+
+def reset_pose(text: str, last: Fix) -> Mapping[str, list[float]]:
+    """Fields of a teleport command for USM_RESET: ``x=10,y=-5,heading=90,speed=1,depth=2``; what is left out of x, y, depth and heading stays as
+    it was last known, and the speed is zero.
+
+    Raises:
+        ValueError: the text says what is wrong.
+    """
+    found: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        key, equals, number = part.partition("=")
+        key = key.strip().lower()
+        if not equals or key not in ("x", "y", "heading", "speed", "depth"):
+            raise ValueError(f'"{part[:40]}": write x=10,y=-5,heading=90,speed=1,depth=2')
+        found[key] = finite(number)
+    north, east, down = last.p_N or (0.0, 0.0, 0.0)
+    yaw = rpy_from_quat(last.q_NB)[2] if last.q_NB is not None else 0.0
+    if "heading" in found:
+        yaw = rad(found["heading"])
+    return {
+        "p_NB": [found.get("y", north), found.get("x", east), found.get("depth", down)],
+        "q_NB": list(quat_from_rpy(0.0, 0.0, yaw)),
+        "v_NB_B": [found.get("speed", 0.0), 0.0, 0.0],
+        "w_NB_B": [0.0, 0.0, 0.0],
+    }
+
+
+def drift(text: str) -> tuple[float, float]:
+    """North and east components (m/s) of ``direction,speed``: where the water goes to in degrees clockwise from north, and how fast.
+
+    Raises:
+        ValueError: the text says what is wrong.
+    """
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise ValueError(f'"{text[:40]}": write direction,speed as in 90,0.5')
+    angle, speed = rad(finite(parts[0])), finite(parts[1])
+    return speed * math.cos(angle), speed * math.sin(angle)
+
+
+def seconds(t_ns: int) -> float:
+    """Nanoseconds of simulation time to seconds."""
+    return t_ns / NANOSECONDS
+
+
+def period_ns(rate_hz: float) -> int:
+    """Nanoseconds between two of `rate_hz` a second."""
+    return round(NANOSECONDS / rate_hz)
+
+
+def finite(text: str) -> float:
+    """A finite number in a text. Raises ValueError when it is none."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f'"{text.strip()[:40]}" is no finite number')
+    return number

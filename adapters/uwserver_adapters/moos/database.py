@@ -1,0 +1,383 @@
+"""What a MOOSDB does, without input or output: keeps the last value of each variable and delivers writes to those who asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.wire import Message
+
+NAME_LIMIT = 256
+"""Longest name of a variable, characters."""
+FILTERS = 256
+"""Wildcard registrations of one client."""
+KEPT_BYTES = 256 << 20
+"""Of all values together."""
+REFUSED = "DB_REFUSED"
+"""Where clients are told what was not taken, and why."""
+
+_KINDS = (wire.DOUBLE, wire.STRING, wire.BINARY)
+_MEAN = 0.5
+"""Weight of the newest interval in a variable's frequency."""
+
+
+class Letter:
+    """A message on its way to many: encoded once."""
+
+    __slots__ = ("_data", "message")
+
+    def __init__(self, message: Message) -> None:
+        self.message = message
+        self._data: bytes | None = None
+
+    @property
+    def data(self) -> bytes:
+        """The encoded message."""
+        if self._data is None:
+            self._data = wire.encode(self.message)
+        return self._data
+
+
+class Subscription:
+    """Who hears a variable, how often at most, and when it last did (MOOS time)."""
+
+    __slots__ = ("interval", "last")
+
+    def __init__(self, interval: float) -> None:
+        self.interval = interval
+        self.last = -1e300
+
+
+class Variable:
+    """One variable.
+
+    Attributes:
+        letter: its last value; None before the first.
+        written: MOOS time of that by our clock.
+        writes: how many.
+        frequency: mean number of writes in a MOOS second.
+    """
+
+    def __init__(self) -> None:
+        self.letter: Letter | None = None
+        self.written = 0.0
+        self.writes = 0
+        self.frequency = 0.0
+        self.writers: set[str] = set()
+        self.subscribers: dict[str, Subscription] = {}
+
+    @property
+    def kind(self) -> str:
+        """D, S or B; "" before the first write."""
+        return self.letter.message.kind if self.letter is not None else ""
+
+    def clear(self) -> None:
+        """Forget value and type."""
+        self.letter = None
+        self.writes, self.written, self.frequency = 0, 0.0, 0.0
+        self.writers.clear()
+
+
+class _Client:
+    def __init__(self, deliver: Callable[[Letter], None]) -> None:
+        self.deliver = deliver
+        self.filters: dict[tuple[str, str], float] = {}
+        self.hears: set[str] = set()
+
+
+class Database:
+    """The variables of one community. Loop thread.
+
+    Args:
+        community: its name.
+        now: MOOS time, s.
+        max_variables: more are refused.
+
+    Attributes:
+        name: under which it writes variables of its own.
+        refused: writes and registrations that were not taken.
+        log: called with each write that was taken.
+    """
+
+    def __init__(self, community: str, now: Callable[[], float], max_variables: int) -> None:
+        self.community = community
+        self.name = f"MOOSDB_{community}"
+        self.refused = 0
+        self.log: Callable[[Message], None] = _ignore
+        self.variables: dict[str, Variable] = {}
+        self._now = now
+        self._start = now()
+        self._max_variables = max_variables
+        self._clients: dict[str, _Client] = {}
+        self._kept = 0
+        self._is_refusing = False
+
+    @property
+    def clients(self) -> tuple[str, ...]:
+        """Names of all clients."""
+        return tuple(self._clients)
+
+    # -- clients --------------------------------------------------------------------------------------------------------------------
+
+    def join(self, name: str, deliver: Callable[[Letter], None]) -> None:
+        """A client is there; `deliver` takes its mail."""
+        self._clients[name] = _Client(deliver)
+        self.say("DB_EVENT", f"connected={name}")
+
+    def leave(self, name: str) -> None:
+        """It went: its registrations end."""
+        client = self._clients.pop(name)
+        for key in client.hears:
+            self.variables[key].subscribers.pop(name, None)
+        self.say("DB_EVENT", f"disconnected={name}")
+
+    def take(self, name: str, message: Message) -> None:
+        """A message of a client. What is not taken is told in DB_REFUSED; unknown types are ignored, as MOOSDB does."""
+        if message.type == wire.NOTIFY:
+            self.write(message)
+        elif message.type == wire.REGISTER:
+            self.register(name, message.key, message.number)
+        elif message.type == wire.UNREGISTER:
+            self._forget(name, message.key)
+        elif message.type == wire.WILDCARD_REGISTER:
+            self.register_all(name, *wire.wildcard_of(message.text))
+        elif message.type == wire.WILDCARD_UNREGISTER:
+            pattern, app, _ = wire.wildcard_of(message.text)
+            self.forget_all(name, pattern, app)
+        elif message.type == wire.SERVER_REQUEST:
+            self._answer(name, message)
+
+    def _refuse(self, client: str, key: str, reason: str) -> str:
+        """Tell everybody; returns the reason."""
+        self.refused += 1
+        if not self._is_refusing:  # a full database cannot even say so
+            self._is_refusing = True
+            self.say(REFUSED, f"client={client[:60]},variable={key[:60]},reason={reason}")
+            self._is_refusing = False
+        return reason
+
+    # -- registrations --------------------------------------------------------------------------------------------------------------
+
+    def register(self, name: str, key: str, interval: float) -> None:
+        """A client hears a variable, at most every `interval` MOOS seconds, and its last value at once."""
+        variable = self._variable(name, key)
+        if isinstance(variable, str):
+            return
+        subscription = Subscription(interval if 0.0 < interval < float("inf") else 0.0)
+        variable.subscribers[name] = subscription
+        client = self._clients[name]
+        client.hears.add(key)
+        if variable.letter is not None:
+            subscription.last = self._now()
+            client.deliver(variable.letter)
+
+    def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
+        """A client hears all variables that match, also those that come later."""
+        client = self._clients[name]
+        if len(client.filters) >= FILTERS and (pattern, app) not in client.filters:
+            self._refuse(name, pattern, f"{FILTERS} wildcard registrations are the most a client has")
+            return
+        client.filters[pattern, app] = interval
+        for key, variable in list(self.variables.items()):
+            if variable.letter is not None and _fits(key, variable.letter.message.src, pattern, app):
+                self.register(name, key, interval)
+
+    def _forget(self, name: str, key: str) -> None:
+        variable = self.variables.get(key)
+        if variable is not None:
+            variable.subscribers.pop(name, None)
+            self._clients[name].hears.discard(key)
+
+    def forget_all(self, name: str, pattern: str, app: str) -> None:
+        """A client hears these no more."""
+        client = self._clients[name]
+        client.filters.pop((pattern, app), None)
+        for key in list(client.hears):
+            letter = self.variables[key].letter
+            if _fits(key, letter.message.src if letter is not None else "", pattern, app):
+                self._forget(name, key)
+
+    # -- writes ---------------------------------------------------------------------------------------------------------------------
+
+    def say(self, key: str, value: float | str) -> None:
+        """Write a variable of our own."""
+        self.write(wire.notify(key, value, self._now(), self.name))
+
+    def write(self, message: Message) -> str:
+        """Keep a value and deliver it. The first write of a variable fixes its type.
+
+        Returns:
+            "", or why it was not taken.
+        """
+        variable = self._variable(message.src, message.key)
+        if isinstance(variable, str):
+            return variable
+        old = variable.letter
+        if message.kind not in _KINDS or (old is not None and old.message.kind != message.kind):
+            given, has = (_WORDS.get(kind, "unknown type") for kind in (message.kind, variable.kind))
+            return self._refuse(message.src, message.key, f"a write as {given}, its type is {has}")
+        kept = self._kept + len(message.data) - (len(old.message.data) if old is not None else 0)
+        if kept > KEPT_BYTES:
+            return self._refuse(message.src, message.key, f"all values together have at most {KEPT_BYTES} bytes")
+        self._kept = kept
+        if not message.community:
+            message = _with_community(message, self.community)
+        self.log(message)
+        letter = Letter(message)
+        now = self._now()
+        variable.letter = letter
+        if old is None:
+            self._find_subscribers(message.key, message.src, variable)
+        else:
+            elapsed = max(now - variable.written, 1e-3)
+            variable.frequency += _MEAN * (1.0 / elapsed - variable.frequency)
+        variable.written = now
+        variable.writes += 1
+        variable.writers.add(message.src)
+        for name, subscription in variable.subscribers.items():
+            if not subscription.interval or now - subscription.last >= subscription.interval:
+                subscription.last = now
+                self._clients[name].deliver(letter)
+        return ""
+
+    def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
+        for name, client in self._clients.items():
+            for (pattern, app), interval in client.filters.items():
+                if name not in variable.subscribers and _fits(key, source, pattern, app):
+                    variable.subscribers[name] = Subscription(interval)
+                    client.hears.add(key)
+
+    def _variable(self, client: str, key: str) -> Variable | str:
+        """The variable, made if need be, or why there can be none."""
+        variable = self.variables.get(key)
+        if variable is None:
+            if not 0 < len(key) <= NAME_LIMIT:
+                return self._refuse(client, key, f"the name of a variable has 1 to {NAME_LIMIT} characters")
+            if len(self.variables) >= self._max_variables:
+                return self._refuse(client, key, f"{self._max_variables} variables are the most there can be")
+            variable = self.variables[key] = Variable()
+        return variable
+
+    # -- what it tells of itself ----------------------------------------------------------------------------------------------------
+
+    def tell(self) -> None:
+        """Write the DB_ variables; those that cost much only when somebody listens. To be called every second or two."""
+        self.say("DB_TIME", self._now())
+        self.say("DB_UPTIME", self._now() - self._start)
+        self.say("DB_CLIENTS", "".join(f"{name}," for name in self._clients))
+        for key, text in (("DB_VARSUMMARY", self._summary), ("DB_RWSUMMARY", self._traffic)):
+            if key in self.variables and self.variables[key].subscribers:
+                self.say(key, text())
+
+    def _summary(self) -> str:
+        lines = []
+        for key, variable in self.variables.items():
+            letter = variable.letter
+            source = letter.message.src if letter is not None else "(write pending)"
+            value = "" if letter is None else str(letter.message.value)
+            value = f"{value[:22]}..." if len(value) > 25 else value
+            lines.append(
+                f"{key:<20} {variable.written:<20.3f} {source:<20} {variable.frequency:4.1f}Hz {variable.kind:<2} {value}\n"
+            )
+        return "".join(lines)
+
+    def _traffic(self) -> str:
+        heard, written = self._by_client()
+        return ",".join(f"{name}={':'.join(heard[name])}&{':'.join(written[name])}" for name in self._clients)
+
+    def _by_client(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+        """Variables that each client hears, and those that it writes."""
+        heard: dict[str, list[str]] = {name: [] for name in self._clients}
+        written: dict[str, list[str]] = {name: [] for name in self._clients}
+        for key, variable in self.variables.items():
+            for found, names in ((heard, variable.subscribers), (written, variable.writers)):
+                for name in names:
+                    if name in found:
+                        found[name].append(key)
+        return heard, written
+
+    def _answer(self, name: str, request: Message) -> None:
+        replies: Iterable[Message]
+        if request.key == "ALL":
+            replies = [self._listed(key, variable) for key, variable in self.variables.items()]
+        elif "PROC_SUMMARY" in request.key:
+            heard, written = self._by_client()
+            replies = [
+                self._reply(
+                    "PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', heard[who])},{_list('PUBLISHED=', written[who])}"
+                )
+                for who in self._clients
+            ]
+        elif "VAR_SUMMARY" in request.key:
+            replies = [self._reply("VAR_SUMMARY", ",".join(self.variables))]
+        elif "DB_CLEAR" in request.key:
+            for variable in self.variables.values():
+                variable.clear()
+            self._kept = 0
+            replies = []
+        else:
+            self._refuse(name, request.key, "no request: ask for ALL, VAR_SUMMARY, PROC_SUMMARY or DB_CLEAR")
+            return
+        deliver = self._clients[name].deliver
+        for reply in replies:
+            deliver(Letter(reply))
+
+    def _listed(self, key: str, variable: Variable) -> Message:
+        if variable.letter is None:
+            return Message(wire.NOTIFY, key, 0.0, kind="~", time=-1.0, id=wire.SERVER_REQUEST_ID)
+        m = variable.letter.message
+        since = variable.written - self._start
+        return Message(
+            m.type,
+            key,
+            m.number,
+            m.data,
+            m.kind,
+            m.src,
+            m.src_aux,
+            m.community,
+            since,
+            variable.frequency,
+            wire.SERVER_REQUEST_ID,
+        )
+
+    def _reply(self, key: str, text: str) -> Message:
+        return wire.notify(key, text, self._now() - self._start, self.name, wire.SERVER_REQUEST_ID)
+
+
+_WORDS = {wire.DOUBLE: "double", wire.STRING: "string", wire.BINARY: "binary"}
+
+
+def _ignore(message: Message) -> None:
+    """No log."""
+
+
+def _list(title: str, names: list[str]) -> str:
+    return title + "".join(f",{name}" for name in names)
+
+
+def _with_community(m: Message, community: str) -> Message:
+    return Message(m.type, m.key, m.number, m.data, m.kind, m.src, m.src_aux, community, m.time, m.number2, m.id)
+
+
+def _fits(key: str, source: str, pattern: str, app: str) -> bool:
+    return glob(pattern, key) and glob(app, source)
+
+
+def glob(pattern: str, text: str) -> bool:
+    """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Time grows with the product of the lengths, no faster."""
+    at = 0
+    star = resume = -1
+    where = 0
+    while where < len(text):
+        if at < len(pattern) and pattern[at] == "*":
+            star, resume = at, where
+            at += 1
+        elif at < len(pattern) and pattern[at] in ("?", text[where]):
+            at, where = at + 1, where + 1
+        elif star >= 0:
+            resume += 1
+            at, where = star + 1, resume
+        else:
+            return False
+    return all(rest == "*" for rest in pattern[at:])

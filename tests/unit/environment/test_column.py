@@ -1,0 +1,167 @@
+"""The water column against gsw and closed forms, and the forms in which a scenario gives it."""
+
+from __future__ import annotations
+
+import math
+
+import gsw
+import numpy as np
+import pytest
+
+from uwserver.environment.column import (
+    ColumnConfig,
+    ConstantColumn,
+    TableColumn,
+    ThermoclineColumn,
+    WaterColumn,
+    uniform_column,
+)
+from uwserver.environment.water import Water
+from uwserver.scenario.build import build
+from uwserver.scenario.errors import ScenarioError
+from uwserver.scenario.load import load
+
+STANDARD = {"salinity_psu": 35.0}
+COLUMNS: dict[str, ColumnConfig] = {
+    "sea": ConstantColumn(temperature_degc=8.0, salinity_psu=35.0),
+    "lake": ConstantColumn(temperature_degc=10.0, salinity_psu=0.05),
+    "thermocline": ThermoclineColumn(
+        surface_temperature_degc=22.0,
+        deep_temperature_degc=6.0,
+        surface_salinity_psu=33.0,
+        deep_salinity_psu=35.0,
+        depth_m=25.3,
+        thickness_m=6.0,
+    ),
+    "cast": TableColumn(
+        depth_m=(0.0, 12.3, 80.0, 1000.0, 5000.0),
+        temperature_degc=(18.0, 17.0, 9.0, 4.0, 2.0),
+        salinity_psu=(33.0, 33.5, 34.9, 35.0, 34.7),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_agrees_with_gsw_between_the_points_of_the_tables(name):
+    """c within 0.01 m/s and rho within 0.001 kg/m3 of gsw, asked with the temperature and salinity that the scenario means."""
+    config = COLUMNS[name]
+    column = WaterColumn(config, 9.81, 1025.0)
+    depth = np.random.default_rng(1).uniform(0.0, 6000.0, 4000)
+    depth[:2000] /= 60.0
+    temperature, salinity = config.water_at(depth)
+    absolute = gsw.SR_from_SP(salinity)
+    sea = np.array([column.pressure_at(d) for d in depth]) / 1e4
+    conservative = gsw.CT_from_t(absolute, temperature, sea)
+    c = gsw.sound_speed(absolute, conservative, sea)
+    rho = gsw.rho(absolute, conservative, sea)
+    assert np.abs([column.sound_speed_at(d) for d in depth] - c).max() < 0.01
+    steep = 5e-3 if name == "thermocline" else 1e-3
+    assert np.abs([column.density_at(d) for d in depth] - rho).max() < steep
+
+
+@pytest.mark.parametrize("latitude", [0.0, 45.0, 70.0])
+@pytest.mark.parametrize(("depth", "within"), [(100.0, 0.001), (1000.0, 0.01), (6000.0, 0.1)])
+def test_pressure_of_the_standard_ocean(latitude, depth, within):
+    """gsw.p_from_z integrates the standard ocean (35.16504 g/kg, conservative temperature 0 degC) by a closed form of its own; in metres of water."""
+    depths = np.linspace(0.0, 7000.0, 200)
+    sea = -gsw.p_from_z(-depths, latitude)
+    in_situ = gsw.t_from_CT(35.16504, 0.0, np.abs(sea))
+    config = TableColumn(depth_m=tuple(depths), temperature_degc=tuple(in_situ), salinity_psu=(35.0,) * len(depths))
+    column = WaterColumn(config, float(gsw.grav(latitude, 0.0)), 1025.0)
+    expected = float(gsw.p_from_z(-depth, latitude)) * 1e4
+    assert abs(column.pressure_at(depth) - expected) / (1050.0 * 9.83) < within
+
+
+def test_depth_is_the_inverse_of_pressure():
+    column = WaterColumn(COLUMNS["cast"], 9.81, 1025.0)
+    for depth in (0.0, 0.25, 12.3, 99.9, 3456.7, 11_999.0, 13_000.0):
+        assert column.depth_of(column.pressure_at(depth)) == pytest.approx(depth, abs=1e-9)
+
+
+def test_rho_g_h_as_the_paper_has_it():
+    uniform = WaterColumn(ConstantColumn(hydrostatics="uniform"), 9.81, 1027.0)
+    for depth in (0.0, 3.3, 1000.0, 6000.0):
+        assert uniform.pressure_at(depth) == pytest.approx(1027.0 * 9.81 * depth, rel=1e-14)
+        assert uniform.density_at(depth) == 1027.0
+
+
+def test_what_rho_g_h_leaves_out():
+    """At 1000 m the paper's equation, with the density of the surface, errs by metres."""
+    sea = WaterColumn(ConstantColumn(temperature_degc=4.0), 9.81, 1025.0)
+    wrong = sea.pressure_at(1000.0) / (sea.density_at(0.0) * 9.81) - 1000.0
+    assert 2.0 < wrong < 3.0
+
+
+def test_above_the_surface_there_is_no_pressure_and_the_water_of_the_surface():
+    column = WaterColumn(COLUMNS["cast"], 9.81, 1025.0)
+    assert column.pressure_at(-3.0) == 0.0
+    assert column.temperature_at(-3.0) == 18.0
+    assert column.sound_speed_at(-3.0) == column.sound_speed_at(0.0)
+
+
+@pytest.mark.parametrize(("density", "salinity"), [(1025.0, 32.56), (1000.0, 0.355), (900.0, 0.0), (1200.0, 41.8)])
+def test_uniform_water_has_the_salinity_of_its_density(density, salinity):
+    column = uniform_column(density, 10.0, 9.81)
+    assert column.salinity_at(5.0) == pytest.approx(salinity, abs=0.01)
+    assert column.pressure_at(10.0) == pytest.approx(density * 98.1)
+    assert math.isfinite(column.sound_speed_at(50.0))
+
+
+def test_water_asks_its_column():
+    column = WaterColumn(COLUMNS["cast"], 9.81, 1025.0)
+    water = Water(1025.0, 9.81, 10.0, 1e5, (0.0, 0.0, 0.0), given=column)
+    assert water.pressure((1.0, 2.0, 80.0), 0.0) == 1e5 + column.pressure_at(80.0)
+    assert water.sound_speed(80.0) == column.sound_speed_at(80.0)
+    assert water.absorption(7e5, 80.0) == column.absorption_at(7e5, 80.0)
+    assert (water.temperature_at(80.0), water.salinity_at(80.0)) == (9.0, 34.9)
+    assert water.density_at(80.0) == column.density_at(80.0)
+
+
+# -- files ------------------------------------------------------------------------------------------------------------------------------
+
+FILE = 'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n[environment.water]\n'
+
+
+def test_a_scenario_with_a_cast(tmp_path):
+    path = tmp_path / "sea.toml"
+    path.write_text(
+        FILE
+        + 'kind = "table"\ndepth_m = [0, 20, 100]\ntemperature_degc = [18, 16, 8]\nsalinity_psu = [33, 34, 35]\n'
+        + "[environment]\ndensity_kgpm3 = 1023.7\n"
+    )
+    world = build(load(path, adapters={}))
+    assert world.water.temperature_at(60.0) == 12.0
+    assert world.water.sound_speed(0.0) == pytest.approx(
+        float(gsw.sound_speed(gsw.SR_from_SP(33.0), gsw.CT_from_t(gsw.SR_from_SP(33.0), 18.0, 0.0), 0.0)), abs=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('kind = "table"\ndepth_m = [0, 20]\ntemperature_degc = [18]\nsalinity_psu = [33, 34]', "same number"),
+        ('kind = "table"\ndepth_m = [20, 0]\ntemperature_degc = [18, 8]\nsalinity_psu = [33, 34]', "grow"),
+        ('kind = "constant"\nsalinity_psu = 350', "salinity_psu"),
+        ('kind = "constant"\nsalinity = 35', 'did you mean "salinity_psu"'),
+    ],
+)
+def test_a_faulty_column_is_refused_with_its_place(tmp_path, text, said):
+    path = tmp_path / "sea.toml"
+    path.write_text(FILE + text + "\n")
+    with pytest.raises(ScenarioError, match=said) as refused:
+        load(path, adapters={})
+    assert "environment.water" in str(refused.value)
+
+
+def test_the_tide_raises_the_surface_for_sensors_and_forces_alike(tmp_path):
+    """A light vehicle comes to rest afloat at the raised surface, and the pressure counts from there."""
+    path = tmp_path / "tide.toml"
+    path.write_text(
+        'schema = 1\n[environment]\nsurface_level_m = 1.5\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, -1.3]\n'
+        "[vehicles.rov.override.rigid_body]\nmass_kg = 13.0\n"
+    )
+    world = build(load(path, adapters={}))
+    assert world.water.elevation(5.0, 6.0, 1.0) == pytest.approx(1.5)
+    assert world.water.pressure((0.0, 0.0, 3.0), 1.0) == pytest.approx(101_325.0 + 1025.0 * 9.81 * 4.5)
+    world.step(2400)
+    assert -1.5 < world.vehicles["rov"].p_NB[2] < -1.35

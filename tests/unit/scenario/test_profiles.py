@@ -1,0 +1,192 @@
+"""Device files of sensors: what they fill in, what wins, and how their faults are told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from uwserver.frames import quat_from_rpy
+from uwserver.ports import Refused
+from uwserver.scenario.build import build
+from uwserver.scenario.convert import kinds_of
+from uwserver.scenario.errors import ScenarioError
+from uwserver.scenario.load import load
+from uwserver.scenario.profiles import check_profile
+from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.sensors import DvlConfig, Pose, SensorConfig
+from uwserver.testing import FakeGeometry
+from uwserver.testing.fake_geometry import Plane
+from uwserver.testing.sensors import scopes
+
+SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios" / "devices"
+PROFILES = [path for path in sorted(SHIPPED.glob("*.toml")) if "properties" in msgspec.toml.decode(path.read_bytes())]
+SCENARIO = """\
+schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+[vehicles.rov.sensors.log]
+kind = "dvl"
+profile = "{profile}"
+rate_hz = 8
+{more}
+"""
+
+
+def loaded(tmp_path: Path, profile: str = "a50", more: str = ""):
+    path = tmp_path / "x.toml"
+    path.write_text(SCENARIO.format(profile=profile, more=more))
+    return load(path, adapters={}).vehicles["rov"].vehicle.sensors["log"]
+
+
+@pytest.mark.parametrize("path", PROFILES, ids=lambda path: path.stem)
+def test_shipped_device_files_make_sensors(path):
+    problems = []
+    keys = check_profile(msgspec.toml.decode(path.read_bytes()), lambda *problem: problems.append(problem))
+    assert problems == []
+    assert keys["kind"] in kinds_of(SensorConfig)
+    assert msgspec.toml.decode(path.read_bytes())["name"] == path.stem
+
+
+def test_the_device_fills_in_and_the_table_wins(tmp_path):
+    config = loaded(tmp_path, more="max_altitude_m = 30")
+    assert isinstance(config, DvlConfig)
+    assert (config.beam_angle_deg, config.range_modes[0]) == (22.5, (0.05, 0.6, 15.0))
+    assert (config.max_altitude_m, config.rate_hz) == (30, 8)
+
+
+def test_a_scenario_built_in_python():
+    entry = VehicleEntry(model="bluerov2_heavy", sensors={"log": DvlConfig(profile="dvl1000", rate_hz=8)})
+    world = build(load(Scenario(schema=1, vehicles={"rov": entry}), adapters={}))
+    assert world.call("rov/log/get")["max_altitude"] == 75.0
+
+
+def test_a_file_of_ones_own(tmp_path):
+    text = (SHIPPED / "a50.toml").read_text().replace("22.5", "30.0")
+    (tmp_path / "mine.toml").write_text(text)
+    assert loaded(tmp_path, "mine.toml").beam_angle_deg == 30.0
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("beam_angle_deg = 22.5", "beam_angel_deg = 22.5"), 'mine.toml:17:1: properties.beams.beam_angel_deg: unknown key'),
+        (('status = "guess"\nbeam_angle', "beam_angle"), 'properties.beams: missing key "status"'),
+        (("beam_angle_deg = 22.5", "beam_angle_deg = 99"), "properties.beams.beam_angle_deg: expected"),
+        (("beam_angle_deg = 22.5", "beam_angle_deg = 20\nfrequency_hz = 1e6"), '"frequency_hz" is given twice, also at properties.acoustics'),
+        (('kind = "dvl"', 'kind = "imu"'), "unknown key"),
+        (('title = "Water Linked DVL A50"', ""), 'missing key "title"'),
+    ],
+)  # fmt: skip
+def test_faults_of_a_device_file(tmp_path, change, told):
+    text = (SHIPPED / "a50.toml").read_text()
+    assert change[0] in text
+    (tmp_path / "mine.toml").write_text(text.replace(*change))
+    with pytest.raises(ScenarioError) as caught:
+        loaded(tmp_path, "mine.toml")
+    assert told in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("profile", "told"),
+    [
+        ("a5", 'unknown device "a5" (did you mean "a50"?)'),
+        ("t200", "t200.toml"),
+        ("b/mine.toml", "there is no device file"),
+    ],
+)
+def test_faults_of_the_reference(tmp_path, profile, told):
+    with pytest.raises(ScenarioError) as caught:
+        loaded(tmp_path, profile)
+    assert told in str(caught.value)
+
+
+def test_kinds_must_agree(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text(SCENARIO.format(profile="a50", more="").replace('kind = "dvl"', 'kind = "imu"'))
+    with pytest.raises(ScenarioError, match='a device of kind "dvl", not of "imu"'):
+        load(path, adapters={})
+
+
+def pings(name, distance, n):
+    """Readings of a shipped device that looks down on sediment, and its settings."""
+    keys = check_profile(msgspec.toml.decode((SHIPPED / f"{name}.toml").read_bytes()), lambda *_: None)
+    reach = keys.get("max_altitude_m", keys.get("max_range_m"))
+    config = msgspec.convert({"rate_hz": 240.0, **keys, **({"range_m": reach} if "bins" in keys else {})}, SensorConfig)
+    down = quat_from_rpy(0.0, -math.pi / 2.0, 0.0) if "bins" in keys else (1.0, 0.0, 0.0, 0.0)
+    bottom = FakeGeometry([Plane((0.0, 0.0, 200.0 + distance * reach), (0.0, 0.0, -1.0))])
+    sensor = config.build(Pose(q=down))
+    found = []
+    for _ in range(n):
+        sensor.memory[:2] = [0.0, 0.0]
+        found.append(sensor.measure(replace(scopes()[0], p_NB=(0.0, 0.0, 200.0), geometry=bottom)))
+    return reach, found
+
+
+@pytest.mark.parametrize(("name", "field"), [("a50", 1), ("dvl1000", 1), ("ping1d", 0), ("micron_echosounder", 0)])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.8])
+def test_shipped_altimeters_and_dvls_reach_what_they_promise(name, field, part):
+    """Sediment within 0.8 of the range is told where it is; twice as far it is not."""
+    reach, found = pings(name, part, 40)
+    heard = [values[field] for valid, values in found[10:] if valid]
+    assert len(heard) > 20
+    assert np.median(heard) == pytest.approx(part * reach, rel=0.03)
+    assert not any(valid for valid, _ in pings(name, 2.0, 20)[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [("micron_dst", 0.1), ("micron_dst", 0.5), ("micron_dst", 0.8), ("ping360", 0.1), ("ping360", 0.4)],
+)
+def test_shipped_sonars_reach_what_they_promise(name, part):
+    """A wall of sediment stands out of the noise of an empty picture, at its range; the picture is neither black nor white."""
+    reach, found = pings(name, part, 10)
+    seen = np.mean([values[3] for _, values in found], axis=0)
+    empty = np.mean([values[3] for _, values in pings(name, 2.0, 10)[1]], axis=0)
+    excess = np.convolve(seen - empty, np.full(5, 0.2), "same")
+    assert 15.0 < excess.max() < 255.0
+    first = int(np.argmax(excess > 0.5 * excess.max()))
+    assert (first + 0.5) / len(excess) * reach == pytest.approx(part * reach, rel=0.04)
+    assert empty.mean() < 100.0
+
+
+# -- instruments in the world -----------------------------------------------------------------------------------------------------------
+
+
+def test_settings_memory_and_stream_are_part_of_a_snapshot(tmp_path):
+    """Back at a snapshot, an instrument goes on as it did: settings, random numbers and the time of its next ping."""
+    path = tmp_path / "x.toml"
+    path.write_text(SCENARIO.format(profile="a50", more=""))
+    world = build(load(path, adapters={}))
+    world.geometry = FakeGeometry([Plane((0.0, 0.0, 9.0), (0.0, 0.0, -1.0))])
+    world.command("rov/thrusters", u=[0.3] * 8)
+    world.step(200)
+    world.call("rov/log/set", max_altitude=40.0)
+    world.call("world/snapshot")
+    digest = world.call("world/state_hash")["hash"]
+    first = world.step(300)
+    world.call("rov/log/set", max_altitude=1.0)
+    assert world.call("world/state_hash")["hash"] != digest
+    world.call("world/restore")
+    assert world.call("world/state_hash")["hash"] == digest
+    assert world.call("rov/log/get")["max_altitude"] == 40.0
+    assert world.step(300) == first
+    assert any(s.port == "rov/log" and s.valid and s.t_sent_ns > s.t_ns for s in first)
+
+
+def test_set_takes_all_or_nothing(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text(SCENARIO.format(profile="a50", more=""))
+    world = build(load(path, adapters={}))
+    for wrong in ({"max_altitude": 20.0, "rate_hz": 7.0}, {"range_mode": 9, "rate_hz": 4.0}, {"max_altitude": 1e6}):
+        with pytest.raises(Refused):
+            world.call("rov/log/set", **wrong)
+    assert world.call("rov/log/get") == {
+        "rate_hz": 8.0, "active": True, "latency_s": 0.0, "max_altitude": 50.0, "range_mode": -1, "tracking": "both", "sound_speed": 1500.0,
+    }  # fmt: skip
+    world.call("rov/log/set", rate_hz=4.0, tracking="bottom")
+    assert world.call("rov/log/get")["rate_hz"] == 4.0

@@ -1,0 +1,129 @@
+"""Draws docs/images/sensors_*.png: what the navigation and water sensors put out, from the sensors themselves."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+from uwserver.environment.absorption import absorption
+from uwserver.environment.column import ThermoclineColumn, WaterColumn
+from uwserver.scenario.build import build
+from uwserver.scenario.load import load
+from uwserver.scenario.schema import Scenario, VehicleEntry, WorldTable
+from uwserver.sensors import BatteryConfig, GpsConfig, ImuConfig
+from uwserver.sensors.triad import TriadErrors
+
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
+
+
+def water_column() -> None:
+    """A thermocline: temperature, sound speed, density; and absorption over frequency."""
+    config = ThermoclineColumn(
+        surface_temperature_degc=16, deep_temperature_degc=7, surface_salinity_psu=32, deep_salinity_psu=34.8, depth_m=25, thickness_m=12
+    )  # fmt: skip
+    column = WaterColumn(config, 9.81, 1025.0)
+    near = column.depth <= 100.0
+    figure, axes = plt.subplots(1, 4, figsize=(9, 3), constrained_layout=True)
+    for axis, values, name in (
+        (axes[0], column.temperature, "temperature, °C"),
+        (axes[1], column.sound_speed, "sound speed, m/s"),
+        (axes[2], column.density, "density, kg/m³"),
+    ):
+        axis.plot(values[near], column.depth[near])
+        axis.invert_yaxis()
+        axis.set_xlabel(name)
+    axes[0].set_ylabel("depth, m")
+    frequency = np.geomspace(1e4, 2e6, 200)
+    axes[3].loglog(frequency / 1e3, [absorption(f, 8.0, 35.0, 50.0) * 1e3 for f in frequency], label="sea")
+    axes[3].loglog(frequency / 1e3, [absorption(f, 10.0, 0.05, 50.0, 7.0) * 1e3 for f in frequency], label="lake")
+    axes[3].set_xlabel("frequency, kHz")
+    axes[3].set_ylabel("absorption, dB/km")
+    axes[3].legend()
+    figure.savefig(IMAGES / "sensors_water.png", dpi=80)
+
+
+def imu_grades() -> None:
+    """Allan deviation of the gyroscopes at rest, as a user would compute it from samples."""
+    figure, axis = plt.subplots(figsize=(6, 3.2), constrained_layout=True)
+    text = 'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n' + "".join(
+        f'[vehicles.rov.sensors.x_{name}]\nprofile = "{name}"\nrate_hz = 1\n' for name in ("mems_imu", "tactical_imu", "fog_imu")
+    )  # fmt: skip
+    path = IMAGES / "sensors.toml"
+    path.write_text(text, encoding="utf-8")
+    sensors = load(path, adapters={}).vehicles["rov"].vehicle.sensors
+    path.unlink()
+    for name, config in sensors.items():
+        if not name.startswith("x_") or not isinstance(config, ImuConfig):
+            continue
+        tau, deviation = _allan(config.gyroscope, 40_000)
+        axis.loglog(tau, np.degrees(deviation) * 3600.0, label=name.removeprefix("x_"))
+    axis.set_xlabel("averaging time, s")
+    axis.set_ylabel("gyroscope, °/h")
+    axis.grid(alpha=0.3, which="both")
+    axis.legend()
+    figure.savefig(IMAGES / "sensors_imu.png", dpi=80)
+
+
+def _allan(errors: TriadErrors, n: int) -> tuple[list[float], list[float]]:
+    from uwserver.scenario.build import stream_of
+    from uwserver.sensors.triad import Triad
+
+    rng = stream_of(1, "plot")
+    triad = Triad(errors)
+    memory = triad.turn_on(rng)
+    record = np.array([triad.read((0.0, 0.0, 0.0), memory, 0, 1.0, rng) for _ in range(n)])
+    angle = np.cumsum(record, axis=0)
+    taus = [m for m in (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096) if 8 * m < n]
+    second = [angle[2 * m :] - 2 * angle[m:-m] + angle[: -2 * m] for m in taus]
+    return [float(m) for m in taus], [
+        math.sqrt(float(np.mean(s**2)) / (2.0 * m * m)) for s, m in zip(second, taus, strict=True)
+    ]
+
+
+def vehicle() -> None:
+    """GPS before, during and after a dive; battery under changing load."""
+    entry = VehicleEntry(
+        model="bluerov2_heavy",
+        position_ned_m=(0.0, 0.0, -0.05),
+        sensors={
+            "gps": GpsConfig(rate_hz=5, horizontal_sigma_m=2.1, vertical_sigma_m=3.2, tau_s=60, hot_fix_s=5.0, position_frd_m=(0, 0, -0.3)),
+            "battery": BatteryConfig(rate_hz=20, resistance_ohm=0.042, hotel_load_W=18.0),
+        },
+    )  # fmt: skip
+    place = WorldTable(origin_lat_deg=63.43, origin_lon_deg=10.40)
+    world = build(load(Scenario(schema=1, world=place, vehicles={"rov": entry}), adapters={}))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3), constrained_layout=True)
+    rows: dict[str, list[tuple[float, ...]]] = {"rov/gps": [], "rov/battery": []}
+    for second in range(60):
+        u = 0.6 if 15 <= second < 25 else -0.6 if 25 <= second < 37 else 0.0
+        world.command("rov/thrusters", u=[0.0] * 4 + [u] * 4)
+        for sample in world.step(240):
+            if sample.port == "rov/gps":
+                rows[sample.port].append((sample.t_ns * 1e-9, float(sample.valid), world.vehicles["rov"].p_NB[2]))
+            elif sample.port == "rov/battery":
+                rows[sample.port].append((sample.t_ns * 1e-9, float(sample.value[0]), float(sample.value[1])))  # type: ignore[arg-type]
+    gps, battery = np.array(rows["rov/gps"]), np.array(rows["rov/battery"])
+    left.plot(gps[:, 0], gps[:, 2], label="depth, m")
+    left.fill_between(gps[:, 0], *left.get_ylim(), where=gps[:, 1] > 0, alpha=0.2, label="GPS fix")
+    left.invert_yaxis()
+    left.legend()
+    right.plot(battery[:, 0], battery[:, 1], label="voltage, V")
+    right.plot(battery[:, 0], battery[:, 2], label="current, A")
+    right.legend()
+    for axis in (left, right):
+        axis.set_xlabel("time, s")
+    figure.savefig(IMAGES / "sensors_vehicle.png", dpi=80)
+
+
+if __name__ == "__main__":
+    water_column()
+    imu_grades()
+    vehicle()
+    sys.exit(0)

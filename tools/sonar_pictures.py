@@ -1,0 +1,249 @@
+"""The pictures of the pages on acoustic sensors in docs/reference/sensors: a sonar picture, an altimeter's profile, DVL and baselines."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import matplotlib
+import msgspec
+import numpy as np
+
+from uwserver.environment.materials import lambert
+from uwserver.environment.water import Water
+from uwserver.frames import quat_from_rpy
+from uwserver.physics.geometry import FloatArray, Geometry
+from uwserver.physics.rays import Rays
+from uwserver.physics.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
+from uwserver.scenario.documents import shipped
+from uwserver.scenario.profiles import check_profile
+from uwserver.sensors import (
+    AltimeterConfig,
+    DvlConfig,
+    LblConfig,
+    Pose,
+    ScanningSonarConfig,
+    Scope,
+    SensorConfig,
+    UsblConfig,
+)
+from uwserver.sensors.instrument import Instrument
+from uwserver.sensors.interrogation import Beacon
+from uwserver.units import deg, rad
+
+# Before pyplot is imported: no display.
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+IMAGES = Path(__file__).parents[1] / "docs/images"
+WATER = Water(1025.0, 9.81, 10.0, 101_325.0, (0.2, 0.1, 0.0))
+DEPTH = 20.0
+
+
+def main() -> None:
+    """Draw all."""
+    geometry = harbour()
+    for name, draw in (
+        ("scanning_sonar", scanning_sonar),
+        ("altimeter", altimeter),
+        ("dvl", dvl),
+        ("usbl", usbl),
+        ("lbl", lbl),
+    ):
+        figure = draw(geometry)
+        IMAGES.mkdir(parents=True, exist_ok=True)
+        # Without the version of matplotlib in it, the same plot is the same file.
+        figure.savefig(IMAGES / f"sensor_{name}.png", dpi=110, metadata={"Software": None})
+        plt.close(figure)
+
+
+def harbour() -> Geometry:
+    """A wavy bottom 20 m deep with piles, a wall and a box."""
+    n = 201
+    x, y = np.meshgrid(np.linspace(-60.0, 60.0, n), np.linspace(-60.0, 60.0, n), indexing="ij")
+    z = DEPTH + 0.4 * np.sin(x / 5.0) * np.cos(y / 7.0) + 0.12 * np.sin(1.9 * x + 0.7 * y)
+    corner = np.arange((n - 1) * (n - 1))
+    corner = corner // (n - 1) * n + corner % (n - 1)
+    lower = np.stack([corner, corner + 1, corner + n], axis=1)
+    upper = np.stack([corner + 1, corner + n + 1, corner + n], axis=1)
+    bottom = TriangleMesh(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1), np.concatenate([lower, upper]), False)
+    rays = Rays()
+    rays.add_static(0, Solid("bottom", (Placed(bottom),), material=0))
+    upright = quat_from_rpy(0.0, math.pi / 2.0, 0.0)
+    piles = [Placed(Cylinder(0.4, 10.0), (8.0, 4.0 * k - 10.0, 12.0), upright) for k in range(6)]
+    rays.add_static(1, Solid("piles", tuple(piles), material=1))
+    turned = quat_from_rpy(0.0, 0.0, 0.4)
+    rays.add_static(2, Solid("wall", (Placed(Box((0.5, 12.0, 10.0)), (-16.0, 3.0, 12.0), turned),), material=2))
+    rays.add_static(3, Solid("box", (Placed(Box((1.0, 2.0, 1.0)), (-2.0, 11.0, 19.0), turned),), material=1))
+    return rays.at(np.zeros((1, 13)))
+
+
+def instant(geometry: Geometry, p: tuple[float, float, float], t: float = 0.0, yaw: float = 0.0) -> Scope:
+    """A vehicle there, level, that moves ahead at 0.5 m/s."""
+    scope = Scope(
+        round(t * 1e9), p, quat_from_rpy(0.0, 0.0, yaw), (0.5, 0.0, 0.0), (0.0, 0.0, 0.0), WATER, geometry=geometry
+    )
+    scope.lambert = lambert(["sediment", "steel", "concrete"])
+    return scope
+
+
+def device(name: str, **keys: object) -> Instrument:
+    """The instrument of a shipped device file."""
+
+    def fail(*problem: object) -> None:
+        raise ValueError(f"{name}: {problem}")
+
+    given = check_profile(msgspec.toml.decode(shipped("devices")[name].read_bytes()), fail)
+    config = msgspec.convert({"rate_hz": 240.0, **(given or {}), **keys}, SensorConfig)
+    instrument = config.build(Pose())
+    assert isinstance(instrument, Instrument)
+    instrument.start(np.random.default_rng(1))
+    return instrument
+
+
+def scanning_sonar(geometry: Geometry) -> Figure:
+    """A full turn of the Micron, at rest and while turning, and the paper's picture."""
+    figure, axes = plt.subplots(1, 3, figsize=(15.0, 5.2), layout="constrained", subplot_kw={"projection": "polar"})
+    still = device("micron_dst", range_m=25.0)
+    moving = device("micron_dst", range_m=25.0)
+    paper = ScanningSonarConfig(rate_hz=240.0, model="paper", range_m=25.0, step_deg=0.9).build(Pose())
+    titles = ("Micron DST, sonar equation, at rest", "the same while yawing 5 degrees a second", 'model = "paper"')
+    for axis, sonar, rate, title in zip(axes, (still, moving, paper), (0.0, rad(5.0), 0.0), titles, strict=True):
+        angles, rows = turn_of(sonar, geometry, rate)
+        edges = np.linspace(0.0, 25.0, rows.shape[1] + 1)
+        ring = np.append(angles, angles[-1] + rad(0.9))
+        axis.pcolormesh(ring, edges, rows.T, cmap="copper", vmin=0, vmax=max(60.0, float(np.quantile(rows, 0.999))))
+        axis.set_theta_zero_location("N")
+        axis.set_theta_direction(-1)
+        axis.set_title(title, fontsize=10)
+        axis.grid(visible=False)
+    return figure
+
+
+def turn_of(sonar: Instrument, geometry: Geometry, yaw_rate: float) -> tuple[FloatArray, FloatArray]:
+    """(400) head angles and (400, bins) counts of one turn, pings as fast as the device allows."""
+    angles, rows, t = [], [], 0.0
+    while len(rows) < 400:
+        reading = sonar.sense(instant(geometry, (0.0, 0.0, DEPTH - 2.5), t, yaw_rate * t))
+        t += 1.0 / 240.0
+        if reading is not None:
+            angles.append(reading.values[0])
+            rows.append(reading.values[3])
+    return np.unwrap(np.array(angles, dtype=float)), np.array(rows, dtype=float)
+
+
+def altimeter(geometry: Geometry) -> Figure:
+    """A flight over the bottom and a box: Ping1D, Micron Echosounder, truth below."""
+    figure, axis = plt.subplots(figsize=(9.0, 3.8), layout="constrained")
+    ahead = np.arange(-12.0, 12.0, 0.05)
+    for name in ("ping1d", "micron_echosounder"):
+        sounder = device(name, multiple_probability=0.01)
+        found = [sounded(sounder, geometry, x) for x in ahead]
+        axis.plot(ahead, found, ".", ms=3, label=name)
+    ray = AltimeterConfig(rate_hz=240.0, ideal=True, beam_width_deg=0.1, rings=0).build(Pose())
+    axis.plot(ahead, [sounded(ray, geometry, x) for x in ahead], "k-", lw=0.8, label="straight below")
+    axis.set(
+        xlabel="north (m)", ylabel="range (m)", title="first echo in the cone, over a box at 8 m", ylim=(12.0, 0.0)
+    )
+    axis.legend(fontsize=8)
+    axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def sounded(sounder: Instrument, geometry: Geometry, x: float) -> float:
+    """Range (m) over a place of the flight; NaN without echo."""
+    sounder.memory[0] = 0.0
+    valid, values = sounder.measure(instant(geometry, (x, 11.0, DEPTH - 8.0)))
+    return float(values[0]) if valid and isinstance(values[0], float) else math.nan
+
+
+def dvl(geometry: Geometry) -> Figure:
+    """Scatter of the velocity, and locks while the vehicle rises."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.0), layout="constrained")
+    for name in ("dvl1000", "a50"):
+        log = device(name)
+        v = []
+        for _ in range(1500):
+            log.memory[0] = 0.0
+            v.append(log.measure(instant(geometry, (0.0, 0.0, DEPTH - 10.0)))[1][0])
+        east = np.array([[a, b] for a, b, _ in (x for x in v if x[0] is not None)], dtype=float)
+        left.plot(1e3 * east[:, 0], 1e3 * east[:, 1], ".", ms=2, label=name)
+    left.set(xlabel="surge (mm/s)", ylabel="sway (mm/s)", title="true velocity 500, 0 mm/s; scale error of this run")
+    log = DvlConfig(rate_hz=240.0, max_altitude_m=25.0).build(Pose())
+    heights = np.linspace(0.5, 19.0, 150)
+    for tilt, colour in ((0.0, "C0"), (20.0, "C1"), (35.0, "C2")):
+        locks = []
+        for height in heights:
+            scope = instant(geometry, (20.0, 0.0, DEPTH - height))
+            scope.q_NB = quat_from_rpy(0.0, rad(tilt), 0.0)
+            seen = log.measure(scope)[1][6]
+            locks.append(sum(bool(lock) for lock in seen) if isinstance(seen, tuple) else 0)
+        right.plot(heights, locks, color=colour, label=f"pitch {tilt:g} degrees")
+    right.set(xlabel="height (m)", ylabel="beams in lock", title="a device for 25 m over sediment")
+    for axis in (left, right):
+        axis.legend(fontsize=8)
+        axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def tracked(instrument: Instrument, geometry: Geometry, n: int) -> tuple[FloatArray, list[list[object]]]:
+    """(n) times at which questions went out, s, and the values of the readings, along a straight run."""
+    times, values, t = [], [], 0.0
+    while len(times) < n:
+        reading = instrument.sense(instant(geometry, (-25.0 + 0.5 * t, -20.0, 10.0), t))
+        if reading is not None:
+            times.append(t)
+            values.append(list(reading.values))
+        t += 1.0 / 20.0
+    return np.array(times), values
+
+
+def usbl(geometry: Geometry) -> Figure:
+    """Positions of one beacon as heard along a run, and the error of the bearing over range."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.0), layout="constrained")
+    beacon = {"b": Beacon(position_ned_m=(15.0, 25.0, 19.0))}
+    config = UsblConfig(rate_hz=5.0, beacons=beacon, source_level_db=165.0, multipath_probability=0.03)
+    instrument = config.build(Pose())
+    times, values = tracked(instrument, geometry, 250)
+    heard = np.array(
+        [[-25.0 + 0.5 * t + v[4][0], -20.0 + v[4][1]] for t, v in zip(times, values, strict=True) if v[1] is not None]
+    )  # type: ignore[index]
+    left.plot(heard[:, 1], heard[:, 0], ".", ms=3, label="beacon as heard")
+    left.plot([25.0], [15.0], "k+", ms=12, label="beacon")
+    left.plot([-20.0, -20.0], [-25.0, -25.0 + 0.5 * times[-1]], "k-", lw=0.8, label="vehicle")
+    left.set(
+        xlabel="east (m)", ylabel="north (m)", title="one beacon; reflections are late, gaps are hidden", aspect="equal"
+    )
+    for d in (0.01, 0.03, 0.1):
+        signal = np.linspace(5.0, 40.0, 50)
+        sigma = 1485.0 / (2.0 * math.pi * 26e3 * d) / np.sqrt(10.0 ** (0.1 * signal))
+        right.semilogy(signal, [deg(s) for s in sigma], label=f"{1e3 * d:g} mm between hydrophones")
+    right.set(xlabel="signal over noise (dB)", ylabel="error of bearing (degrees)", title="on the axis, 26 kHz")
+    for axis in (left, right):
+        axis.legend(fontsize=8)
+        axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def lbl(geometry: Geometry) -> Figure:
+    """Ranges of three beacons along a run, at the time of their delivery."""
+    figure, axis = plt.subplots(figsize=(9.0, 3.8), layout="constrained")
+    beacons = {
+        "north": Beacon(position_ned_m=(55.0, 0.0, 19.0)),
+        "east": Beacon(position_ned_m=(0.0, 50.0, 19.0)),
+        "ship": Beacon(position_ned_m=(-50.0, -30.0, 3.0), velocity_ned_mps=(1.0, 0.0, 0.0)),
+    }
+    config = LblConfig(rate_hz=5.0, beacons=beacons, source_level_db=165.0, multipath_probability=0.05)
+    times, values = tracked(config.build(Pose()), geometry, 360)
+    for name in beacons:
+        chosen = [(t, v[1]) for t, v in zip(times, values, strict=True) if v[0] == name]
+        axis.plot(*zip(*((t, math.nan if r is None else r) for t, r in chosen), strict=True), ".", ms=3, label=name)
+    axis.set(xlabel="time (s)", ylabel="range (m)", title="three beacons in turn; gaps: hidden behind wall and piles")
+    axis.legend(fontsize=8)
+    axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""The embedded MOOSDB: throughput, latency of NAV_*, fan-out to many clients, and warp 20, each beside a running vehicle."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Event
+
+from uwserver.bench.net_processes import Traced
+from uwserver.bench.processes import BenchFailed, Served, loading, stop
+from uwserver.bench.rows import Row
+from uwserver.bench.server import LATENESS_BAR_MS, STATUS, lateness_p99_ms
+from uwserver.clock import SystemTime
+from uwserver.physics.warm import warm
+
+FLOW_BAR, NAV_P99_BAR_MS, CROWD_BAR, WARP = 20_000.0, 20.0, 20_000.0, 20.0
+CLIENTS, CROWD_PER_S = 50, 20_500.0
+RATE_HZ = 240
+_LOAD = "uwserver.bench.moos_load"
+_SETTLE_S = 1.5
+
+_SCENARIO = """\
+schema = 1
+title = "bench moos"
+[world]
+rate_hz = {rate}
+[world.clock]
+speed = {speed}
+[server]
+metrics = false
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 20.0]
+[vehicles.rov.truth]
+rate_hz = 20
+[adapters.tcp]
+kind = "sockets"
+port = 0
+[adapters.moos]
+kind = "moosdb"
+port = 0
+truth = true
+[adapters.moos.bridge]
+publish = []
+[adapters.moos.bridge.nav]
+"""
+
+
+def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The moos part of the report.
+
+    Args:
+        quick: one short repeat of each.
+        say: gets a line of progress.
+
+    Raises:
+        BenchFailed: a process did not do its part.
+    """
+    warm()
+    repeats, seconds = (1, 0.5) if quick else (3, 3.0)
+    rates, nav, crowd, late, factors = list[float](), list[float](), list[float](), list[float](), list[float]()
+    with loading(_LOAD) as load:
+        for repeat in range(repeats):
+            say(f"moos: repeat {repeat + 1} of {repeats}")
+            with _serving(1.0) as traced:
+                place = {"address": traced.addresses["moos"], "trace": traced.trace, "rate_hz": RATE_HZ}
+                nav.append(load.ask("navigation", **place, seconds=max(seconds, 2.0))["p99_s"] * 1e3)
+                rates.append(load.ask("flow", **place, seconds=seconds)["per_s"])
+            with _serving(1.0) as traced:
+                place = {"address": traced.addresses["moos"]}
+                crowd.append(load.ask("crowd", **place, seconds=seconds, clients=CLIENTS, per_s=CROWD_PER_S)["per_s"])
+                late.append(lateness_p99_ms(traced.served))
+            with _serving(WARP) as traced:
+                place = {"address": traced.addresses["moos"], "trace": traced.trace, "rate_hz": RATE_HZ}
+                SystemTime().wait(_SETTLE_S, Event())
+                load.ask("navigation", **place, seconds=max(seconds, 2.0))
+                factors.append(float(traced.served.ask(STATUS)["value"]["real_time_factor"]))
+    return [
+        Row("moos", "doubles through the embedded MOOSDB, both ends here", "1/s", tuple(rates), at_least=FLOW_BAR),
+        Row("moos", "NAV_*: end of the tick to the client, p99", "ms", tuple(nav), at_most=NAV_P99_BAR_MS),
+        Row("moos", f"notifications to {CLIENTS} clients, of {CROWD_PER_S:g}/s", "1/s", tuple(crowd), at_least=CROWD_BAR),
+        Row("moos", "tick lateness p99 over that", "ms", tuple(late), at_most=LATENESS_BAR_MS),
+        Row("moos", f"real-time factor at warp {WARP:g}, NAV_* heard", "1", tuple(factors), at_least=0.99 * WARP),
+    ]  # fmt: skip
+
+
+@contextlib.contextmanager
+def _serving(speed: float) -> Iterator[Traced]:
+    """A vehicle, an embedded MOOSDB, and a trace of the ticks, on free loopback ports."""
+    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
+        scenario, trace = Path(folder) / "moos.toml", str(Path(folder) / "trace")
+        scenario.write_text(_SCENARIO.format(rate=RATE_HZ, speed=speed), encoding="utf-8")
+        command = [sys.executable, "-m", "uwserver.bench.traced", str(scenario), trace]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+            try:
+                assert process.stdout is not None
+                line = process.stdout.readline()
+                if not line:
+                    raise BenchFailed("the traced server did not start: see its message above")
+                addresses = json.loads(line)
+                host, _, port = addresses["tcp"].rpartition(":")
+                yield Traced(addresses, trace, Served(host, int(port), process.pid))
+            finally:
+                stop(process)

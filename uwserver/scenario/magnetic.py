@@ -1,0 +1,46 @@
+"""The magnetic field about the origin of N, from the World Magnetic Model; computed once, at load."""
+
+from __future__ import annotations
+
+from uwserver.environment.geodesy import latitude_longitude
+from uwserver.frames import Vec3
+from uwserver.units import deg
+
+WMM_YEARS = (2025, 2030)
+"""First year of the model in use, and the one that it no longer holds for."""
+_TESLA = 1e-9
+_STEP = 1000.0
+"""Distance (m) over which the gradient is taken."""
+
+
+def magnetic_about(latitude: float, longitude: float, year: float) -> tuple[Vec3, Vec3, Vec3, Vec3]:
+    """`Earth.magnetic` of the World Magnetic Model, at mean sea level.
+
+    Args:
+        latitude, longitude: of the origin, rad.
+        year: UTC, with its fraction; the model holds for 2025 to 2029.
+
+    Raises:
+        ValueError: the year is outside the model.
+    """
+    from pygeomag import GeoMag
+
+    model = GeoMag(coefficients_file="wmm/WMM_2025.COF")
+
+    def field(north: float, east: float, down: float) -> Vec3:
+        lat, lon = latitude_longitude(north, east, latitude, longitude)
+        found = model.calculate(glat=deg(lat), glon=deg(lon), alt=-down * 1e-3, time=year)
+        return found.x * _TESLA, found.y * _TESLA, found.z * _TESLA
+
+    at = field(0.0, 0.0, 0.0)
+    slopes = []
+    for axis in range(3):
+        ahead, behind = field(*_step(axis, _STEP)), field(*_step(axis, -_STEP))
+        slopes.append(tuple((a - b) / (2.0 * _STEP) for a, b in zip(ahead, behind, strict=True)))
+    return at, slopes[0], slopes[1], slopes[2]  # type: ignore[return-value]  # three components each
+
+
+def _step(axis: int, length: float) -> Vec3:
+    step = [0.0, 0.0, 0.0]
+    step[axis] = length
+    return step[0], step[1], step[2]

@@ -1,0 +1,80 @@
+"""Compound sensor: what several sensors of a vehicle read last, in one message, as an autopilot wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Protocol
+
+from msgspec import Meta, structs
+
+from uwserver.modifiers.base import Measurement
+from uwserver.ports import Field, Value
+from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.table import Name
+from uwserver.units import NANOSECONDS
+
+_AGE = Field("age", "s", "of the oldest reading in the message")
+
+
+class Latest(Protocol):
+    """A sensor as the compound sees it."""
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Of its port."""
+
+    @property
+    def held(self) -> tuple[bool, tuple[Value, ...]] | None:
+        """Validity and values of its last reading, errors included; None before the first."""
+
+    @property
+    def held_ns(self) -> int:
+        """When that was."""
+
+
+class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
+    """Several sensors in one message. It takes their readings as measured: its own `latency_s` counts, not theirs.
+
+    Attributes:
+        members: names of sensors of the vehicle, in the order of the message.
+    """
+
+    members: Annotated[tuple[Name, ...], Meta(min_length=1)]
+
+    def build(self, mount: Pose) -> Compound:
+        """The instrument, without its members: `Compound.join` adds them."""
+        return Compound(self)
+
+
+class Compound(Instrument):
+    """Measured after all other sensors of a tick, so that the message holds what is newest."""
+
+    fields: tuple[Field, ...] = (_AGE,)
+
+    def __init__(self, config: CompoundConfig) -> None:
+        self.members = config.members
+        self.doc = f"The last readings of {', '.join(config.members)} in one message; valid when all of them are."
+        self._parts: tuple[Latest, ...] = ()
+        super().__init__(Settings())
+
+    def join(self, parts: Mapping[str, Latest]) -> None:
+        """Take in the members; the fields are theirs, each with the member's name in front."""
+        self._parts = tuple(parts[name] for name in self.members)
+        fields = [_AGE]
+        for name, part in zip(self.members, self._parts, strict=True):
+            fields.append(Field(f"{name}_valid", "1", f"whether {name} could measure", type="bool"))
+            fields += [structs.replace(field, name=f"{name}_{field.name}") for field in part.fields]
+        self.fields = tuple(fields)
+
+    def sense(self, scope: Scope) -> Measurement | None:
+        """None until each member has measured once."""
+        values: list[Value] = []
+        oldest, valid = scope.t_ns, True
+        for part in self._parts:
+            if part.held is None:
+                return None
+            fine, read = part.held
+            oldest, valid = min(oldest, part.held_ns), valid and fine
+            values += [fine, *read]
+        return Measurement([(scope.t_ns - oldest) / NANOSECONDS, *values], valid)

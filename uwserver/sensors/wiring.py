@@ -1,0 +1,109 @@
+"""What instruments inside a vehicle are wired to: its thrusters, their supply, and what the hull touches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from uwserver.frames import Vec3
+from uwserver.physics.hydrodynamics import Hydrodynamics
+
+
+class Electric(NamedTuple):
+    """How a thruster draws power and turns: both follow from its thrust, as for any propeller at rest.
+
+    Attributes:
+        power: W per N**1.5 of open-water thrust.
+        speed: shaft speed, rad/s per sqrt(N).
+    """
+
+    power: float
+    speed: float
+
+
+class Touch(NamedTuple):
+    """One contact of the hull in the last tick.
+
+    Attributes:
+        other: row of the other body; -1 for what does not move.
+        point: m in N.
+        impulse: on this body, N s in N.
+    """
+
+    other: int
+    point: Vec3
+    impulse: Vec3
+
+
+class Wiring:
+    """The rows of one vehicle that its own instruments read; the battery alone writes, the supply voltage."""
+
+    def __init__(
+        self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], electrics: Mapping[str, Electric]
+    ) -> None:
+        """Args:
+        hydro: arrays of the world.
+        row: of the body.
+        thrusters: rows by name.
+        electrics: of the thrusters whose device file has them.
+        """
+        self._hydro = hydro
+        self._row = row
+        self._thrusters = dict(thrusters)
+        self._electrics = dict(electrics)
+        self._wired = np.array([thrusters[name] for name in electrics], dtype=np.int64)
+
+    @property
+    def electrics(self) -> Mapping[str, Electric]:
+        """Thrusters of which power and speed are known."""
+        return self._electrics
+
+    def _thrust(self, row: int) -> float:
+        """Open-water thrust of a row at rest, N: after the lag, before inflow and installation."""
+        thruster = self._hydro.thrusters[row]
+        lag = self._hydro.lags[int(thruster["lag"])]
+        force = float(lag["C"] @ thruster["x"] + lag["D"] * thruster["demand"]) * float(thruster["efficiency"])
+        return force / float(thruster["installed"])
+
+    def shaft_speed(self, name: str) -> float:
+        """rad/s of a thruster, signed as its thrust."""
+        thrust = self._thrust(self._thrusters[name])
+        return math.copysign(self._electrics[name].speed * math.sqrt(abs(thrust)), thrust)
+
+    def power(self) -> float:
+        """Electric power that all thrusters draw, W."""
+        return math.fsum(
+            electric.power * math.pow(abs(self._thrust(self._thrusters[name])), 1.5)
+            for name, electric in self._electrics.items()
+        )
+
+    @property
+    def voltage(self) -> float:
+        """Supply of the first wired thruster, V; 0 without any."""
+        return float(self._hydro.thrusters["voltage"][self._wired[0]]) if len(self._wired) else 0.0
+
+    def supply(self, voltage: float) -> None:
+        """Set the supply of the wired thrusters, V; 0 stops them."""
+        rows = self._hydro.thrusters
+        rows["voltage"][self._wired] = voltage
+        rows["fresh"][self._wired] = 1
+        if voltage == 0.0:
+            rows["efficiency"][self._wired] = 0.0
+
+    def touches(self) -> list[Touch]:
+        """Contacts of the last tick that carry an impulse, the strongest first."""
+        contacts, impulses = self._hydro.touched
+        found = []
+        for k in range(len(impulses)):
+            a, b = int(contacts.body_a[k]), int(contacts.body_b[k])
+            if self._row not in (a, b):
+                continue
+            sign = 1.0 if a == self._row else -1.0
+            ix, iy, iz = (sign * float(component) for component in impulses[k])
+            px, py, pz = contacts.point[k].tolist()
+            if ix or iy or iz:
+                found.append(Touch(b if a == self._row else a, (px, py, pz), (ix, iy, iz)))
+        return sorted(found, key=lambda touch: -math.hypot(*touch.impulse))
