@@ -6,6 +6,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         touching.settle,
         flow.fill_flows,
         flow.water_at,
-        *_solid_kernels(),
+        *solid_kernels(),
     )
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
 
@@ -92,8 +93,13 @@ class _Underfoot:
         return Contacts(row, row - 1, point, np.array([[0.0, 0.0, -1.0]]), 0.0 * one, row, 0.5 * one, 0.5 * one)
 
 
-def _solid_kernels() -> tuple[Any, ...]:
-    """Those of contacts and rays, run once; none without the extra `solid`."""
+@cache
+def solid_kernels() -> tuple[Any, ...]:
+    """Those of contacts and rays, run once so that no tick waits for them; none without the extra `solid`.
+
+    Raises:
+        RuntimeError: they find nothing where something is.
+    """
     try:
         from uwserver.physics.rays import Rays
         from uwserver.physics.solids import Solids

@@ -32,8 +32,11 @@ def physics_rate(rate_hz: float) -> Fraction:
 
 def build_scene(world: World, resolved: Resolved) -> None:
     """Give a world the solid things of its scenario that never move."""
-    from uwserver.physics.scene import Scene  # the engines, which a world without anything solid does not need
+    # The engines, which a world without anything solid does not need.
+    from uwserver.physics.scene import Scene
+    from uwserver.physics.warm import solid_kernels
 
+    solid_kernels()
     scene = Scene(lambda: world.hydro.state)
     for solid in resolved.static.values():
         scene.add_static(solid)
