@@ -63,14 +63,13 @@ origin_deg = [43.8253, -70.3304]
 {commands}"""
 
 
-HULLS = {
-    # A light AUV whose propeller, rudder and elevator are forces and moments on the hull.
+HULLS = {  # as docs/how-to/moos.md has them
+    # Fins: top, starboard, bottom, port.
     "lauv": """
-DESIRED_THRUST = [{ port = "wrench", field = "force_B", full = [50.0, 0.0, 0.0] }]
-DESIRED_RUDDER = [{ port = "wrench", field = "torque_B", full = [0.0, 0.0, 10.0] }]
-DESIRED_ELEVATOR = [{ port = "wrench", field = "torque_B", full = [0.0, -40.0, 0.0] }]
+DESIRED_THRUST = [{ port = "propeller", field = "speed_radps", full = 395.0 }]
+DESIRED_RUDDER = [{ port = "fins", field = "angle_rad", full_deg = [100.0, 0.0, 100.0, 0.0], limit = 20.0 }]
+DESIRED_ELEVATOR = [{ port = "fins", field = "angle_rad", full_deg = [0.0, 100.0, 0.0, 100.0], limit = 20.0 }]
 """,
-    # Real fins and a real propeller, as docs/how-to/moos.md has them.
     "remus100": """
 DESIRED_THRUST = [{ port = "propeller", field = "speed_radps", full = 312.0 }]
 DESIRED_RUDDER = [{ port = "rudder", field = "angle_rad", full_deg = 100.0 }]
@@ -458,9 +457,8 @@ def test_s10_juliet_holds_its_depths(run, watch, warp, hull):
 @pytest.mark.parametrize("hull", HULLS)
 @pytest.mark.parametrize("warp", [20])
 def test_s4_delta_holds_its_depths(run, watch, warp, hull):
-    """Two depths that its operator's buttons would ask for, while it loiters; it does not come up for a fix of a GPS that it has not."""
-    depths = (7.0, 4.0)
-    watcher = dive(run, watch, "s4_delta", warp, hull, "PSURFACE=false", f"DEPTH_VALUE=depth={depths[0]:g}")
-    holds(watcher, depths[0], warp, 40.0)
-    watcher.notify(1e12, DEPTH_VALUE=f"depth={depths[1]:g}")
-    holds(watcher, depths[1], warp, 40.0)
+    """It loiters at its greatest depth, 7 m of the 50 that it would like to have, and comes up as if for a GPS fix when it may."""
+    watcher = dive(run, watch, "s4_delta", warp, hull, "PSURFACE=false")
+    holds(watcher, 7.0, warp, 40.0)
+    run.moos("uPokeDB", run.folder / "delta.moos", "PSURFACE=true")
+    holds(watcher, 0.0, warp, 20.0)
