@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
+import uuid
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -20,6 +25,37 @@ from uwserver.world import World
 # would wait for ever.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+MARK = "UWSERVER_TEST_RUN"
+"""Environment variable of all that a run of the tests starts, and of what these start."""
+
+UNDERTAKER = """
+import os, signal, sys, time
+sys.stdin.read()  # ends with pytest, however that ends
+mark, seen = sys.argv[1].encode(), True
+while seen:  # again, as long as one may have started another meanwhile
+    seen = False
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{name}/environ", "rb") as file, open(f"/proc/{name}/stat", "rb") as stat:
+                theirs = mark in file.read() and b") Z " not in stat.read()
+            if theirs and int(name) != os.getpid():
+                seen = True
+                os.kill(int(name), signal.SIGKILL)
+        except OSError:
+            pass
+    time.sleep(0.05)
+"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Nothing that a test started outlives the run, even where pytest is killed and no fixture ends: a process outside its group sees to it."""
+    # Workers of pytest-xdist belong to the run that started them.
+    if MARK not in os.environ and Path("/proc/self").is_dir():
+        os.environ[MARK] = uuid.uuid4().hex
+        command = [sys.executable, "-I", "-S", "-c", UNDERTAKER, f"{MARK}={os.environ[MARK]}"]
+        undertaker = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+        config.add_cleanup(lambda: undertaker.communicate() and None)
 
 
 def small_scenario(rate_hz: float = 240.0, seed: int = 5, vehicles: int = 1) -> Resolved:

@@ -39,43 +39,53 @@ needs_missions = pytest.mark.skipif(
     reason="UWSERVER_MOOS_BIN is not set, or has no ivp/missions beside it",
 )
 
-# A light AUV whose propeller, rudder and elevator are forces and moments on the hull.
 SCENARIO = """
 schema = 1
 [world.clock]
 speed = {warp}
 [vehicles.auv]
-model = "lauv"
+model = "{hull}"
 position_ned_m = [-20, 0, {depth}]
 attitude_rpy_deg = [0, 0, 180]
 [vehicles.auv.truth]
 rate_hz = 20
 [server]
 metrics = false
-"""
-BRIDGE = """
+[adapters.moos]
+kind = "{kind}"
+truth = true
+{settings}
 vehicle = "auv"
 publish = ["auv/depth"]
 [{table}.nav]
 origin_deg = [43.8253, -70.3304]
 [{table}.commands]
-DESIRED_THRUST = [{{ port = "wrench", field = "force_B", full = [50.0, 0.0, 0.0] }}]
-DESIRED_RUDDER = [{{ port = "wrench", field = "torque_B", full = [0.0, 0.0, 10.0] }}]
-DESIRED_ELEVATOR = [{{ port = "wrench", field = "torque_B", full = [0.0, -40.0, 0.0] }}]
-"""
+{commands}"""
 
 
-def client_table(port: int) -> str:
-    return (
-        f'[adapters.moos]\nkind = "moos"\ntruth = true\n[adapters.moos.communities.alpha]\nport = {port}'
-        + BRIDGE.format(table="adapters.moos.communities.alpha")
-    )
+HULLS = {  # as docs/how-to/moos.md has them
+    # Fins: top, starboard, bottom, port.
+    "lauv": """
+DESIRED_THRUST = [{ port = "propeller", field = "speed_radps", full = 395.0 }]
+DESIRED_RUDDER = [{ port = "fins", field = "angle_rad", full_deg = [100.0, 0.0, 100.0, 0.0], limit = 20.0 }]
+DESIRED_ELEVATOR = [{ port = "fins", field = "angle_rad", full_deg = [0.0, 100.0, 0.0, 100.0], limit = 20.0 }]
+""",
+    "remus100": """
+DESIRED_THRUST = [{ port = "propeller", field = "speed_radps", full = 312.0 }]
+DESIRED_RUDDER = [{ port = "rudder", field = "angle_rad", full_deg = 100.0 }]
+DESIRED_ELEVATOR = [{ port = "stern_planes", field = "angle_rad", full_deg = 100.0 }]
+""",
+}
 
 
-def database_table(port: int) -> str:
-    return (
-        f'[adapters.moos]\nkind = "moosdb"\ntruth = true\nport = {port}\ncommunity = "alpha"\n[adapters.moos.bridge]'
-        + BRIDGE.format(table="adapters.moos.bridge")
+def scenario(port: int, kind: str = "moosdb", warp: float = 1.0, depth: float = 5.0, hull: str = "lauv") -> str:
+    """One vehicle, and MOOS: `moos` joins a MOOSDB, `moosdb` is one."""
+    if kind == "moos":
+        table, settings = "adapters.moos.communities.alpha", f"[adapters.moos.communities.alpha]\nport = {port}"
+    else:
+        table, settings = "adapters.moos.bridge", f'port = {port}\ncommunity = "alpha"\n[adapters.moos.bridge]'
+    return SCENARIO.format(
+        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=HULLS[hull]
     )
 
 
@@ -268,7 +278,7 @@ print("HEARD" + json.dumps(heard))
 @needs_pymoos
 def test_pymoos_talks_with_our_database(run, watch):
     port = free_port()
-    run.serve(SCENARIO.format(warp=1, depth=5) + database_table(port))
+    run.serve(scenario(port))
     watcher = watch(port, "DESIRED_THRUST", "DB_CLIENTS", "NAV_SPEED")
     done = subprocess.run([PYMOOS, "-c", PROBE, str(port)], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -292,7 +302,7 @@ def test_pymoos_talks_with_our_database(run, watch):
 @needs_moos
 def test_poke_and_query_our_database(run, watch):
     port = free_port()
-    run.serve(SCENARIO.format(warp=1, depth=5) + database_table(port))
+    run.serve(scenario(port))
     mission = moos_file(run.folder, port)
     watcher = watch(port, "DESIRED_THRUST", "UWSERVER_REPLY", "NOTE")
     poke = run.moos("uPokeDB", mission, "DESIRED_THRUST=40", "NOTE=hello", "UWSERVER_CALL=7 world/pause")
@@ -310,7 +320,7 @@ def test_poke_and_query_our_database(run, watch):
 def test_our_client_in_their_database(run, watch):
     """Any start order, a restart of MOOSDB, and back within two seconds."""
     port = free_port()
-    run.serve(SCENARIO.format(warp=1, depth=5) + client_table(port))
+    run.serve(scenario(port, "moos"))
     for _ in range(2):
         served = database(run, port)
         watcher = watch(port, "NAV_DEPTH", "AUV_DEPTH_DEPTH", "NAV_SPEED", "UWSERVER_REPLY")
@@ -330,7 +340,7 @@ def test_stopped_for_ten_seconds_and_back(run, watch):
     """A server that was stopped is thrown out by MOOSDB; it joins again, and nothing jumps."""
     port = free_port()
     database(run, port)
-    server = run.serve(SCENARIO.format(warp=1, depth=5) + client_table(port))
+    server = run.serve(scenario(port, "moos"))
     watcher = watch(port, "NAV_DEPTH", "UWSERVER_TIME", "DB_EVENT")
     before = watcher.until(lambda v: v.get("UWSERVER_TIME"), "samples")
     server.send_signal(signal.SIGSTOP)
@@ -371,20 +381,21 @@ def deploy(run: Processes, watcher: Watcher, mission: Path, *more: str) -> None:
             watcher.read()
 
 
+WARPS = [pytest.param(1, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow), 10, 20]
+
+
 @needs_missions
+@pytest.mark.parametrize("hull", HULLS)
 @pytest.mark.parametrize("kind", ["moosdb", "moos"])
-@pytest.mark.parametrize(
-    "warp", [pytest.param(1, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow), 10, 20]
-)
-def test_s1_alpha_completes(run, watch, kind, warp):
-    """An unmodified helm and autopilot drive a hydrodynamic hull round five waypoints and back."""
+@pytest.mark.parametrize("warp", WARPS)
+def test_s1_alpha_completes(run, watch, kind, warp, hull):
+    """An unmodified helm and autopilot drive a hydrodynamic hull round five waypoints and back, with the mission's gains."""
     port = free_port()
     mission = prepared(run, "s1_alpha", "alpha.moos", port, warp)
     if kind == "moos":
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
-    table = database_table(port) if kind == "moosdb" else client_table(port)
-    run.serve(SCENARIO.format(warp=warp, depth=0) + table)
-    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME")
+    run.serve(scenario(port, kind, warp, 0.0, hull))
+    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "NAV_SPEED", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME")
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter", "uProcessWatch"):
         run.moos(program, mission)
     watcher.until(lambda v: {"IVPHELM_STATE", "DESIRED_THRUST"} <= v.keys(), "helm and autopilot")
@@ -392,46 +403,62 @@ def test_s1_alpha_completes(run, watch, kind, warp):
     deploy(run, watcher, mission)
     watcher.until(lambda v: v.get("MISSION") == "complete", "the mission", 1000.0 / warp + 60.0)
     v = watcher.values
-    print(
-        f"s1_alpha, {kind}, warp {warp}: {v['UWSERVER_TIME'] - begin:.0f} s, end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f})"
-    )
+    took = v["UWSERVER_TIME"] - begin
+    print(f"s1_alpha, {hull}, {kind}, warp {warp}: {took:.0f} s, end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f})")
     assert (v["NAV_X"] ** 2 + (v["NAV_Y"] + 20.0) ** 2) ** 0.5 < 10.0
 
 
-@needs_missions
-@pytest.mark.parametrize("warp", [10])
-def test_s10_juliet_holds_its_depths(run, watch, warp):
-    """The mission goes to 40, 30 and 20 m; each is reached within 1 m. Its helm and gains are unchanged; simulator and autopilot are today's."""
+def dive(run: Processes, watch: Callable[..., Watcher], name: str, warp: float, hull: str, *more: str) -> Watcher:
+    """A mission of a submarine, under way. Its helm and gains are unchanged; simulator and autopilot are today's."""
     port = free_port()
-    mission = prepared(run, "s10_juliet", "juliet.moos", port, warp)
+    file = f"{name.partition('_')[2]}.moos"
+    mission = prepared(run, name, file, port, warp)
     mission.write_text(
         re.sub(r"(?m)^ProcessConfig = pMarinePID\b", "ProcessConfig = pMarinePIDV22", mission.read_text())
     )
-    run.serve(SCENARIO.format(warp=warp, depth=0) + database_table(port))
-    watcher = watch(
-        port,
-        "NAV_DEPTH",
-        "NAV_PITCH",
-        "NAV_SPEED",
-        "DESIRED_DEPTH",
-        "DESIRED_ELEVATOR",
-        "IVPHELM_STATE",
-        "UWSERVER_TIME",
-    )
+    run.serve(scenario(port, warp=warp, depth=0.0, hull=hull))
+    watcher = watch(port, "NAV_DEPTH", "DESIRED_DEPTH", "DESIRED_ELEVATOR", "IVPHELM_STATE", "UWSERVER_TIME")
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):
         run.moos(program, mission)
     watcher.until(lambda v: "IVPHELM_STATE" in v and "DESIRED_ELEVATOR" in v, "helm and autopilot")
-    deploy(run, watcher, mission, "GOTO_DEPTH=true")
+    deploy(run, watcher, mission, *more)
+    return watcher
+
+
+def holds(watcher: Watcher, depth: float, warp: float, hold_s: float) -> None:
+    """The helm wants a depth; it is reached, and `hold_s` of simulation later the vehicle is within 1 m of it."""
+    watcher.until(lambda v: v.get("DESIRED_DEPTH") == depth, f"the helm wants {depth:g} m", 1000.0 / warp)
+    watcher.until(lambda v: abs(v["NAV_DEPTH"] - depth) < 0.5, f"{depth:g} m are reached", 1000.0 / warp)
+    reached = watcher.values["UWSERVER_TIME"]
+    farthest = 0.0
+
+    def held(values: dict[str, Any]) -> bool:
+        nonlocal farthest
+        if values["UWSERVER_TIME"] > reached + 0.5 * hold_s:
+            farthest = max(farthest, abs(values["NAV_DEPTH"] - depth))
+        return bool(values["UWSERVER_TIME"] > reached + hold_s)
+
+    watcher.until(held, f"{depth:g} m are held", 5.0 * hold_s / warp + PATIENCE_S)
+    print(f"{depth:g} m at {reached:.0f} s, then within {farthest:.2f} m")
+    assert farthest < 1.0
+
+
+@needs_missions
+@pytest.mark.parametrize("hull", HULLS)
+@pytest.mark.parametrize("warp", [20])
+def test_s10_juliet_holds_its_depths(run, watch, warp, hull):
+    """The mission goes to 40, 30 and 20 m and holds each for 45 or 60 s."""
+    watcher = dive(run, watch, "s10_juliet", warp, hull, "GOTO_DEPTH=true")
     for depth in (40.0, 30.0, 20.0):
-        watcher.until(
-            lambda v, depth=depth: v.get("DESIRED_DEPTH") == depth, f"the helm wants {depth} m", 1000.0 / warp
-        )
-        watcher.until(lambda v, depth=depth: abs(v["NAV_DEPTH"] - depth) < 0.5, f"{depth} m are reached", 1000.0 / warp)
-        print(f"s10_juliet: {depth} m at {watcher.values['UWSERVER_TIME']:.0f} s")
-        settled = watcher.values["UWSERVER_TIME"] + 40.0
-        watcher.until(
-            lambda v, settled=settled: v["UWSERVER_TIME"] > settled,
-            "forty seconds more, of the 45 or 60 that it holds each",
-        )
-        print(f"s10_juliet: then {watcher.values['NAV_DEPTH']:.2f} m")
-        assert abs(watcher.values["NAV_DEPTH"] - depth) < 1.0
+        holds(watcher, depth, warp, 40.0)
+
+
+@needs_missions
+@pytest.mark.parametrize("hull", HULLS)
+@pytest.mark.parametrize("warp", [20])
+def test_s4_delta_holds_its_depths(run, watch, warp, hull):
+    """It loiters at its greatest depth, 7 m of the 50 that it would like to have, and comes up as if for a GPS fix when it may."""
+    watcher = dive(run, watch, "s4_delta", warp, hull, "PSURFACE=false")
+    holds(watcher, 7.0, warp, 40.0)
+    run.moos("uPokeDB", run.folder / "delta.moos", "PSURFACE=true")
+    holds(watcher, 0.0, warp, 20.0)

@@ -1,24 +1,31 @@
 """One seeded run, every transport on: each tells the same samples, and these are what the world itself made.
 
-docs/reference/transports.md says how far a wire may round; a later one (MAVLink, MOOS) is one more entry of WIRES with its own `expected`.
+docs/reference/transports.md says how far a wire may round; a later one (MAVLink) is one more entry of WIRES with its own `expected`. MOOS tells
+no samples but variables, one a component: these are compared one by one.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib.util
+import itertools
+import json
+import math
+import re
+import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pytest
+from uwserver_adapters.moos import wire as moos
 
 from uwserver.adapter import installed_adapters
 from uwserver.bench.processes import serving
 from uwserver.bench.wires import Message, Peer, ZenohPeer, ask, connect
-from uwserver.ports import Sample
+from uwserver.ports import Field, Sample
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 
@@ -67,6 +74,17 @@ port = 0
 udp_port = 0
 truth = true
 queue_samples = 4096
+
+[adapters.moosdb]
+kind = "moosdb"
+port = 0
+truth = true
+client_timeout_s = 120.0
+
+[adapters.moos_text]
+kind = "moos_text"
+port = 0
+truth = true
 """
 ZENOH = """
 [adapters.zenoh_json]
@@ -117,6 +135,78 @@ WIRES: Mapping[str, Wire] = {
 }
 
 
+class Teller(Protocol):
+    """Hears all variables of MOOS."""
+
+    def receive(self, timeout_s: float) -> list[tuple[str, float | str]]:
+        """Names and values, in the order in which they came."""
+
+    def close(self) -> None: ...
+
+
+class MoosTeller:
+    """A client of the embedded MOOSDB."""
+
+    def __init__(self, address: str) -> None:
+        host, _, port = address.rpartition(":")
+        self._socket = socket.create_connection((host, int(port)), PATIENCE_S)
+        self._decoder = moos.Decoder()
+        hello = moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"teller", kind=moos.STRING)
+        asked = moos.Message(
+            moos.WILDCARD_REGISTER, "teller", data=b"AppPattern=*,VarPattern=*,Interval=0", kind=moos.STRING
+        )
+        self._socket.sendall(moos.HELLO + b"".join(moos.packet([moos.encode(said)]) for said in (hello, asked)))
+
+    def receive(self, timeout_s: float) -> list[tuple[str, float | str]]:
+        self._socket.settimeout(timeout_s)
+        with contextlib.suppress(TimeoutError):
+            self._decoder.receive(self._socket.recv(1 << 20))
+        found: list[tuple[str, float | str]] = []
+        while isinstance(event := self._decoder.next_event(), moos.Packet):
+            found += [(said.key, said.value) for said in event.messages if said.type == moos.NOTIFY]
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class TextTeller:
+    """A user of the text bridge."""
+
+    def __init__(self, address: str) -> None:
+        host, _, port = address.rpartition(":")
+        self._socket = socket.create_connection((host, int(port)), PATIENCE_S)
+        self._socket.sendall(b"SUBSCRIBE *\n")
+        self._rest = b""
+
+    def receive(self, timeout_s: float) -> list[tuple[str, float | str]]:
+        self._socket.settimeout(timeout_s)
+        with contextlib.suppress(TimeoutError):
+            self._rest += self._socket.recv(1 << 20)
+        *lines, self._rest = self._rest.split(b"\n")
+        pairs = (line.decode().partition("=") for line in lines if b"=" in line)
+        return [(name, json.loads(value)) for name, _, value in pairs]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+TELLERS: Mapping[str, Callable[[Mapping[str, Any]], Teller]] = {
+    "MOOS": lambda adapters: MoosTeller(adapters["moosdb"]["address"]),
+    "MOOS text lines": lambda adapters: TextTeller(adapters["moos_text"]["address"]),
+}
+Variables = dict[str, list[tuple[float, float | str]]]
+"""Of each variable: simulation time (s) and value, in their order."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What came over each wire."""
+
+    messages: dict[str, list[Message]]
+    variables: dict[str, list[tuple[str, float | str]]]
+
+
 def commands(turn: int) -> dict[str, list[float]]:
     push = 0.1 + 0.05 * turn
     return {"one/thrusters": [push, push, -push, -push, 0.3, 0.3, 0.3, 0.3], "two/thrusters": [push] * 4 + [-0.2] * 2}
@@ -130,22 +220,23 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(scenario: Path) -> tuple[list[Sample], Mapping[str, list[str]]]:
-    """The samples of the world alone, and the names of the fields of each port."""
+def made(scenario: Path) -> tuple[list[Sample], Mapping[str, tuple[Field, ...]]]:
+    """The samples of the world alone, and the fields of each port."""
     world = build(load(scenario, adapters=installed_adapters()))
     samples: list[Sample] = []
     for turn in range(ROUNDS):
         for port, u in commands(turn).items():
             world.command(port, u=u)
         samples += world.step(TICKS)
-    return samples, {path: [field.name for field in port.fields] for path, port in world.ports.items()}
+    return samples, {path: port.fields for path, port in world.ports.items()}
 
 
 @pytest.fixture(scope="module")
-def heard(scenario: Path, made: tuple[list[Sample], Any]) -> dict[str, list[Message]]:
+def heard(scenario: Path, made: tuple[list[Sample], Any]) -> Heard:
     """What came over each wire, all of them listening at once."""
-    with serving(scenario) as served, _everybody(f"{served.host}:{served.port}") as (driver, peers):
+    with serving(scenario) as served, _everybody(f"{served.host}:{served.port}") as (driver, peers, tellers):
         everything: dict[str, list[Message]] = {name: [] for name in peers}
+        variables: dict[str, list[tuple[str, float | str]]] = {name: [] for name in tellers}
         for name, peer in peers.items():
             ask(peer, "subscribe", seen=everything[name], pattern="**")
         for turn in range(ROUNDS):
@@ -154,13 +245,20 @@ def heard(scenario: Path, made: tuple[list[Sample], Any]) -> dict[str, list[Mess
             ask(driver, "step", PATIENCE_S, n=TICKS)
             for name, peer in peers.items():
                 everything[name] += peer.receive(0.2)
+            for name, teller in tellers.items():
+                variables[name] += teller.receive(0.2)
         for name, peer in peers.items():
             _complete(peer, everything[name], len(made[0]))
-        return everything
+        for name, teller in tellers.items():
+            while more := teller.receive(1.0):
+                variables[name] += [pair for pair in more if not pair[0].startswith("DB_")]
+                if not variables[name] or variables[name][-1] == ("UWSERVER_TIME", made[0][-1].t_sent_ns / 1e9):
+                    break
+        return Heard(everything, variables)
 
 
 @contextlib.contextmanager
-def _everybody(address: str) -> Iterator[tuple[Peer, dict[str, Peer]]]:
+def _everybody(address: str) -> Iterator[tuple[Peer, dict[str, Peer], dict[str, Teller]]]:
     with contextlib.ExitStack() as stack:
         driver = stack.enter_context(contextlib.closing(connect("TCP JSON", address)))
         adapters = ask(driver, "call", service="world/status")["value"]["adapters"]
@@ -168,7 +266,10 @@ def _everybody(address: str) -> Iterator[tuple[Peer, dict[str, Peer]]]:
         for name, wire in WIRES.items():
             if HAS_ZENOH or "zenoh" not in name:
                 peers[name] = stack.enter_context(contextlib.closing(wire.connect(adapters)))
-        yield driver, peers
+        tellers: dict[str, Teller] = {}
+        for name, make in TELLERS.items():
+            tellers[name] = stack.enter_context(contextlib.closing(make(adapters)))
+        yield driver, peers, tellers
 
 
 def _complete(peer: Peer, messages: list[Message], count: int) -> None:
@@ -190,22 +291,72 @@ def told(messages: list[Message]) -> Story:
     return story
 
 
-def expected(made: tuple[list[Sample], Mapping[str, list[str]]], wire: Wire) -> Story:
-    samples, names = made
+def expected(made: tuple[list[Sample], Mapping[str, tuple[Field, ...]]], wire: Wire) -> Story:
+    samples, fields = made
     return {
         (s.port, s.seq): (
             s.t_ns, s.t_sent_ns, s.valid,
-            {name: wire.expected(value) for name, value in zip(names[s.port], s.value, strict=True)},
+            {field.name: wire.expected(value) for field, value in zip(fields[s.port], s.value, strict=True)},
         )
         for s in samples
     }  # fmt: skip
 
 
+def words(port: str, field: Field) -> list[str]:
+    """Variables of a field, by the rules of docs/how-to/moos.md."""
+    name = re.sub(r"\W", "_", f"{port}_{field.name}").upper()
+    if not field.shape:
+        return [name]
+    if field.is_rotation:
+        return [f"{name}_{word}" for word in "WXYZ"]
+    return [f"{name}_{word}" for word in ("XYZ" if field.shape == (3,) and field.frame else range(field.size))]
+
+
+def expected_variables(made: tuple[list[Sample], Mapping[str, tuple[Field, ...]]]) -> Variables:
+    samples, fields = made
+    expected: Variables = {}
+    was_valid: dict[str, bool] = {}
+    for s in samples:
+        values: list[tuple[str, object]] = []
+        if was_valid.get(s.port, True) != s.valid:
+            values.append((re.sub(r"\W", "_", f"{s.port}_valid").upper(), str(s.valid).lower()))
+        was_valid[s.port] = s.valid
+        for field, value in zip(fields[s.port], s.value, strict=True):
+            values += zip(
+                words(s.port, field), value if isinstance(value, tuple) else itertools.repeat(value), strict=False
+            )
+        for name, number in values:
+            if isinstance(number, bool):
+                number = str(number).lower()
+            if number is not None and not (isinstance(number, float) and not math.isfinite(number)):
+                expected.setdefault(name, []).append((s.t_sent_ns / 1e9, number))  # type: ignore[arg-type]
+    return expected
+
+
+@pytest.mark.parametrize("name", TELLERS)
+def test_moos_tells_each_number_exactly(heard, made, name):
+    """No quantisation: f64 as it is. Not told are `seq` and the time of the measurement; `UWSERVER_TIME`, that of sending, ends each packet."""
+    story: Variables = {}
+    untimed: list[tuple[str, float | str]] = []
+    for variable, value in heard.variables[name]:
+        if variable == "UWSERVER_TIME":
+            for key, number in untimed:
+                story.setdefault(key, []).append((float(value), number))
+            untimed.clear()
+        elif variable.startswith(("ONE_", "TWO_")):
+            untimed.append((variable, value))
+    truth = expected_variables(made)
+    assert story.keys() == truth.keys()
+    for key, values in truth.items():
+        assert story[key] == values, key
+    assert any(key.endswith("_VALID") for key in truth)
+
+
 @pytest.mark.parametrize("name", WIRES)
 def test_every_wire_tells_what_the_world_made(heard, made, name):
-    if name not in heard:
+    if name not in heard.messages:
         pytest.skip("eclipse-zenoh is not installed")
-    story, truth = told(heard[name]), expected(made, WIRES[name])
+    story, truth = told(heard.messages[name]), expected(made, WIRES[name])
     assert story.keys() == truth.keys()
     different = [key for key in truth if story[key] != truth[key]]
     assert not different, f"{different[0]}: {story[different[0]]} instead of {truth[different[0]]}"
@@ -213,7 +364,7 @@ def test_every_wire_tells_what_the_world_made(heard, made, name):
 
 def test_the_order_of_each_port_is_kept(heard, made):
     order = [(s.port, s.seq) for s in made[0]]
-    for name, messages in heard.items():
+    for name, messages in heard.messages.items():
         came = list(told(messages))
         for port in {port for port, _ in order}:
             mine = [key for key in came if key[0] == port]
