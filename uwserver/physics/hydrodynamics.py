@@ -258,6 +258,8 @@ class Hydrodynamics:
     def load_kernels(self) -> None:
         """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
         nothing = Hydrodynamics((), self.dt)
+        # Kernels with and without appendages are compiled apart.
+        nothing.fitted = self.fitted and layout.Fitted(*(rows[:0] for rows in self.fitted))
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)
         if self.collider is not None:

@@ -31,7 +31,7 @@ _APPENDAGES = Appendages(
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Run each path of the kernels once, which compiles what the cache lacks; some 90 s when it lacks everything.
+    """Run each path of the kernels once, which compiles what the cache lacks; some two minutes when it lacks everything.
 
     Args:
         say: gets a line of progress before each part.
@@ -61,10 +61,11 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         if failed >= 0 or not np.isfinite(nu_dot).all():
             raise RuntimeError(f"the kernels gave a state that is not finite ({name}): reinstall numpy and numba")
     say("kernels: in contact")
-    gentle.collider = _Underfoot()
-    if gentle.advance(0.0) >= 0 or not len(gentle.touched.impulse):
-        raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
-    gentle.collider = None
+    for world in (gentle, fitted):
+        world.collider = _Underfoot()
+        if world.advance(0.0) >= 0 or not len(world.touched.impulse):
+            raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
+        world.collider = None
     say("kernels: waves")
     sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
     gentle.sea = sea

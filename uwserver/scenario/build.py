@@ -39,8 +39,8 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     world.lambert = lambert(resolved.materials)
     if resolved.is_solid:
         build_scene(world, resolved)
-    hydro.load_kernels()
     Population(world, resolved).begin()
+    hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
         world.faults.set(name, fault, world.tick)

@@ -88,6 +88,7 @@ class Population:
             raise Refused("bad_argument", f'"{name}" would begin inside {obstacle}: choose another place', "p_NB")
         world.set_members([*world.members.values(), member])
         world.set_current(world.water.current)
+        world.hydro.load_kernels()
 
     def remove(self, name: str) -> None:
         """Take a body and its components out; its faults are cleared, its samples on their way are lost.

@@ -56,6 +56,23 @@ def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
     assert [len(kernel.signatures) for kernel in kernels] == before == [2, 2]  # with and without appendages
 
 
+SLOPE = """
+import uwserver
+from uwserver.physics import integrator, near, touch, touching
+kernels = integrator.advance, touching.strike, touching.settle, near.move, near.near_pairs, touch.collect
+world = uwserver.load("slope")
+loaded = [len(kernel.signatures) for kernel in kernels]
+world.step(30)
+print(loaded == [len(kernel.signatures) for kernel in kernels], len(world.hydro.touched.impulse) > 0)
+"""
+
+
+def test_no_tick_waits_for_a_kernel_where_fins_and_contacts_meet() -> None:
+    """In a process of its own: what an earlier test loaded would hide it."""
+    done = subprocess.run([sys.executable, "-c", SLOPE], capture_output=True, text=True, timeout=300)
+    assert done.stdout.split()[-2:] == ["True", "True"], done.stderr
+
+
 def test_a_finished_cache_serves_where_nothing_can_be_written(finished: Path) -> None:
     files = sorted((path, path.stat().st_mtime_ns) for path in finished.rglob("*"))
     assert all(any(path.name.startswith(kernel) for path, _ in files) for kernel in ENTRY_KERNELS)
