@@ -76,16 +76,33 @@ DESIRED_RUDDER = [{ port = "rudder", field = "angle_rad", full_deg = 100.0 }]
 DESIRED_ELEVATOR = [{ port = "stern_planes", field = "angle_rad", full_deg = 100.0 }]
 """,
 }
+PERCENT = """
+DESIRED_THRUST = [{ port = "propeller", field = "speed_radps", full = 159.7 }]
+DESIRED_RUDDER = [{ port = "rudder", field = "angle_rad", full_deg = 15.0 }]
+DESIRED_ELEVATOR = [{ port = "stern_planes", field = "angle_rad", full_deg = 15.0 }]
+"""
+"""Of the REMUS 100, as percentages of what its actuators can do; `GAINS` fit."""
+GAINS = {
+    "speed_factor": "39",
+    "yaw_pid_kp": "6.0",
+    "yaw_pid_kd": "2.0",
+    "yaw_pid_ki": "2.0",
+    "pitch_pid_kp": "10.0",
+    "pitch_pid_kd": "6.7",
+    "maxelevator": "100",
+}
 
 
-def scenario(port: int, kind: str = "moosdb", warp: float = 1.0, depth: float = 5.0, hull: str = "lauv") -> str:
+def scenario(
+    port: int, kind: str = "moosdb", warp: float = 1.0, depth: float = 5.0, hull: str = "lauv", commands: str = ""
+) -> str:
     """One vehicle, and MOOS: `moos` joins a MOOSDB, `moosdb` is one."""
     if kind == "moos":
         table, settings = "adapters.moos.communities.alpha", f"[adapters.moos.communities.alpha]\nport = {port}"
     else:
         table, settings = "adapters.moos.bridge", f'port = {port}\ncommunity = "alpha"\n[adapters.moos.bridge]'
     return SCENARIO.format(
-        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=HULLS[hull]
+        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=commands or HULLS[hull]
     )
 
 
@@ -390,12 +407,31 @@ WARPS = [pytest.param(1, marks=pytest.mark.slow), pytest.param(5, marks=pytest.m
 @pytest.mark.parametrize("warp", WARPS)
 def test_s1_alpha_completes(run, watch, kind, warp, hull):
     """An unmodified helm and autopilot drive a hydrodynamic hull round five waypoints and back, with the mission's gains."""
+    alpha(run, watch, kind, warp, hull)
+
+
+@needs_missions
+def test_s1_alpha_completes_with_the_gains_of_the_hull(run, watch):
+    alpha(run, watch, "moosdb", 20, "remus100", PERCENT, GAINS)
+
+
+def alpha(
+    run: Processes,
+    watch: Callable[..., Watcher],
+    kind: str,
+    warp: float,
+    hull: str,
+    commands: str = "",
+    gains: dict[str, str] | None = None,
+) -> None:
+    """Play s1_alpha to its end."""
     port = free_port()
-    mission = prepared(run, "s1_alpha", "alpha.moos", port, warp)
+    mission = prepared(run, "s1_alpha", "alpha.moos", port, warp, **gains or {})
     if kind == "moos":
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
-    run.serve(scenario(port, kind, warp, 0.0, hull))
+    run.serve(scenario(port, kind, warp, 0.0, hull, commands))
     watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "NAV_SPEED", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME")
+    watcher.until(lambda v: "UWSERVER_TIME" in v, "the world runs: its kernels may have to be compiled", 120.0)
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter", "uProcessWatch"):
         run.moos(program, mission)
     watcher.until(lambda v: {"IVPHELM_STATE", "DESIRED_THRUST"} <= v.keys(), "helm and autopilot")
@@ -418,6 +454,7 @@ def dive(run: Processes, watch: Callable[..., Watcher], name: str, warp: float, 
     )
     run.serve(scenario(port, warp=warp, depth=0.0, hull=hull))
     watcher = watch(port, "NAV_DEPTH", "DESIRED_DEPTH", "DESIRED_ELEVATOR", "IVPHELM_STATE", "UWSERVER_TIME")
+    watcher.until(lambda v: "UWSERVER_TIME" in v, "the world runs: its kernels may have to be compiled", 120.0)
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):
         run.moos(program, mission)
     watcher.until(lambda v: "IVPHELM_STATE" in v and "DESIRED_ELEVATOR" in v, "helm and autopilot")

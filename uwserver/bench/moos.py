@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Event
 
+from uwserver.bench.idleness import Bystanders
 from uwserver.bench.net_processes import Traced
 from uwserver.bench.processes import BenchFailed, Served, loading, stop
 from uwserver.bench.rows import Row
-from uwserver.bench.server import LATENESS_BAR_MS, STATUS, lateness_p99_ms
+from uwserver.bench.server import ADDED_LATENESS_BAR_MS, LATENESS_BAR_MS, STATUS, UNKNOWN, lateness_p99_ms
 from uwserver.clock import SystemTime
 from uwserver.physics.warm import warm
 
@@ -63,7 +64,8 @@ def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
     """
     warm()
     repeats, seconds = (1, 0.5) if quick else (3, 3.0)
-    rates, nav, crowd, late, factors = list[float](), list[float](), list[float](), list[float](), list[float]()
+    rates, nav, crowd, factors = list[float](), list[float](), list[float](), list[float]()
+    alone, late, busy = list[float](), list[float](), list[float]()
     with loading(_LOAD) as load:
         for repeat in range(repeats):
             say(f"moos: repeat {repeat + 1} of {repeats}")
@@ -71,6 +73,11 @@ def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
                 place = {"address": traced.addresses["moos"], "trace": traced.trace, "rate_hz": RATE_HZ}
                 nav.append(load.ask("navigation", **place, seconds=max(seconds, 2.0))["p99_s"] * 1e3)
                 rates.append(load.ask("flow", **place, seconds=seconds)["per_s"])
+            with _serving(1.0) as traced:
+                bystanders = Bystanders(traced.served.pid)
+                SystemTime().wait(seconds, Event())
+                alone.append(lateness_p99_ms(traced.served))
+                busy += [cores] if (cores := bystanders.cores()) is not None else []
             with _serving(1.0) as traced:
                 place = {"address": traced.addresses["moos"]}
                 crowd.append(load.ask("crowd", **place, seconds=seconds, clients=CLIENTS, per_s=CROWD_PER_S)["per_s"])
@@ -80,11 +87,15 @@ def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
                 SystemTime().wait(_SETTLE_S, Event())
                 load.ask("navigation", **place, seconds=max(seconds, 2.0))
                 factors.append(float(traced.served.ask(STATUS)["value"]["real_time_factor"]))
+    added = tuple(there - without for there, without in zip(late, alone, strict=True))
     return [
         Row("moos", "doubles through the embedded MOOSDB, both ends here", "1/s", tuple(rates), at_least=FLOW_BAR),
         Row("moos", "NAV_*: end of the tick to the client, p99", "ms", tuple(nav), at_most=NAV_P99_BAR_MS),
         Row("moos", f"notifications to {CLIENTS} clients, of {CROWD_PER_S:g}/s", "1/s", tuple(crowd), at_least=CROWD_BAR),
-        Row("moos", "tick lateness p99 over that", "ms", tuple(late), at_most=LATENESS_BAR_MS),
+        Row("moos", f"tick lateness p99 at {RATE_HZ} Hz, no client", "ms", tuple(alone)),
+        Row("moos", "tick lateness p99 with these clients", "ms", tuple(late), at_most=LATENESS_BAR_MS),
+        Row("moos", "what the clients add to it", "ms", added, at_most=ADDED_LATENESS_BAR_MS),
+        Row("moos", "other work on this machine meanwhile (none: idle)", "cores", tuple(busy), note="" if busy else UNKNOWN),
         Row("moos", f"real-time factor at warp {WARP:g}, NAV_* heard", "1", tuple(factors), at_least=0.99 * WARP),
     ]  # fmt: skip
 

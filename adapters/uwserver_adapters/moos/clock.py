@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable
 from datetime import datetime, timezone
 
@@ -9,6 +11,7 @@ CREDIBLE_S = 86_400.0
 """Difference of two clocks above which the warp must be different, MOOS seconds at warp 1."""
 _JUMP_S = 1.0
 _GAIN = 0.1
+_MEAN_OF = 5
 
 
 class MoosClock:
@@ -53,3 +56,22 @@ class MoosClock:
     def is_credible(self) -> bool:
         """Whether the difference to the database can be one of clocks: another warp makes it far larger."""
         return abs(self.skew) < CREDIBLE_S * self.warp
+
+
+class Latency:
+    """How long the heartbeats of a client were under way, ms of MOOS time by the clocks of both sides; its text is that of DB_QOS."""
+
+    def __init__(self) -> None:
+        self._last: deque[float] = deque(maxlen=_MEAN_OF)
+        self._most, self._least = -math.inf, math.inf
+
+    def add(self, latency_ms: float) -> None:
+        """One more."""
+        self._last.append(latency_ms)
+        self._most, self._least = max(self._most, latency_ms), min(self._least, latency_ms)
+
+    def __bool__(self) -> bool:
+        return bool(self._last)
+
+    def __str__(self) -> str:
+        return f"{self._last[-1]:g}:{self._most:g}:{self._least:g}:{sum(self._last) / len(self._last):g}"

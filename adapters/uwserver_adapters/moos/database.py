@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.wire import Message
 
 NAME_LIMIT = 256
@@ -83,6 +84,7 @@ class _Client:
         self.deliver = deliver
         self.filters: dict[tuple[str, str], float] = {}
         self.hears: set[str] = set()
+        self.latency = Latency()
 
 
 class Database:
@@ -130,6 +132,10 @@ class Database:
         for key in client.hears:
             self.variables[key].subscribers.pop(name, None)
         self.say("DB_EVENT", f"disconnected={name}")
+
+    def beat(self, name: str, sent: float) -> None:
+        """A heartbeat of a client, sent at a MOOS time of its clock."""
+        self._clients[name].latency.add((self._now() - sent) * 1e3)
 
     def take(self, name: str, message: Message) -> None:
         """A message of a client. What is not taken is told in DB_REFUSED; unknown types are ignored, as MOOSDB does."""
@@ -265,7 +271,7 @@ class Database:
         self.say("DB_TIME", self._now())
         self.say("DB_UPTIME", self._now() - self._start)
         self.say("DB_CLIENTS", "".join(f"{name}," for name in self._clients))
-        for key, text in (("DB_VARSUMMARY", self._summary), ("DB_RWSUMMARY", self._traffic)):
+        for key, text in (("DB_VARSUMMARY", self._summary), ("DB_RWSUMMARY", self._traffic), ("DB_QOS", self._quality)):
             if key in self.variables and self.variables[key].subscribers:
                 self.say(key, text())
 
@@ -284,6 +290,9 @@ class Database:
     def _traffic(self) -> str:
         heard, written = self._by_client()
         return ",".join(f"{name}={':'.join(heard[name])}&{':'.join(written[name])}" for name in self._clients)
+
+    def _quality(self) -> str:
+        return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
 
     def _by_client(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
         """Variables that each client hears, and those that it writes."""

@@ -116,6 +116,7 @@ class Guest(asyncio.Protocol):
         adapter = self._adapter
         if messages and messages[0].type == wire.TIMING:
             first = messages[0]
+            adapter.database.beat(self.name, first.time)
             echo = Message(wire.TIMING, first.key, adapter.clock.now(), src=first.src, time=first.time, number2=0.0)
             self._first = wire.encode(echo)
         for message in messages:

@@ -194,6 +194,18 @@ def test_variables_of_its_own(tank):
     assert said["DB_RWSUMMARY"].startswith("a=&X,b=DB_TIME:DB_UPTIME")
 
 
+def test_quality_of_service_is_how_late_heartbeats_are(tank):
+    tank.join("a")
+    tank.register("b", "DB_QOS")
+    for late_ms in (40.0, 10.0, 20.0, 20.0, 20.0, 30.0):
+        tank.database.beat("a", tank.time - 1e-3 * late_ms)
+    tank.database.tell()
+    (name, text) = tank.heard("b")[-1]
+    who, _, figures = text.rstrip(",").partition("=")
+    assert (name, who) == ("DB_QOS", "a"), "b has not sent a heartbeat"
+    assert [float(figure) for figure in figures.split(":")] == pytest.approx([30.0, 40.0, 10.0, 20.0])
+
+
 @pytest.mark.parametrize("name", ["", "x" * 257])
 def test_impossible_names_are_refused(tank, name):
     tank.write("a", name, 1.0)
