@@ -39,7 +39,7 @@ def test_every_sensor_speaks_and_every_actuator_takes_a_command(name):
     for path, port in world.ports.items():
         if port.direction == "actuator" and port.kind != "teleport":
             world.command(path, **{f.name: [_small(f)] * f.size if f.shape else _small(f) for f in port.fields})
-    spoken = {sample.port for sample in world.step(round(world.rate_hz))}
+    spoken = {sample.port for sample in world.step(round(2 * world.rate_hz))}
     assert spoken == {path for path, port in world.ports.items() if port.direction == "sensor"}
     assert all(max(map(abs, vehicle.nu)) < 5.0 for vehicle in world.vehicles.values())
 

@@ -116,8 +116,7 @@ def test_on_the_floor_of_the_pool_it_rests_with_its_weight() -> None:
     assert abs(low - 3.0) < 1e-3
     assert np.abs(state_of(world, "bluerov2")[7:]).max() < 1e-5
     weight = (13.5 - 0.0134 * 1000.0) * 9.82
-    # To first order in the tick a contact force is that of half a tick later: D dt / 2 M of it, 0.2 %.
-    np.testing.assert_allclose(forces_on(world, "bluerov2"), [0.0, 0.0, -weight], atol=3e-3 * weight)
+    np.testing.assert_allclose(forces_on(world, "bluerov2"), [0.0, 0.0, -weight], atol=1e-3 * weight)
 
 
 # -- subsea_template ----------------------------------------------------------------------------------------------------------------------

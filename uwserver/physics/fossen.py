@@ -182,6 +182,15 @@ def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
 
 
 @compiled
+def _add_touch(body: Any, R: Array, work: Array) -> None:
+    """work[TAU] += force and moment of the body's contacts, which are given in N."""
+    F = body.touch
+    for i in range(3):
+        work[TAU, i] += R[0, i] * F[0] + R[1, i] * F[1] + R[2, i] * F[2]
+        work[TAU, 3 + i] += R[0, i] * F[3] + R[1, i] * F[4] + R[2, i] * F[5]
+
+
+@compiled
 def derivative(
     body: Any, s: Array, source: int, target: int, t: float, flow: Array, shapes: Array, thrusters: Array, forces: Array, stage: int,
     wrenches: Array, M_inv: Array, held: float, work: Array, R: Array,
@@ -230,6 +239,8 @@ def derivative(
     for i in range(6):
         work[EXTERNAL, i] = work[TAU, i]
         work[TAU, i] += work[PASSIVE, i]
+    if body.touching != 0:
+        _add_touch(body, R, work)
     _add_restoring(body, R, fraction * body.buoyancy, work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)

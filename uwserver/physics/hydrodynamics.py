@@ -239,7 +239,7 @@ class Hydrodynamics:
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
-            kernel.settle(struck, self.state, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+            kernel.settle(self.bodies, struck, self.state, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:

@@ -72,6 +72,8 @@ BODY = np.dtype(
         ("thruster_count", "i8"),
         ("wrench_first", "i8"),
         ("wrench_count", "i8"),
+        ("touching", "i8"),  # 1: contacts act on the body in this tick
+        ("touch", "f8", (6,)),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
         ("retired", "i8"),  # 1: taken out of the world; the kernel passes it over
         ("fitted", "i8"),  # 1: the body has any of the following
         ("servo_first", "i8"),

@@ -1,9 +1,10 @@
 """One tick of bodies that touch (compiled): the free step as a trial, impulses at its start, the real step, and what is left at its end.
 
     1. predict: every body near a contact takes the free RK4 step as a trial.
-    2. strike:  impulses at the start of the tick, so that the velocity at its end satisfies the contacts; a hit that bounces is reversed
-                at once. Bodies without an impulse keep their velocity, and so their free step, bit for bit.
-    3. The real RK4 step of all bodies (`integrator.advance`), from the new velocities: drag, Munk moment and thrust act on the true motion.
+    2. strike:  impulses, so that the velocity at the end of the tick satisfies the contacts. They act as a force over the tick, so a body
+                at rest stays at rest within it too; a hit that bounces is reversed at its start. Bodies without an impulse keep their
+                free step, bit for bit.
+    3. The real RK4 step of all bodies (`integrator.advance`), with them: drag, Munk moment and thrust act on the true motion.
     4. settle:  the small rest that the change of those forces leaves is removed at the new pose. A body that stays in contact moves by the
                 velocity it ends with, so that one at rest stays where it is; one that bounced keeps its RK4 pose. Penetration is
                 recovered by a displacement that never enters the velocity (split impulse), so it adds no kinetic energy.
@@ -194,12 +195,48 @@ def strike(
             order, bounds[i], bounds[i + 1], slot_a, slot_b, solver, gains, bias, contacts.friction, frozen, impulse, change
         )  # fmt: skip
     _drop_untouched(slot_a, slot_b, impulse, change)
-    for i in range(m):
-        for j in range(6):
-            state[bodies[i], 7 + j] += change[i, j]
-    return Struck(
+    struck = Struck(
         bodies, start, M_inv, slot_a, slot_b, order, bounds[: islands + 1].copy(), axes, solver, gains, impulse, bounced, change
     )  # fmt: skip
+    _act(rows.bodies, struck, contacts.point, state, dt)
+    return struck
+
+
+@compiled
+def _act(rows: Array, struck: Struck, point: Array, state: Array, dt: float) -> None:
+    """Let hits change the velocity at once, and give what holds to the BODY rows as a force over the tick."""
+    jump = np.zeros(struck.change.shape)
+    for c in range(point.shape[0]):
+        a, b, impulse = struck.slot_a[c], struck.slot_b[c], struck.impulse[c]
+        if impulse[0] <= 0.0:
+            continue
+        if struck.bounced[c]:
+            push_all(struck.rows, c, impulse, a, b, jump)
+        else:
+            _press(rows, struck, a, point[c], struck.axes[c], impulse, 1.0 / dt)
+            if b >= 0:
+                _press(rows, struck, b, point[c], struck.axes[c], impulse, -1.0 / dt)
+    for i in range(struck.bodies.shape[0]):
+        for j in range(6):
+            state[struck.bodies[i], 7 + j] += jump[i, j]
+
+
+@compiled
+def _press(rows: Array, struck: Struck, slot: int, point: Array, axes: Array, impulse: Array, scale: float) -> None:
+    """Add a force, scale times the impulse at the point, to the BODY row of the body in a slot."""
+    row, p = rows[struck.bodies[slot]], struck.start[slot]
+    row.touching = 1
+    touch = row.touch
+    F = np.zeros(3)
+    for d in range(3):
+        for i in range(3):
+            F[i] += scale * impulse[d] * axes[d, i]
+    x, y, z = point[0] - p[0], point[1] - p[1], point[2] - p[2]
+    for i in range(3):
+        touch[i] += F[i]
+    touch[3] += y * F[2] - z * F[1]
+    touch[4] += z * F[0] - x * F[2]
+    touch[5] += x * F[1] - y * F[0]
 
 
 @compiled
@@ -245,31 +282,34 @@ def _drop_untouched(slot_a: Array, slot_b: Array, impulse: Array, change: Array)
 
 
 @compiled
-def settle(struck: Struck, state: Array, contacts: Any, dt: float, impulse_N: Array, contact_nu_dot: Array) -> None:
+def settle(
+    rows: Array, struck: Struck, state: Array, contacts: Any, dt: float, impulse_N: Array, contact_nu_dot: Array
+) -> None:
     """Stage 4, after the real step: the rest of the impulses, poses, recovery.
 
     Args:
+        rows: BODY rows; what acted on them in the tick is taken off.
         state: (n, 13) after the step; in place.
         impulse_N: (k, 3) out, impulse on body a in N, N s.
         contact_nu_dot: (n, 6) out, mean acceleration in B by contacts in the tick; zeros for the others.
     """
     k, m = contacts.gap.shape[0], struck.bodies.shape[0]
-    slot_a, slot_b, rows, bounds = struck.slot_a, struck.slot_b, struck.rows, struck.bounds
-    now = np.empty((m, STATE_SIZE))
+    slot_a, slot_b, solver, bounds = struck.slot_a, struck.slot_b, struck.rows, struck.bounds
+    now = state[struck.bodies]
     for i in range(m):
-        now[i] = state[struck.bodies[i]]
+        _let_go(rows[struck.bodies[i]])
     bias, R, rest = np.empty((k, 3)), np.empty((3, 3)), np.zeros((m, 6))
     nu = now[:, 7:]
-    _set_jacobians(now, contacts.point, struck.axes, slot_a, slot_b, R, rows)
-    _set_responses(struck.M_inv, slot_a, slot_b, rows, struck.gains)
+    _set_jacobians(now, contacts.point, struck.axes, slot_a, slot_b, R, solver)
+    _set_responses(struck.M_inv, slot_a, slot_b, solver, struck.gains)
     for c in range(k):
         for d in range(3):
-            bias[c, d] = relative_velocity(rows, c, d, nu, slot_a[c], slot_b[c])
+            bias[c, d] = relative_velocity(solver, c, d, nu, slot_a[c], slot_b[c])
         bias[c, 0] += max(0.0, contacts.gap[c]) / dt
     for i in range(bounds.shape[0] - 1):
         if _any_impulse(struck.order, bounds[i], bounds[i + 1], struck.impulse):
             solve_rows(
-                struck.order, bounds[i], bounds[i + 1], slot_a, slot_b, rows, struck.gains, bias, contacts.friction, struck.bounced,
+                struck.order, bounds[i], bounds[i + 1], slot_a, slot_b, solver, struck.gains, bias, contacts.friction, struck.bounced,
                 struck.impulse, rest,
             )  # fmt: skip
     held = np.zeros(m, np.bool_)
@@ -284,6 +324,14 @@ def settle(struck: Struck, state: Array, contacts: Any, dt: float, impulse_N: Ar
     _recover(struck, contacts, dt, R, now)
     for i in range(m):
         state[struck.bodies[i]] = now[i]
+
+
+@compiled
+def _let_go(row: Any) -> None:
+    """No contact acts on a BODY row."""
+    row.touching = 0
+    for i in range(6):
+        row.touch[i] = 0.0
 
 
 @compiled

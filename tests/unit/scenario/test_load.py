@@ -92,12 +92,17 @@ def _force(resolved: Any) -> float:
 
 
 @pytest.mark.parametrize("name", list(shipped()))
-def test_shipped_scenarios_load_and_come_back_from_toml(name: str, adapters: Adapters, tmp_path: Path) -> None:
+def test_shipped_scenarios_load_and_come_back_from_toml(
+    name: str, adapters: Adapters, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     resolved = load(name, adapters=adapters)
     assert resolved.name == name
     path = tmp_path / "again.toml"
     path.write_text(to_toml(resolved.scenario), encoding="utf-8")
+    assert resolved.path is not None
+    (tmp_path / "assets").symlink_to(resolved.path.parent / "assets")  # grids are named relative to the file
     assert load(path, adapters=adapters).scenario == resolved.scenario
+    monkeypatch.chdir(tmp_path)
     again = load(resolved.scenario, adapters=adapters)
     assert again.scenario == resolved.scenario
     assert again.path is None

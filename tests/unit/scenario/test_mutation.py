@@ -40,13 +40,15 @@ def below(value: Any, type_: Any, path: KeyPath) -> Iterator[KeyPath]:
     if path[:1] == ("adapters",):  # any adapter's table: its keys are schema keys, its name is not
         yield from ((*path, name, key) for name, table in value.items() for key in table)
         return
+    if hasattr(type_, "__metadata__"):
+        type_ = type_.__origin__
     arguments = getattr(type_, "__args__", ())
     if getattr(type_, "__origin__", None) is dict:
         for name, table in value.items():
             yield from below(table, arguments[1], (*path, name))
         return
     if "kind" in value:
-        type_ = kinds_of(type_)[value["kind"]]
+        type_, arguments = kinds_of(type_)[value["kind"]], ()
     structs = [t for t in (*arguments, type_) if hasattr(t, "__struct_fields__")]
     yield from schema_keys(value, structs[0], path)
 
