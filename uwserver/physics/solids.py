@@ -241,15 +241,11 @@ class Solids:
     def _near(self, state: FloatArray, dt: float) -> Any:
         near, _ = _kernels()
         every = self._all
-        near.move(
-            every.slots, self._bodies, state, dt, MARGIN, self._P, self._R, self._Q, self._reach, self._low,
-            self._high, self._body_low, self._body_high,
-        )  # fmt: skip
         while True:
-            count = near.near_pairs(
-                every.slots, self._bodies, self._fixed, self._P, self._R, self._low, self._high, self._body_low,
-                self._body_high, every.vertices, every.triangles, every.cell_start, every.cell_triangles, self._gate,
-                self._pairs,
+            count = near.search(
+                every.slots, self._bodies, self._fixed, state, dt, MARGIN, self._P, self._R, self._Q, self._reach,
+                self._low, self._high, self._body_low, self._body_high, every.vertices, every.triangles,
+                every.cell_start, every.cell_triangles, self._gate, self._pairs,
             )  # fmt: skip
             if count <= len(self._pairs):
                 return self._pairs[:count]

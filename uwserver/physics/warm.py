@@ -123,7 +123,7 @@ def solid_kernels() -> tuple[Any, ...]:
         if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
             raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
     return (
-        near.move, near.near_pairs, near.place, near.bound, touch.collect, surface.fill_cells, hits.settle, hits.passing,
+        near.search, near.place, near.bound, touch.collect, surface.fill_cells, hits.settle, hits.passing,
         hits.meet_plane,
     )  # fmt: skip
 

@@ -59,7 +59,7 @@ def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
 SLOPE = """
 import uwserver
 from uwserver.physics import integrator, near, touch, touching
-kernels = integrator.advance, touching.strike, touching.settle, near.move, near.near_pairs, touch.collect
+kernels = integrator.advance, touching.strike, touching.settle, near.search, touch.collect
 world = uwserver.load("slope")
 loaded = [len(kernel.signatures) for kernel in kernels]
 world.step(30)
