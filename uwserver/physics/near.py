@@ -110,14 +110,43 @@ def _below(slot: Any, P: Array, R: Array, low: Array, high: Array) -> bool:
 
 
 @compiled
+def _find_company(low: Array, high: Array, order: Array, company: Array) -> None:
+    """company[b]: whether the box of body b meets that of another. Sweep along x: `order` keeps its sense from tick to tick, nothing else."""
+    n = len(order)
+    for i in range(1, n):
+        b, k = order[i], i
+        while k > 0 and low[order[k - 1], 0] > low[b, 0]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = b
+    for i in range(n):
+        company[i] = False
+    for i in range(n):
+        b = order[i]
+        for j in range(i + 1, n):
+            c = order[j]
+            if low[c, 0] > high[b, 0]:
+                break
+            if (
+                low[c, 1] <= high[b, 1]
+                and low[b, 1] <= high[c, 1]
+                and low[c, 2] <= high[b, 2]
+                and low[b, 2] <= high[c, 2]
+            ):
+                company[b] = company[c] = True
+
+
+@compiled
 def near_pairs(
     slots: Array, bodies: Array, fixed: Array, Ps: Array, Rs: Array, low: Array, high: Array, body_low: Array,
-    body_high: Array, vertices: Array, triangles: Array, cell_start: Array, cell_triangles: Array, gate: bool, pairs: Array,
+    body_high: Array, company: Array, vertices: Array, triangles: Array, cell_start: Array, cell_triangles: Array, gate: bool,
+    pairs: Array,
 ) -> int:  # fmt: skip
     """Pairs of slots (a moving, b static or of a later body) whose boxes meet, into `pairs` (k, 2) as far as they fit.
 
     Args:
         fixed: slots of static shapes, in rising order.
+        company: (m) whether a body's box meets that of another body.
         gate: False takes every pair, for tests.
 
     Returns:
@@ -142,13 +171,10 @@ def near_pairs(
                     if count < len(pairs):
                         pairs[count, 0], pairs[count, 1] = s, t
                     count += 1
-        # As `overlap`, number by number: a hundred bodies are five thousand pairs, and a slice costs more than the comparison.
-        x0, y0, z0 = body_low[b, 0], body_low[b, 1], body_low[b, 2]
-        x1, y1, z1 = body_high[b, 0], body_high[b, 1], body_high[b, 2]
+        if gate and not company[b]:
+            continue
         for c in range(b + 1, len(bodies)):
-            if gate and (body_low[c, 0] > x1 or body_high[c, 0] < x0 or body_low[c, 1] > y1 or body_high[c, 1] < y0):
-                continue
-            if gate and (body_low[c, 2] > z1 or body_high[c, 2] < z0):
+            if gate and not overlap(body_low[b], body_high[b], body_low[c], body_high[c]):
                 continue
             for s in range(first, first + size):
                 for t in range(bodies[c, 0], bodies[c, 0] + bodies[c, 1]):
@@ -162,11 +188,12 @@ def near_pairs(
 @compiled
 def search(
     slots: Array, bodies: Array, fixed: Array, state: Array, dt: float, margin: float, Ps: Array, Rs: Array, Qs: Array, reach: Array,
-    low: Array, high: Array, body_low: Array, body_high: Array, vertices: Array, triangles: Array, cell_start: Array,
-    cell_triangles: Array, gate: bool, pairs: Array,
+    low: Array, high: Array, body_low: Array, body_high: Array, order: Array, company: Array, vertices: Array, triangles: Array,
+    cell_start: Array, cell_triangles: Array, gate: bool, pairs: Array,
 ) -> int:  # fmt: skip
     """`move`, then `near_pairs`, in one call from Python: unwrapping the arrays is a good part of the cost."""
     move(slots, bodies, state, dt, margin, Ps, Rs, Qs, reach, low, high, body_low, body_high)
+    _find_company(body_low, body_high, order, company)
     return near_pairs(
-        slots, bodies, fixed, Ps, Rs, low, high, body_low, body_high, vertices, triangles, cell_start, cell_triangles, gate, pairs
+        slots, bodies, fixed, Ps, Rs, low, high, body_low, body_high, company, vertices, triangles, cell_start, cell_triangles, gate, pairs
     )  # fmt: skip

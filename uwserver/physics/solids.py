@@ -215,6 +215,7 @@ class Solids:
         self._P, self._R, self._reach = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n)
         self._Q = np.zeros((n, 4))
         self._low, self._high = np.zeros((n, 3)), np.zeros((n, 3))
+        self._order, self._company = np.arange(len(bodies)), np.zeros(len(bodies), np.bool_)
         self._body_low, self._body_high = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
         if first < n:
             near, _ = _kernels()
@@ -244,7 +245,7 @@ class Solids:
         while True:
             count = near.search(
                 every.slots, self._bodies, self._fixed, state, dt, MARGIN, self._P, self._R, self._Q, self._reach,
-                self._low, self._high, self._body_low, self._body_high, every.vertices, every.triangles,
+                self._low, self._high, self._body_low, self._body_high, self._order, self._company, every.vertices, every.triangles,
                 every.cell_start, every.cell_triangles, self._gate, self._pairs,
             )  # fmt: skip
             if count <= len(self._pairs):
