@@ -99,7 +99,10 @@ def test_something_is_touched_as_the_how_to_says(tmp_path):
         assert len(commands) == 2
         for command in commands:
             client = command.replace("uwclient ", f"uwclient --port {port} ", 1)
-            done = subprocess.run(client, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S)
+            done = subprocess.run(
+                client, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S,
+                env=os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+            )  # fmt: skip
             assert done.returncode == 0, f"{client}\n{done.stdout}\n{done.stderr}"
 
 

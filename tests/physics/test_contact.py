@@ -111,7 +111,7 @@ def test_a_heavy_vehicle_rests(M_A: FloatArray, damping: float) -> None:
             assert np.abs(hydro.state[0, NU:]).max() < 1e-7  # no jitter
     np.testing.assert_allclose(hydro.state[0], start[0], atol=2e-5)  # no creep
     nu_dot, _ = hydro.rates_of_change(0.0)
-    assert np.abs(nu_dot).max() < 1e-4  # an accelerometer on it feels gravity alone
+    assert np.abs(nu_dot).max() < (5e-3 if damping else 1e-4)  # an accelerometer on it feels gravity alone
 
 
 def test_a_dropped_vehicle_comes_to_rest_without_gaining_energy() -> None:
