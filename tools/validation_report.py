@@ -262,15 +262,16 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def differences(old: str, new: str) -> list[str]:
-    """Lines that say something else, or whose numbers differ by more than 5 % and 1e-9."""
+    """Lines that say something else, or whose numbers differ by more than 5 % and 1e-8 (an iteration may end one step later)."""
     if len(old.splitlines()) != len(new.splitlines()):
         return ["the document has another number of lines"]
     stale = []
     for before, after in zip(old.splitlines(), new.splitlines(), strict=True):
-        a, b = ([float(x) for x in NUMBER.findall(line)] for line in (before, after))
-        same_text = NUMBER.sub("#", before.replace("< 1e-11", "0")) == NUMBER.sub("#", after.replace("< 1e-11", "0"))
+        plain = [line.replace("< 1e-11", "0") for line in (before, after)]
+        a, b = ([float(x) for x in NUMBER.findall(line)] for line in plain)
+        same_text = NUMBER.sub("#", plain[0]) == NUMBER.sub("#", plain[1])
         close = len(a) == len(b) and all(
-            abs(x - y) <= 0.05 * max(abs(x), abs(y)) + 1e-9 for x, y in zip(a, b, strict=True)
+            abs(x - y) <= 0.05 * max(abs(x), abs(y)) + 1e-8 for x, y in zip(a, b, strict=True)
         )
         if not same_text or not close:
             stale.append(f"- {before}\n+ {after}")
