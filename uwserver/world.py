@@ -74,6 +74,7 @@ class World:
         self.earth = Earth()
         self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
+        self._double_ns, self._double_rate = 2 * NANOSECONDS * rate_hz.denominator, 2 * rate_hz.numerator
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
         self.ports: Mapping[str, Port] = {}
@@ -190,8 +191,7 @@ class World:
     def time_of(self, tick: int) -> int:
         """Simulation time of a tick, ns: computed from its number, never accumulated."""
         # In whole numbers (half up), as Fraction arithmetic would cost as much as a sensor.
-        num, den = self._rate
-        return (2 * tick * NANOSECONDS * den + num) // (2 * num)
+        return (tick * self._double_ns + self._rate[0]) // self._double_rate
 
     @property
     def tick(self) -> int:
@@ -272,29 +272,31 @@ class World:
         5. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
         6. sensors that are due at t + dt, with their errors, from the new state.
         """
-        output = TickOutput(self.tick, self.t_ns, [])
-        if self.faults.next_tick is not None and self.tick >= self.faults.next_tick:
-            self.faults.turn(self.tick)
+        tick = self._tick
+        output = TickOutput(tick, self.t_ns, [])
+        if self.faults.next_tick is not None and tick >= self.faults.next_tick:
+            self.faults.turn(tick)
         if self._posted:
             self._carry_out(output)
-        if self.commands.watch is not None and self.tick >= self.commands.watch:
-            self.commands.expire(self.tick)
+            tick = self._tick  # a restore or reset may have been among it
+        if self.commands.watch is not None and tick >= self.commands.watch:
+            self.commands.expire(tick)
         diverged = self.hydro.advance(self._seconds())
-        self.tick += 1
+        self.tick = tick = tick + 1
         if self.water.sea is not None:
-            self.water.sea.move(self.tick, self._seconds(), self.water.current)
+            self.water.sea.move(tick, self._seconds(), self.water.current)
         if diverged >= 0:
             raise Diverged(self._report(diverged), output)
         if self.pending:
             self._deliver(output.samples)
         for divisor, slots in self._due:
-            if self.tick % divisor == 0:
+            if tick % divisor == 0:
                 self._measure(slots, output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
         if self._events:
             output.events, self._events = self._events, []
-        output.tick, output.t_ns = self.tick, self.t_ns
+        output.tick, output.t_ns = tick, self.t_ns
         return output
 
     def flush(self) -> TickOutput:
