@@ -16,6 +16,7 @@ from uwserver_adapters.moos.mixing import CannotServe, Mixer
 from uwserver_adapters.moos.names import Outlet, variable
 from uwserver_adapters.moos.navigation import Navigation, Raster
 from uwserver_adapters.moos.usm import MOMENTARY, UsmInputs
+from uwserver_adapters.moos.wire import readable
 
 Pairs = Sequence[tuple[str, float | str]]
 
@@ -145,8 +146,11 @@ class Bridge:
             if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
                 continue
             self._seen[name] = time
+            source = readable(source)
             if isinstance(value, bytes):
                 value = value.decode("utf-8", "replace")
+            elif isinstance(value, str):
+                value = readable(value)
             try:
                 self._obey(name, value, source, commanded)
             except Refused as refused:
