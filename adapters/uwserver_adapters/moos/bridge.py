@@ -35,16 +35,25 @@ class Bridge:
         table: what to publish and to obey.
         context: the world.
         post: publishes variables that belong together.
+        listen: asks for writes of variables that mean something only now, as their vehicle came later.
         source: name of the connection, for the world's view of who commands.
 
     Raises:
         CannotServe: the table names what is not there.
     """
 
-    def __init__(self, table: BridgeTable, context: AdapterContext, post: Callable[[Pairs], None], source: str) -> None:
+    def __init__(
+        self,
+        table: BridgeTable,
+        context: AdapterContext,
+        post: Callable[[Pairs], None],
+        listen: Callable[[Sequence[str]], None],
+        source: str,
+    ) -> None:
         self._table = table
         self._context = context
         self._post = post
+        self._listen = listen
         self._source = source
         self._outlets: dict[str, Outlet] = {}
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
@@ -113,7 +122,10 @@ class Bridge:
     def put_event(self, event: Event) -> None:
         """Tell everybody."""
         if event.event == "ports_changed":
+            before = frozenset(self._direct)
             self._open_ports()
+            if come := [name for name in self._direct if name not in before]:
+                self._listen(come)
         elif event.event == "reset":
             if self._raster is not None:
                 self._raster.reset()
