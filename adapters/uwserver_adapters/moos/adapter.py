@@ -56,7 +56,7 @@ class Community:
         self._clock = clock
         self._link: Link | None = None
         self._alog: Alog | None = None
-        self.bridge = Bridge(table, context, self._post, name)
+        self.bridge = Bridge(table, context, self._post, self._listen, name)
         self.address = f"{table.host}:{table.port}"
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -83,6 +83,10 @@ class Community:
             for name, value in pairs:
                 self._alog.write(now, name, self._table.client, value)
 
+    def _listen(self, names: Sequence[str]) -> None:
+        if self._link is not None:
+            self._link.register(names)
+
     def _take(self, link: Link, messages: Sequence[Message]) -> None:
         own = self._table.client
         mail = [(m.key, m.value, m.src, m.time) for m in messages if m.src != own]
@@ -95,7 +99,7 @@ class Community:
         """Join, stay, join again, until cancelled."""
         stats = self._context.stats
         told = ""
-        self._alog = Alog(self._table.alog, self._clock.now) if self._table.alog else None
+        self._alog = Alog(self._table.alog, self._clock.now, self._context) if self._table.alog else None
         try:
             while True:
                 try:

@@ -16,6 +16,7 @@ from uwserver_adapters.moos.mixing import CannotServe, Mixer
 from uwserver_adapters.moos.names import Outlet, variable
 from uwserver_adapters.moos.navigation import Navigation, Raster
 from uwserver_adapters.moos.usm import MOMENTARY, UsmInputs
+from uwserver_adapters.moos.wire import readable
 
 Pairs = Sequence[tuple[str, float | str]]
 
@@ -34,16 +35,25 @@ class Bridge:
         table: what to publish and to obey.
         context: the world.
         post: publishes variables that belong together.
+        listen: asks for writes of variables that mean something only now, as their vehicle came later.
         source: name of the connection, for the world's view of who commands.
 
     Raises:
         CannotServe: the table names what is not there.
     """
 
-    def __init__(self, table: BridgeTable, context: AdapterContext, post: Callable[[Pairs], None], source: str) -> None:
+    def __init__(
+        self,
+        table: BridgeTable,
+        context: AdapterContext,
+        post: Callable[[Pairs], None],
+        listen: Callable[[Sequence[str]], None],
+        source: str,
+    ) -> None:
         self._table = table
         self._context = context
         self._post = post
+        self._listen = listen
         self._source = source
         self._outlets: dict[str, Outlet] = {}
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
@@ -112,7 +122,10 @@ class Bridge:
     def put_event(self, event: Event) -> None:
         """Tell everybody."""
         if event.event == "ports_changed":
+            before = frozenset(self._direct)
             self._open_ports()
+            if come := [name for name in self._direct if name not in before]:
+                self._listen(come)
         elif event.event == "reset":
             if self._raster is not None:
                 self._raster.reset()
@@ -145,8 +158,11 @@ class Bridge:
             if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
                 continue
             self._seen[name] = time
+            source = readable(source)
             if isinstance(value, bytes):
                 value = value.decode("utf-8", "replace")
+            elif isinstance(value, str):
+                value = readable(value)
             try:
                 self._obey(name, value, source, commanded)
             except Refused as refused:

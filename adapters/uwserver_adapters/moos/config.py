@@ -70,7 +70,7 @@ class BridgeTable(Table, kw_only=True, frozen=True):
         commands: what DESIRED_THRUST and its like do, by variable.
         usm: listen to USM_RESET, USM_SIM_PAUSED, DRIFT_X and the like, as uSimMarine does.
         services: carry out calls that come as the variable UWSERVER_CALL.
-        alog: file (.alog) for all that goes through; written anew at each start.
+        alog: file (.alog) for all that goes through; an earlier one of this name is kept under a number.
     """
 
     vehicle: Name | None = None

@@ -40,11 +40,12 @@ class Letter:
 
 
 class Subscription:
-    """Who hears a variable, how often at most, and when it last did (MOOS time)."""
+    """Where writes of a variable go, how often at most, and when one last did (MOOS time)."""
 
-    __slots__ = ("interval", "last")
+    __slots__ = ("deliver", "interval", "last")
 
-    def __init__(self, interval: float) -> None:
+    def __init__(self, deliver: Callable[[Letter], None], interval: float) -> None:
+        self.deliver = deliver
         self.interval = interval
         self.last = -1e300
 
@@ -169,9 +170,9 @@ class Database:
         variable = self._variable(name, key)
         if isinstance(variable, str):
             return
-        subscription = Subscription(interval if 0.0 < interval < float("inf") else 0.0)
-        variable.subscribers[name] = subscription
         client = self._clients[name]
+        subscription = Subscription(client.deliver, interval if 0.0 < interval < float("inf") else 0.0)
+        variable.subscribers[name] = subscription
         client.hears.add(key)
         if variable.letter is not None:
             subscription.last = self._now()
@@ -179,14 +180,22 @@ class Database:
 
     def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
         """A client hears all variables that match, also those that come later."""
-        client = self._clients[name]
-        if len(client.filters) >= FILTERS and (pattern, app) not in client.filters:
-            self._refuse(name, pattern, f"{FILTERS} wildcard registrations are the most a client has")
+        if reason := self.objection(name, pattern, app):
+            self._refuse(name, pattern, reason)
             return
-        client.filters[pattern, app] = interval
+        self._clients[name].filters[pattern, app] = interval
         for key, variable in list(self.variables.items()):
             if variable.letter is not None and _fits(key, variable.letter.message.src, pattern, app):
                 self.register(name, key, interval)
+
+    def objection(self, name: str, pattern: str, app: str) -> str:
+        """Why a client cannot hear all that match; "" when it can."""
+        filters = self._clients[name].filters
+        if max(len(pattern), len(app)) > NAME_LIMIT:
+            return f"a pattern has at most {NAME_LIMIT} characters"
+        if len(filters) >= FILTERS and (pattern, app) not in filters:
+            return f"{FILTERS} wildcard registrations are the most a client has"
+        return ""
 
     def _forget(self, name: str, key: str) -> None:
         variable = self.variables.get(key)
@@ -240,17 +249,19 @@ class Database:
         variable.written = now
         variable.writes += 1
         variable.writers.add(message.src)
-        for name, subscription in variable.subscribers.items():
-            if not subscription.interval or now - subscription.last >= subscription.interval:
+        for subscription in variable.subscribers.values():
+            if not subscription.interval:
+                subscription.deliver(letter)
+            elif now - subscription.last >= subscription.interval:
                 subscription.last = now
-                self._clients[name].deliver(letter)
+                subscription.deliver(letter)
         return ""
 
     def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
         for name, client in self._clients.items():
             for (pattern, app), interval in client.filters.items():
                 if name not in variable.subscribers and _fits(key, source, pattern, app):
-                    variable.subscribers[name] = Subscription(interval)
+                    variable.subscribers[name] = Subscription(client.deliver, interval)
                     client.hears.add(key)
 
     def _variable(self, client: str, key: str) -> Variable | str:

@@ -92,14 +92,14 @@ class Link(asyncio.Protocol):
     def _welcome(self, messages: Sequence[Message]) -> bool:
         first = messages[0] if messages else Message(wire.NULL, "")
         if first.type == wire.POISON:
-            self._end(f"the MOOSDB refuses us: {first.text}")
+            self._end(f"the MOOSDB refuses us: {wire.readable(first.text)}")
             return False
         if first.type != wire.WELCOME:
             self._end("the peer is no MOOSDB of version 10: it does not welcome us")
             return False
         # It tells its time less that of our greeting.
         self._clock.observe(self._greeted, self._greeted + first.number, self._clock.now())
-        self.community = first.community
+        self.community = wire.readable(first.community)
         self.joined_at = self._clock.now()
         self.is_joined = True
         if not self._joined.done():

@@ -187,6 +187,11 @@ def _bytes(text: str) -> bytes:
         return text.encode("utf-8", "replace")
 
 
+def readable(text: str) -> str:
+    """The text, with U+FFFD for what was no UTF-8: logs and JSON cannot carry it otherwise."""
+    return text if text.isascii() else _bytes(text).decode("utf-8", "replace")
+
+
 class Decoder:
     """Bytes of one connection to events: `receive` stores, `next_event` parses.
 
