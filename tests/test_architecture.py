@@ -350,13 +350,13 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader and what it builds of a sensor's table (files), by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of tables (files), by codecs (wires), and by the report of an oracle's attitude error."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            assert module.part in ("scenario", "sensors") or module.name == "uwserver.physics.oracle", (
+            assert module.part in ("scenario", "sensors", "modifiers") or module.name == "uwserver.physics.oracle", (
                 f"{module.name} uses {uses}"
             )
     for module in modules("uwserver_adapters"):

@@ -21,7 +21,7 @@ from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, R
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Compound, Scope
 from uwserver.sensors.base import SEDIMENT
-from uwserver.slots import ActuatorSlot, Carry, Member, Posted, SensorSlot, TickOutput
+from uwserver.slots import ActuatorSlot, Carry, Member, Posted, SensorSlot, SideStream, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
 
@@ -121,7 +121,8 @@ class World:
             self.actuators |= {slot.port.path: slot for slot in member.actuators}
             for service, carry in member.services:
                 services[service.path], self._carry[service.path] = service, carry
-        slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
+        slots: list[SensorSlot | SideStream | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
+        slots += [side for slot in self.sensors.values() for side in slot.sides]
         self.ports = {slot.port.path: slot.port for slot in slots}
         self.services = services
         self.pending = [entry for entry in self.pending if entry[2].port in self.ports]
@@ -148,7 +149,8 @@ class World:
             return
         slot.divisor = divisor
         slot.set_interval(float(divisor / self.rate_hz))
-        slot.port = self._replaced(structs.replace(slot.port, rate_hz=float(self.rate_hz / divisor)))
+        for stream in slot.streams():
+            stream.port = self._replaced(structs.replace(stream.port, rate_hz=float(self.rate_hz / divisor)))
         self.schedule()
 
     def set_timeout(self, slot: ActuatorSlot, ticks: int) -> None:
@@ -360,21 +362,12 @@ class World:
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            reading = slot.read(scope)
-            if reading is None:
-                continue
-            seq, slot.seq = slot.seq, slot.seq + 1
-            if reading.dropped:
-                continue
-            if not slot.fault or slot.held is None:
-                slot.held = reading.valid, tuple(reading.values)
-            slot.held_ns = t_ns
-            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, *slot.held)
-            if reading.delay_ns == 0:
-                samples.append(sample)
-            else:
-                self.pending_order += 1
-                heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
+            for sample in slot.samples(scope):
+                if sample.t_sent_ns == t_ns:
+                    samples.append(sample)
+                else:
+                    self.pending_order += 1
+                    heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
 
     def _deliver(self, samples: list[Sample]) -> None:
         t_ns = self.t_ns

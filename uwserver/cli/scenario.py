@@ -57,6 +57,7 @@ def summary(file: str, resolved: Resolved) -> str:
         for vehicle, v in alike(resolved).items()
         for name, rate in [
             *((name, f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
+            *((f"{name}/{key}", "") for name, sensor in v.vehicle.sensors.items() for key in sensor.streams),
             *((name, "") for name in v.vehicle.actuators),
         ]
     ]

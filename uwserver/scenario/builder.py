@@ -15,7 +15,7 @@ from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, did_you_me
 from uwserver.scenario.load import scenario_from
 from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, VehicleEntry, WorldTable
 from uwserver.scenario.solid_schema import ObjectEntry, Seabed, Structure
-from uwserver.sensors import SensorConfig
+from uwserver.sensors import SensorConfig, StreamTable
 from uwserver.sensors.truth import Truth
 
 
@@ -95,13 +95,17 @@ class ScenarioBuilder:
         self._known(vehicle)
         return self._update(("vehicles", vehicle, "sensors", name), SensorConfig, {"kind": kind, **keys})
 
-    def modifier(self, vehicle: str, sensor: str, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
-        """An error of a sensor's stream: of one added before, else of the sensor of that name in the vehicle file."""
-        entry = self._known(vehicle)
+    def stream(self, vehicle: str, sensor: str, name: str, **keys: Any) -> ScenarioBuilder:
+        """One more stream of a sensor: of one added before, else of the sensor of that name in the vehicle file."""
+        return self._update((*self._sensor(vehicle, sensor), "streams", name), StreamTable, keys)
+
+    def modifier(
+        self, vehicle: str, sensor: str, name: str, kind: str, *, stream: str | None = None, **keys: Any
+    ) -> ScenarioBuilder:
+        """An error of a sensor as for `stream`, or of one of its further streams."""
         raw = {"kind": kind, **_plain(keys)}
-        path: KeyPath = ("vehicles", vehicle, "sensors", sensor, "modifiers", name)
-        if sensor not in entry.get("sensors", {}):
-            path = ("vehicles", vehicle, "override", *path[2:])
+        path = self._sensor(vehicle, sensor)
+        path = (*path, "modifiers", name) if stream is None else (*path, "streams", stream, "modifiers", name)
         self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig), path, report))
         self._put(path, raw)
         return self
@@ -127,6 +131,11 @@ class ScenarioBuilder:
         scenario = self._checked(lambda report: scenario_from(self._raw, self._installed or {}, report))
         assert isinstance(scenario, Scenario)
         return scenario
+
+    def _sensor(self, vehicle: str, sensor: str) -> KeyPath:
+        """Where a sensor's table stands: in the scenario, or what overrides the vehicle file."""
+        added = sensor in self._known(vehicle).get("sensors", {})
+        return ("vehicles", vehicle, *(() if added else ("override",)), "sensors", sensor)
 
     def _known(self, vehicle: str) -> dict[str, Any]:
         vehicles: dict[str, dict[str, Any]] = self._raw.get("vehicles", {})

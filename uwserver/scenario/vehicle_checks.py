@@ -21,6 +21,7 @@ from uwserver.scenario.magnetic import WMM_YEARS
 from uwserver.scenario.schema import Environment, WorldTable
 from uwserver.scenario.vehicle_schema import Damping, Vehicle
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig
+from uwserver.services import SENSOR_SERVICES
 
 _ROUNDING = 1e-9
 _TRIM = 0.05
@@ -194,6 +195,12 @@ def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTab
                 )
     for modifier_name, modifier in sensor.modifiers.items():
         _check_modifier(sensor, modifier, (*path, "modifiers", modifier_name), report)
+    for stream_name, stream in sensor.streams.items():
+        place: KeyPath = (*path, "streams", stream_name)
+        if stream_name in SENSOR_SERVICES:
+            report(place, f'"{stream_name}" is the name of a service of the sensor: choose another name')
+        for modifier_name, modifier in stream.modifiers.items():
+            _check_modifier(sensor, modifier, (*place, "modifiers", modifier_name), report)
 
 
 def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:

@@ -90,6 +90,7 @@ class Altimeter(Instrument):
         Field("range", "m", "distance of the first echo"),
         Field("confidence", "1", "how far the echo stands out of the noise, 0 to 1"),
     )
+    paces = True
     settings: AltimeterSettings
 
     def __init__(self, mount: Pose, config: AltimeterConfig) -> None:

@@ -20,6 +20,18 @@ from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS
 
 
+class StreamTable(Table, kw_only=True, frozen=True):
+    """One more stream of a sensor, at ``<vehicle>/<sensor>/<stream>``: the same measurements, with their numbers and times, and errors of its own.
+
+    Attributes:
+        ideal: what the device would have read without errors of its own, at the same instants and settings.
+        modifiers: errors of this stream alone; those of the sensor's table are not in it.
+    """
+
+    ideal: bool = False
+    modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
+
+
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """What the table of any sensor may hold.
 
@@ -30,6 +42,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         latency_s: from the measurement to its delivery.
         enabled: False takes the sensor out.
         modifiers: errors, applied in the order of the file; each name is part of its random stream.
+        streams: the same measurements once more, with other errors or none.
     """
 
     rate_hz: Positive
@@ -40,6 +53,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     latency_s: NonNegative = 0.0
     enabled: bool = True
     modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
+    streams: dict[str, StreamTable] = msgspec.field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,6 +107,7 @@ class Dvl(Instrument):
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
         "altitude along the axis, and what each beam saw."
     )
+    paces = True
     settings: DvlSettings
 
     def __init__(self, mount: Pose, config: DvlConfig) -> None:

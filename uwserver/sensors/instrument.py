@@ -28,11 +28,13 @@ class Instrument(ABC):
         memory: plain numbers that it keeps from reading to reading.
         rng: random numbers of its own path.
         dt: time between readings, s.
+        paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
     """
 
     fields: tuple[Field, ...]
     doc: str
     needs_rates = False
+    paces = False
     arguments: tuple[Argument, ...] = ()
     dt = 1.0
 

@@ -129,6 +129,7 @@ class Answer(NamedTuple):
 class Interrogator(Instrument):
     """The questions of one device; subclasses make readings of the answers."""
 
+    paces = True
     settings: InterrogationSettings
 
     def __init__(self, mount: Pose, config: InterrogationTable) -> None:

@@ -109,6 +109,7 @@ class ScanningSonar(Instrument):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
+    paces = True
     settings: SonarSettings
 
     def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
