@@ -10,10 +10,10 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.geometry import SURFACE, FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.echo import MU_SEDIMENT, SURFACE, Absorption, cast, scattering_of_each, submergence, turn
+from uwserver.sensors.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
 from uwserver.sensors.instrument import Instrument, Settings, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
@@ -128,6 +128,10 @@ class Dvl(Instrument):
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
         super().__init__(DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
 
+    def load_kernels(self) -> None:
+        """Those of echoes."""
+        load_kernels()
+
     def turn_on(self) -> list[float]:
         """Ready at once, in the first mode, with the scale error of this run."""
         c = self._config
@@ -232,7 +236,7 @@ class Dvl(Instrument):
         scale = THRESHOLD / (MU_SEDIMENT * self._cosine**2)
         return [
             scale * back * (reach / max(r, 1e-3)) ** 2 * 10.0 ** (loss * (reach - r)) if r < math.inf else 0.0
-            for r, back in zip(ranges, scattering_of_each(scope, hits, direction), strict=True)
+            for r, back in zip(ranges, scattering(scope, hits, direction).tolist(), strict=True)
         ]
 
     def _mistake(self, locks: list[bool], speeds: list[float], seen: list[float], nearest: float) -> None:
