@@ -141,12 +141,12 @@ def echo_kernels() -> tuple[Any, ...]:
 
     down, answer, cells = np.array([[0.0, 0.0, 1.0]]), no_hits(1), np.zeros(1, layout.CELL)
     cells["direction"], cells["emitted"], counts = down, 1.0, np.zeros(8, np.int64)
-    hits.meet_level(5.0, -down, 10.0, SURFACE, *answer)
+    hits.meet_level(5.5, -down, 10.0, SURFACE, *answer)
     picture, mu = np.empty(8), np.ones(1)
     echoes.intensity(cells, np.eye(3), *answer, mu, 1.0, 1.0, 0.01, 0.01, picture)
     echoes.backscatter(down, answer.normal, answer.body, answer.material, mu, 1.0, np.empty(1))
-    echoes.compress(picture, 1.0, 30.0, 0.01, 60.0, 200.0, 3.0, 255.0, counts)
-    if answer.distance[0] != 5.0 or not 0 < counts[5] < 255:
+    echoes.compress(picture, 1.0, 30.0, 0.01, 60.0, 100.0, 1.0, 255.0, counts)
+    if answer.distance[0] != 5.5 or not 0 < counts[5] < 255:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
     return hits.meet_level, echoes.intensity, echoes.backscatter, echoes.compress
 

@@ -31,7 +31,7 @@ def load_kernels() -> None:
     """Load them, or compile them, now rather than in the first reading."""
     from uwserver.physics.warm import echo_kernels
 
-    echokernels()
+    echo_kernels()
 
 
 def turn(q_NS: Quat) -> FloatArray:
