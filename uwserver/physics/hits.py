@@ -118,7 +118,12 @@ def _meet_bodies(
         rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
         radius, count, square, last = solid.radius, 0, 0.0, -1
         for i in range(len(origin)):
-            if last < 0 or origin[i, 0] != origin[last, 0] or origin[i, 1] != origin[last, 1] or origin[i, 2] != origin[last, 2]:
+            if (
+                last < 0
+                or origin[i, 0] != origin[last, 0]
+                or origin[i, 1] != origin[last, 1]
+                or origin[i, 2] != origin[last, 2]
+            ):
                 last, count = i, 0
                 for j in range(3):
                     away[j] = x[P + j] + dot(R[j], solid.centre) - origin[i, j]

@@ -26,8 +26,25 @@ FEW = 96
 """Triangles of a moving solid, as eight boxes have, up to which looking at each is quicker than the engine."""
 _HIDDEN_SIDES = 16
 """A ray gives up behind this many hidden sides."""
+_KEPT = 16
+"""Numbers of rays for which a scene keeps arrays."""
 _STILL: FloatArray = np.zeros(13)
 _STILL[Q] = 1.0
+
+
+class _Work(NamedTuple):
+    """What `hits.enter` and `hits.settle` fill in; `lead`, `aim` and `reach` are parts of `engine`."""
+
+    R: FloatArray
+    start: FloatArray
+    towards: FloatArray
+    rays: IntArray
+    ahead: FloatArray
+    again: IntArray
+    engine: np.ndarray
+    lead: np.ndarray
+    aim: np.ndarray
+    reach: np.ndarray
 
 
 class _Scene:
@@ -45,41 +62,51 @@ class _Scene:
         )
         self._centre, self._half = middle(parts)
         self._sides = sides(parts, self._centre)
+        self._works: dict[int, _Work] = {}
         self._scene = EmbreeScene(robust=True)
         corners: FloatArray = self._sides["corners"].reshape(-1, 3)
         n = len(corners)
-        self._mesh = EmbreeMesh(
-            self._scene, corners.astype(np.float32), np.arange(n, dtype=np.int32).reshape(-1, 3)
-        )
+        self._mesh = EmbreeMesh(self._scene, corners.astype(np.float32), np.arange(n, dtype=np.int32).reshape(-1, 3))
 
     def cast(
         self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
     ) -> None:
         """Enter the hits of rays (n, 3) into the answer; the state x (13) places the frame."""
         n = len(origin)
-        R, start, towards = np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3))
-        rays, engine = np.empty(n, np.int64), np.empty((n, 7), np.float32)
+        work = self._works.get(n) or self._room(n)
+        R, start, towards, rays, ahead, again = work.R, work.start, work.towards, work.rays, work.ahead, work.again
         count = hits.enter(
-            origin, direction, x, self._centre, self._half, limit, answer.distance, R, start, towards, rays, engine
+            origin, direction, x, self._centre, self._half, limit, answer.distance, R, start, towards, rays, work.engine
         )
         if count == 0:
             return
-        start, towards, rays, engine = start[:count], towards[:count], rays[:count], engine[:count]
-        ahead = np.zeros(count)
-        picked = self._scene.run(engine[:, :3], engine[:, 3:6], engine[:, 6])
+        lead, aim, reach = work.lead, work.aim, work.reach
+        if count < n:
+            start, towards, rays, ahead = start[:count], towards[:count], rays[:count], ahead[:count]
+            lead, aim, reach = lead[:count], aim[:count], reach[:count]
+        ahead[:] = 0.0
+        picked = self._scene.run(lead, aim, reach)
         for _ in range(_HIDDEN_SIDES):
-            again = np.empty(len(rays), np.int64)
             count = hits.settle(
                 start, towards, rays, picked, ahead, limit, self._sides, self._owners, R, body, *answer, again
             )
             if count == 0:
                 return
-            behind = again[:count]
+            behind = again[:count].copy()
             start, towards, rays = start[behind], towards[behind], rays[behind]
             ahead = ahead[behind] + hits.ROUNDING * (np.abs(start).max() + self._half.max())
-            picked = self._scene.run(
-                (start + ahead[:, None] * towards).astype(np.float32), towards.astype(np.float32)
-            )
+            picked = self._scene.run((start + ahead[:, None] * towards).astype(np.float32), towards.astype(np.float32))
+
+    def _room(self, n: int) -> _Work:
+        """Arrays for n rays, kept for the next ones, as to make them takes longer than to cast a few rays."""
+        if len(self._works) >= _KEPT:
+            self._works.clear()
+        engine = np.empty((n, 7), np.float32)
+        self._works[n] = work = _Work(
+            np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64),
+            engine, engine[:, :3], engine[:, 3:6], engine[:, 6],
+        )  # fmt: skip
+        return work
 
 
 class _Carried(NamedTuple):
@@ -142,7 +169,7 @@ class Rays:
 
     def cast(self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """See `uwserver.physics.geometry.Geometry.raycast`; moving bodies stand where `state` says."""
-        origin, direction = (np.ascontiguousarray(v, dtype=np.float64) for v in (origin, direction))
+        origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
         n, limit = len(origin), float(max_range)
         answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
         few = self._few or self._gather()

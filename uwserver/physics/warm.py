@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.physics import layout
 from uwserver.physics.appended import Appendages, PropellerParams, ServoParams
 from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
-from uwserver.physics import layout
 from uwserver.physics.compiled import cache_state
 from uwserver.physics.contact import Contacts, FloatArray
 from uwserver.physics.geometry import SURFACE, no_hits

@@ -151,7 +151,7 @@ class Altimeter(Instrument):
         R = turn(scope.attitude(self._mount.q))
         direction = self._cone @ R.T
         hits = cast(scope, p_NS, direction, _BEYOND * config.max_range_m)
-        bodies = {int(body) for body in hits.body if body != NOTHING}
+        bodies = sorted({*hits.body.tolist()} - {NOTHING})
         if config.ideal:
             ranges = [self._nearest(scope, p_NS, R, direction, hits, body) for body in bodies]
             nearest = min(ranges, default=math.inf)

@@ -188,7 +188,9 @@ class ScanningSonar(Instrument):
         hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
         if config.model == "paper":
             picture = dot_products(self._fan, hits, R, reach, config.bins)
-            return tuple((picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)).tolist())
+            return tuple(
+                (picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)).tolist()
+            )
         alpha = self._absorption.at(scope, p_NS[2])
         intensity = self._intensity(scope, hits, R, p_NS[2], stretch, alpha)
         if not config.ideal:
@@ -204,9 +206,7 @@ class ScanningSonar(Instrument):
         )  # fmt: skip
         return tuple(counts.tolist())
 
-    def _intensity(
-        self, scope: Scope, hits: Hits, R: FloatArray, z: float, stretch: float, alpha: float
-    ) -> FloatArray:
+    def _intensity(self, scope: Scope, hits: Hits, R: FloatArray, z: float, stretch: float, alpha: float) -> FloatArray:
         """(bins) mean intensity of the echoes, uPa^2, in a cell of the pulse's resolution.
 
         Args:
