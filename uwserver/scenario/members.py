@@ -98,6 +98,7 @@ def _sensor(
     if isinstance(sensor, Instrument):
         sensor.dt = float(divisor / world.rate_hz)
         sensor.start(stream_of(world.seed, path))
+        sensor.load_kernels()
     if isinstance(sensor, Compound):
         sensor.join(built)
     kind = str(config.__struct_config__.tag)

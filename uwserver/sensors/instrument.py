@@ -51,6 +51,9 @@ class Instrument(ABC):
         """The memory at the start of a run."""
         return []
 
+    def load_kernels(self) -> None:  # noqa: B027 - most have none
+        """Load what is compiled for the readings now, so that no tick waits for it."""
+
     @abstractmethod
     def sense(self, scope: Scope) -> Measurement | None:
         """The next reading, with the delay of sound and processing; None when the instrument is not ready for one."""
