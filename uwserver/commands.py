@@ -41,7 +41,7 @@ class Commands:
             Whether somebody else commands that actuator too.
 
         Raises:
-            Refused: the actuator is gone, or deactivated.
+            Refused: the actuator is gone, deactivated, or held by the autopilot.
         """
         path = command.port
         slot = self._actuators.get(path)
@@ -49,6 +49,8 @@ class Commands:
             raise Refused("unknown_port", f'"{path}" is gone', path)
         if not slot.active:
             raise Refused("denied", f'"{path}" is deactivated: call {path}/activate first', path)
+        if slot.refusal:
+            raise Refused("denied", f'"{path}" {slot.refusal}', path)
         conflict = False
         if slot.source and slot.source != command.source:
             conflict = tick - slot.last_tick <= self._window
@@ -75,6 +77,14 @@ class Commands:
                 expires = tick + slot.timeout_ticks
                 self.watch = expires if self.watch is None else min(self.watch, expires)
         self._newest.clear()
+
+    def newest(self, vehicle: str) -> list[str]:
+        """The last command to each actuator of a vehicle, in words."""
+        return [
+            f"last command to {path} in tick {slot.last_tick} by {slot.source}: {slot.last_value}"
+            for path, slot in self._actuators.items()
+            if path.startswith(f"{vehicle}/") and slot.last_tick >= 0
+        ]
 
     def expire(self, tick: int) -> None:
         """Let the actuators go to neutral that were left without a command for too long."""

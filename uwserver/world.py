@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import structs
 
+from uwserver.autopilot.goal import Later
 from uwserver.commands import Commands
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
@@ -17,6 +18,7 @@ from uwserver.faults import Faults
 from uwserver.frames import Vec3
 from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.pilots import Pilots
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Compound, Scope
@@ -58,6 +60,7 @@ class World:
         lambert: (n) backscatter of their materials, by number.
         water, earth: the environment, and where N lies.
         faults: of thrusters, sensors and hulls.
+        pilots: built-in autopilots.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -95,6 +98,7 @@ class World:
         self._last: dict[str, Sample] = {}
         self.commands = Commands(self.actuators, rate_hz, self.say)
         self.jumps = 0
+        self.pilots = Pilots()
         self.faults = Faults(
             hydro, water, self.vehicles, self.sensors, self.actuators, rate_hz, lambda text: self.say("fault", text)
         )
@@ -110,6 +114,7 @@ class World:
         begun = bool(self.members)
         self.members = {member.vehicle.name: member for member in members}
         self._set_solids()
+        self.pilots.set_members(self.members.values())
         self.vehicles.clear()
         self.sensors.clear()
         self.actuators.clear()
@@ -231,13 +236,14 @@ class World:
         self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
-        """Carry out a service at once, between two ticks, and return its result.
+        """Carry out a service at once, between two ticks, and return its result; a long-running one is begun, and returns nothing.
 
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
         """
         find("service", service, self.services)
-        return self._carry[service](checked_args(self.services[service], args))
+        result = self._carry[service](checked_args(self.services[service], args))
+        return None if isinstance(result, Later) else result
 
     # -- the tick -------------------------------------------------------------------------------------------------------------------
 
@@ -270,9 +276,10 @@ class World:
         1. faults that begin or end, so that they meet the commands of this tick;
         2. what was posted, so that a command acts in the tick that its reply names;
         3. watchdogs, after the commands that may feed them;
-        4. actuators, bodies and water together in the kernel, from t to t + dt;
-        5. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        6. sensors that are due at t + dt, with their errors, from the new state.
+        4. autopilots, after the orders of this tick and with what their sensors had delivered by t;
+        5. actuators, bodies and water together in the kernel, from t to t + dt;
+        6. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
+        7. sensors that are due at t + dt, with their errors, from the new state.
         """
         tick = self._tick
         output = TickOutput(tick, self.t_ns, [])
@@ -283,6 +290,8 @@ class World:
             tick = self._tick  # a restore or reset may have been among it
         if self.commands.watch is not None and tick >= self.commands.watch:
             self.commands.expire(tick)
+        if self.pilots.all:
+            output.replies += self.pilots.step(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self.tick = tick = tick + 1
         if self.water.sea is not None:
@@ -296,6 +305,8 @@ class World:
                 self._measure(slots, output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
+        if self.pilots.all:
+            self.pilots.hear(output.samples, self.t_ns)
         if self._events:
             output.events, self._events = self._events, []
         output.tick, output.t_ns = tick, self.t_ns
@@ -305,6 +316,7 @@ class World:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
         self._carry_out(output)
+        output.replies += self.pilots.answers()
         output.events, self._events = self._events, []
         output.tick, output.t_ns = self.tick, self.t_ns
         return output
@@ -316,13 +328,11 @@ class World:
     def _carry_out(self, output: TickOutput) -> None:
         posted, self._posted = self._posted, []
         for entry in posted:
-            if isinstance(entry.item, Command):
-                reply = self._accept(entry.item)
-            else:
+            if isinstance(entry.item, Call):
                 # A call may depend on the commands before it.
                 self.commands.apply(self.tick)
-                reply = self._run(entry.item)
-            if entry.on_reply is not None:
+            reply = self._accept(entry.item) if isinstance(entry.item, Command) else self._run(entry)
+            if reply is not None and entry.on_reply is not None:
                 output.replies.append((entry.on_reply, reply))
         self.commands.apply(self.tick)
 
@@ -332,12 +342,17 @@ class World:
         except Refused as refused:
             return Reply(self.tick, self.t_ns, fault=refused.fault)
 
-    def _run(self, call: Call) -> Reply:
-        tick, t_ns = self.tick, self.t_ns
+    def _run(self, entry: Posted) -> Reply | None:
+        call, tick, t_ns = entry.item, self.tick, self.t_ns
+        assert isinstance(call, Call)
         try:
             if call.service not in self._carry:
                 raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
-            return Reply(tick, t_ns, self._carry[call.service](call.args))
+            result = self._carry[call.service](call.args)
+            if isinstance(result, Later):
+                result.on_reply = entry.on_reply
+                return None
+            return Reply(tick, t_ns, result)
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
         except Exception as error:  # a fault of one service must not end the simulation
@@ -377,10 +392,5 @@ class World:
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
         where = f"tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s)"
-        lines = [f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}']
-        for slot in self.actuators.values():
-            if slot.port.path.startswith(f"{vehicle.name}/") and slot.last_tick >= 0:
-                lines.append(
-                    f"last command to {slot.port.path} in tick {slot.last_tick} by {slot.source}: {slot.last_value}"
-                )
-        return "\n".join(lines)
+        line = f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
+        return "\n".join([line, *self.commands.newest(vehicle.name)])
