@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("context", "recorder", "replay"),  # what adapters see; sinks
     ("recording",),  # the recorder's file
     ("simulation",),  # the simulation thread
+    ("lockstep",),  # who lets time go on
     ("bus",),  # crossing between thread and loop
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more

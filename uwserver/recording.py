@@ -29,7 +29,7 @@ from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.schema import Scenario
 from uwserver.scenario.solid_archive import pack, unpack
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
-from uwserver.simulation import Timing
+from uwserver.clock import Timing
 
 FORMAT = "uwserver-recording-1"
 METADATA = "uwserver"
