@@ -22,6 +22,9 @@ T = TypeVar("T")
 LOOK_S = 0.02
 """Wall time that a driver is waited for at a time; between two such waits calls are answered."""
 
+GLANCE_S = 0.001
+"""Wall time that samples may wait for the loop while a driver steps: a wake-up for each tick would cost as much as the tick."""
+
 
 class Seat:
     """A driver and the client that it is.
@@ -71,6 +74,7 @@ class Lockstep:
         self._seats: dict[str, Seat] = {}
         self._waiting_since: int | None = None
         self._told_lost: list[str] = []
+        self._woken = 0
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -108,11 +112,29 @@ class Lockstep:
         """Wait a moment for each driver that has not yet granted `tick`; yields the commands that come with its grant."""
         for seat in self._seats.values():
             if tick >= self.barrier.granted(seat.client):
-                wait_s = 0.0 if self.barrier.is_excused(seat.client) else LOOK_S
-                order = self._call(seat, lambda driver: driver.order(wait_s))  # noqa: B023  # called at once
+                order = self._order(seat)
                 if order is not None:
                     seat.answer_at = self.barrier.grant(seat.client, order.ticks, tick)
                     yield from self._commands(seat, order, ports)
+
+    def _order(self, seat: Seat) -> Order | None:
+        if self.barrier.is_excused(seat.client):
+            return self._call(seat, lambda driver: driver.order(0.0))
+        order = self._call(seat, lambda driver: driver.order(GLANCE_S))
+        if order is None:
+            self._bus.flush()
+            order = self._call(seat, lambda driver: driver.order(LOOK_S))
+        return order
+
+    def wakes(self) -> bool:
+        """Whether the samples of this tick wake the loop."""
+        if not self._seats:
+            return True
+        now = self._time.now_ns()
+        if now - self._woken < GLANCE_S * NANOSECONDS:
+            return False
+        self._woken = now
+        return True
 
     def _commands(self, seat: Seat, order: Order, ports: Mapping[str, Port]) -> Iterator[Command]:
         for path, value in order.commands:

@@ -187,7 +187,7 @@ class Simulation:
         self.lockstep.ticked(output)
         if self._observer is not None:
             self._observer.ticked(self.world)
-        self.bus.publish(output)
+        self.bus.publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
         if self._goals:
             self._check_goals()
@@ -208,6 +208,7 @@ class Simulation:
         self._take_posted()
         output: TickOutput = self.world.flush()
         self.bus.publish(output)
+        self.bus.flush()
         self._follow_jump()
         if not self._steering and not self._stop.is_set() and not self.lockstep.asks:
             self.mailbox.wake.wait(_IDLE_S)

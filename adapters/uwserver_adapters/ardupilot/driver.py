@@ -253,7 +253,8 @@ class ArduPilotDriver:
             _log.warning("%s", self._stats.last_error)
 
     def _commands(self, frame: Frame) -> list[tuple[str, dict[str, object]]]:
-        scale = self._scale
-        self._counts["limited"] += sum(map(scale.is_outside, frame.pwm))
+        levels = list(map(self._scale.__getitem__, frame.pwm))
+        if not self._scale.outside.isdisjoint(frame.pwm):
+            self._counts["limited"] += 1
         self._stats.commands += 1
-        return self._outputs.commands(list(map(scale.level, frame.pwm)))
+        return self._outputs.commands(levels)
