@@ -111,6 +111,8 @@ class UdpPeer:
         self._socket.close()
 
 
+# MAVLink 2: HEARTBEAT of autopilot 12, as PX4 begins.
+PX4_HEARTBEAT = bytes.fromhex("fd09000000010100000000000000000c00000381d6")
 SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
 
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
@@ -120,6 +122,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
+    "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }

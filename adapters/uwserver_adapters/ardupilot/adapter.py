@@ -6,18 +6,18 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Sequence
 from typing import Annotated
 
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterContext, AdapterTable
-from uwserver.ports import Event, Progress, Refused, Reply, Sample
+from uwserver.ports import Refused
 from uwserver.table import Name, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.readings import Readings
+from uwserver_adapters.sil.world import Deaf, failure, physics_hz
 
 _log = logging.getLogger(__name__)
 
@@ -81,16 +81,11 @@ class ArduPilotAdapter:
         stats = context.stats
         stats.details.update(dict.fromkeys(COUNTS, 0))
         stats.details["frame_rate_hz"] = 0
-        failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Reply) and outcome.fault is not None and not failed.done():
-                failed.set_exception(RuntimeError(outcome.fault.text))
-
+        failed, on_reply = failure()
         with contextlib.ExitStack() as stack:
             endpoint = stack.enter_context(self._bound())
             driver = self._driver(endpoint)
-            stack.callback(context.attach(_Deaf()))
+            stack.callback(context.attach(Deaf()))
             try:
                 stack.callback(context.drive(config.client or context.name, driver, on_reply))
             except Refused as refused:
@@ -136,41 +131,25 @@ class ArduPilotAdapter:
             for name in config.rangefinders
         ]
         battery = readings.want("battery", config.battery, [("voltage", "current")]) if config.battery else None
-        physics_hz = _physics_hz(context)
+        rate_hz = physics_hz(context)
         for reading in (pose, velocity):
-            if reading.rate_hz != physics_hz:
-                text = f"{reading.path} must come with every tick: rate_hz = {physics_hz:g}"
+            if reading.rate_hz != rate_hz:
+                text = f"{reading.path} must come with every tick: rate_hz = {rate_hz:g}"
                 raise CannotServe(f"{text} in [vehicles.{vehicle}.truth]")
-        if imu.rate_hz != physics_hz:
+        if imu.rate_hz != rate_hz:
             _log.warning(
-                "%s has %g Hz, the autopilot reads it at %g Hz: it sees each sample several times", imu.path, imu.rate_hz, physics_hz
+                "%s has %g Hz, the autopilot reads it at %g Hz: it sees each sample several times", imu.path, imu.rate_hz, rate_hz
             )  # fmt: skip
-        if physics_hz < LOOP_HZ:
-            _log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", physics_hz, LOOP_HZ)
+        if rate_hz < LOOP_HZ:
+            _log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", rate_hz, LOOP_HZ)
         return ArduPilotDriver(
             endpoint,
             Outputs(config.outputs, ports, vehicle),
             wire.Scale(config.low_us, config.neutral_us, config.high_us),
             State(pose, velocity, imu, distances, battery, config.no_time_sync),
             readings.see,
-            physics_hz,
+            rate_hz,
             config.silence_s,
             asyncio.get_running_loop().time,
             context.stats,
         )
-
-
-def _physics_hz(context: AdapterContext) -> float:
-    world = context.describe("world/none")["world"]
-    assert isinstance(world, dict)
-    return float(world["rate_hz"])  # type: ignore[arg-type]  # a number, by the description
-
-
-class _Deaf:
-    """The adapter's `Subscriber`: the driver sees the samples in their tick, and the loop has nothing to do with them."""
-
-    def put_samples(self, samples: Sequence[Sample]) -> None:
-        pass
-
-    def put_event(self, event: Event) -> None:
-        pass

@@ -9,16 +9,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterStats, Order
-from uwserver.frames import Quat, Vec3, conjugate, rotate
+from uwserver.frames import Quat, Vec3, rotate
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.wire import Bad, Frame, Scale
 from uwserver_adapters.sil.channels import Outputs
 from uwserver_adapters.sil.readings import Reading
+from uwserver_adapters.sil.world import inertial
 
 _log = logging.getLogger(__name__)
 
-GRAVITY_MPS2 = 9.80665
 DATAGRAM = 2048
 """Longest datagram that is read, bytes; longer ones are cut, and so of a wrong length."""
 AT_ONCE = 256
@@ -67,10 +67,7 @@ class State:
         p_NB: Vec3 = pose[0]
         q_NB: Quat = pose[1]
         v_NB_B, w_NB_B = velocity
-        imu: Any = self._imu.values
-        if imu is None:  # it has not spoken yet; a vehicle at rest would feel this
-            imu = (w_NB_B, rotate(conjugate(q_NB), (0.0, 0.0, -GRAVITY_MPS2)))
-        w_B, f_B = imu
+        w_B, f_B = inertial(self._imu.values, q_NB, w_NB_B)
         far = (NO_ECHO_M,)
         distances = [float((reading.values or far)[0]) for reading in self._distances]  # type: ignore[arg-type]  # finite
         battery: Any = None if self._battery is None else self._battery.values
