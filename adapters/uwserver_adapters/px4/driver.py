@@ -74,20 +74,15 @@ class Px4Driver:
 
     def order(self, wait_s: float) -> Order | None:
         """The next step: at once until the autopilot has spoken of its outputs, then with each of them."""
-        now = self._steady()
-        end = now + wait_s
+        end = self._steady() + wait_s
+        self._wait(0.0)
         while True:
-            if self._link is not None and (order := self._next(self._link, now)) is not None:
+            now, link = self._steady(), self._link
+            order = None if link is None else self._next(link, now)
+            if order is not None or now >= end:
                 return order
-            link = self._link
-            until = end
-            if link is not None and link.is_greeted and not link.is_locked and not link.unsent:
-                until = min(end, self._due)
-            self._wait(max(0.0, until - now))
-            now = self._steady()
-            if now >= end:
-                link = self._link
-                return None if link is None else self._next(link, now)
+            runs_free = link is not None and link.is_greeted and not link.is_locked and not link.unsent
+            self._wait((min(end, self._due) if runs_free else end) - now)
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
         """Keep what will be sent."""
@@ -132,7 +127,7 @@ class Px4Driver:
         link = self._link
         if link is not None:
             poll.register(link.stream, select.POLLIN | (select.POLLOUT if link.unsent else 0))
-        ready = dict(poll.poll(seconds * 1e3))
+        ready = dict(poll.poll(max(0.0, seconds) * 1e3))
         if link is not None and link.stream.fileno() in ready:
             if link.unsent:
                 self._send(link, b"")
