@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("context", "recorder", "replay"),  # what adapters see; sinks
     ("recording",),  # the recorder's file
     ("simulation",),  # the simulation thread
+    ("lockstep",),  # who lets time go on
     ("bus",),  # crossing between thread and loop
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
@@ -56,7 +57,7 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {"uwserver_adapters.values", "uwserver_adapters.nesting"}
+SHARED_BY_ADAPTERS = {"uwserver_adapters.nesting", "uwserver_adapters.sil", "uwserver_adapters.values"}
 """What several protocols need; nothing that knows one of them."""
 
 LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}

@@ -22,6 +22,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__, clock
+from uwserver.clock import Timing
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
 from uwserver.scenario.export import tables
 from uwserver.scenario.objects import object_params
@@ -29,7 +30,6 @@ from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.schema import Scenario
 from uwserver.scenario.solid_archive import pack, unpack
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
-from uwserver.simulation import Timing
 
 FORMAT = "uwserver-recording-1"
 METADATA = "uwserver"

@@ -28,6 +28,7 @@ class Clock(Table, kw_only=True, frozen=True):
     Attributes:
         mode: realtime (paced by the wall clock), freerun (as fast as possible) or lockstep (as far as the named clients allow).
         speed: simulated seconds per second in realtime.
+        max_speed: in lockstep, no faster than this; default: as fast as the clients let it.
         paused: start paused.
         lockstep_clients: names that must all grant a tick.
         lockstep_timeout_s: wall time that the barrier waits for the slowest client; 0 waits for ever.
@@ -36,6 +37,7 @@ class Clock(Table, kw_only=True, frozen=True):
 
     mode: Literal["realtime", "freerun", "lockstep"] = "realtime"
     speed: Positive = 1.0
+    max_speed: Positive | UnsetType = UNSET
     paused: bool = False
     lockstep_clients: tuple[Name, ...] = ()
     lockstep_timeout_s: NonNegative = 10.0
