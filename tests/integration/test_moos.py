@@ -379,6 +379,35 @@ def test_scope_and_reporter_of_our_database(run, watch):
 
 
 @needs_moos
+def test_the_log_of_a_killed_server_is_read_by_alogcheck(run, watch):
+    port = free_port()
+    server = run.serve(scenario(port).replace("publish =", 'alog = "dive.alog"\npublish ='))
+    watcher = watch(port, "NAV_DEPTH", "TAG")
+    watcher.until(lambda v: "NAV_DEPTH" in v, "samples")
+    watcher.notify(time.time(), TAG="here")
+    watcher.until(lambda v: v.get("TAG") == "here", "the tag")
+    time.sleep(1.5)  # what a kill may cost at most is a second
+    server.kill()
+    for condition, result in (("TAG = here", "true"), ("NAV_DEPTH > 4", "true"), ("NAV_DEPTH > 50", "false")):
+        run.moos("alogcheck", "dive.alog", "--pass", condition).wait(PATIENCE_S)
+        assert log_of(run, "alogcheck", rf"(?is){result}\W*\Z"), (condition, log_of(run, "alogcheck", "(?s).*"))
+
+
+@needs_moos
+def test_a_type_clash_in_their_database_is_told(run, watch):
+    """MOOSDB drops the write, and says so at its own console only."""
+    port = free_port()
+    database(run, port)
+    watcher = watch(port, "NAV_X", "NAV_Y")
+    watcher.notify(time.time(), NAV_X="east")
+    watcher.until(lambda v: v.get("NAV_X") == "east", "the text")
+    run.serve(scenario(port, "moos"))
+    watcher.until(lambda v: "NAV_Y" in v, "samples")
+    until(lambda: log_of(run, Path(sys.executable).name, "has NAV_X with another type"), "the warning")
+    assert watcher.values["NAV_X"] == "east"
+
+
+@needs_moos
 def test_our_client_in_their_database(run, watch):
     """Any start order, a restart of MOOSDB, and back within two seconds."""
     port = free_port()
