@@ -247,7 +247,7 @@ def moos_file(folder: Path, port: int, warp: float = 1.0, text: str = "") -> Pat
 
 def log_of(run: Processes, program: str, pattern: str) -> str | None:
     """What fits a pattern in the output of a program."""
-    text = "".join(path.read_text(errors="replace") for path in run.folder.glob(f"{program}*.log"))
+    text = "".join(path.read_text(errors="replace") for path in sorted(run.folder.glob(f"{program}*.log")))
     found = re.search(pattern, re.sub(r"\x1b\[[0-9;]*m", "", text))
     return found[0] if found else None
 
@@ -388,9 +388,9 @@ def test_the_log_of_a_killed_server_is_read_by_alogcheck(run, watch):
     watcher.until(lambda v: v.get("TAG") == "here", "the tag")
     time.sleep(1.5)  # what a kill may cost at most is a second
     server.kill()
-    for condition, result in (("TAG = here", "true"), ("NAV_DEPTH > 4", "true"), ("NAV_DEPTH > 50", "false")):
+    for condition in ("TAG = here", "NAV_DEPTH > 4", "NAV_DEPTH > 50"):
         run.moos("alogcheck", "dive.alog", "--pass", condition).wait(PATIENCE_S)
-        assert log_of(run, "alogcheck", rf"(?is){result}\W*\Z"), (condition, log_of(run, "alogcheck", "(?s).*"))
+    assert (log_of(run, "alogcheck", "(?s).*") or "").split() == ["PASSED", "PASSED", "FAILED"]
 
 
 @needs_moos
@@ -398,10 +398,12 @@ def test_a_type_clash_in_their_database_is_told(run, watch):
     """MOOSDB drops the write, and says so at its own console only."""
     port = free_port()
     database(run, port)
-    watcher = watch(port, "NAV_X", "NAV_Y")
-    watcher.notify(time.time(), NAV_X="east")
-    watcher.until(lambda v: v.get("NAV_X") == "east", "the text")
+    first = watch(port, "NAV_X")
+    first.notify(time.time(), NAV_X="east")
+    first.until(lambda v: v.get("NAV_X") == "east", "the text")
+    first.close()
     run.serve(scenario(port, "moos"))
+    watcher = watch(port, "NAV_X", "NAV_Y")
     watcher.until(lambda v: "NAV_Y" in v, "samples")
     until(lambda: log_of(run, Path(sys.executable).name, "has NAV_X with another type"), "the warning")
     assert watcher.values["NAV_X"] == "east"
