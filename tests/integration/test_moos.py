@@ -247,7 +247,7 @@ def moos_file(folder: Path, port: int, warp: float = 1.0, text: str = "") -> Pat
 
 def log_of(run: Processes, program: str, pattern: str) -> str | None:
     """What fits a pattern in the output of a program."""
-    text = "".join(path.read_text(errors="replace") for path in run.folder.glob(f"{program}*.log"))
+    text = "".join(path.read_text(errors="replace") for path in sorted(run.folder.glob(f"{program}*.log")))
     found = re.search(pattern, re.sub(r"\x1b\[[0-9;]*m", "", text))
     return found[0] if found else None
 
@@ -376,6 +376,37 @@ def test_scope_and_reporter_of_our_database(run, watch):
         lambda: log_of(run, "uXMS", r"NAV_DEPTH\s+uwserver.*\n(.*\n)*?.*NODE_REPORT_LOCAL\s+pNodeReporter"), "uXMS"
     )
     assert shown
+
+
+@needs_moos
+def test_the_log_of_a_killed_server_is_read_by_alogcheck(run, watch):
+    port = free_port()
+    server = run.serve(scenario(port).replace("publish =", 'alog = "dive.alog"\npublish ='))
+    watcher = watch(port, "NAV_DEPTH", "TAG")
+    watcher.until(lambda v: "NAV_DEPTH" in v, "samples")
+    watcher.notify(time.time(), TAG="here")
+    watcher.until(lambda v: v.get("TAG") == "here", "the tag")
+    time.sleep(1.5)  # what a kill may cost at most is a second
+    server.kill()
+    for condition in ("TAG = here", "NAV_DEPTH > 4", "NAV_DEPTH > 50"):
+        run.moos("alogcheck", "dive.alog", "--pass", condition).wait(PATIENCE_S)
+    assert (log_of(run, "alogcheck", "(?s).*") or "").split() == ["PASSED", "PASSED", "FAILED"]
+
+
+@needs_moos
+def test_a_type_clash_in_their_database_is_told(run, watch):
+    """MOOSDB drops the write, and says so at its own console only."""
+    port = free_port()
+    database(run, port)
+    first = watch(port, "NAV_X")
+    first.notify(time.time(), NAV_X="east")
+    first.until(lambda v: v.get("NAV_X") == "east", "the text")
+    first.close()
+    run.serve(scenario(port, "moos"))
+    watcher = watch(port, "NAV_X", "NAV_Y")
+    watcher.until(lambda v: "NAV_Y" in v, "samples")
+    until(lambda: log_of(run, Path(sys.executable).name, "has NAV_X with another type"), "the warning")
+    assert watcher.values["NAV_X"] == "east"
 
 
 @needs_moos

@@ -20,7 +20,8 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     """Measure physics, solids, contact, sensors, server, start, net and moos (or one PART) on an idle machine; about nine minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
-    take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder.
+    take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,
+    the MOOSDB of MOOS-IvP when UWSERVER_MOOS_BIN names its folder.
     """
     from uwserver.bench.contact import bench_contact
     from uwserver.bench.moos import bench_moos

@@ -9,6 +9,7 @@ from typing import Any
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Progress, Reply, Sample
+from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge import Bridge, Pairs
 from uwserver_adapters.moos.clock import MoosClock
@@ -72,6 +73,8 @@ class Community:
         link, stats = self._link, self._context.stats
         if link is None:
             return
+        if link.kinds:
+            self._compare(link, pairs)
         size = link.notify(pairs)
         if not size:
             stats.dropped += len(pairs)
@@ -82,6 +85,16 @@ class Community:
             now = self._clock.now()
             for name, value in pairs:
                 self._alog.write(now, name, self._table.client, value)
+
+    def _compare(self, link: Link, pairs: Pairs) -> None:
+        """Tell once of each variable that another client keeps as another type."""
+        for name, value in pairs:
+            theirs = link.kinds.pop(name, "")
+            if theirs and theirs != (wire.STRING if isinstance(value, str) else wire.DOUBLE):
+                text = f"the MOOSDB at {self.address} has {name} with another type and drops ours: rename one, or start it anew"
+                self._context.stats.errors += 1
+                self._context.stats.last_error = text
+                _log.warning("%s: %s", self._context.name, text)
 
     def _listen(self, names: Sequence[str]) -> None:
         if self._link is not None:
@@ -133,6 +146,7 @@ class Community:
             try:
                 _log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
                 link.register(self.bridge.listens_to)
+                link.ask_kinds()
                 self.bridge.begin()
                 await link.stay(self._timeout_s)
             finally:

@@ -19,8 +19,9 @@ class Target(Table, kw_only=True, frozen=True):
     Attributes:
         port: actuator, below the vehicle (`rudder`), or its whole path.
         field: its field.
-        full: value at 100, each component of a vector (`[0, 0, 1, -1]`).
+        full: what 100 adds, each component of a vector (`[0, 0, 1, -1]`).
         full_deg: the same in degrees, for fields in radians.
+        zero: value at 0, each component; a ballast's neutral volume, say.
         limit: the variable is limited to +- this; default 100, as it is a percentage.
     """
 
@@ -28,6 +29,7 @@ class Target(Table, kw_only=True, frozen=True):
     field: Name
     full: float | tuple[float, ...] | None = None
     full_deg: float | tuple[float, ...] | None = None
+    zero: float | tuple[float, ...] = 0.0
     limit: Positive = 100.0
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from msgspec.structs import replace
+
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.wire import Message
@@ -17,7 +19,6 @@ KEPT_BYTES = 256 << 20
 REFUSED = "DB_REFUSED"
 """Where clients are told what was not taken, and why."""
 
-_KINDS = (wire.DOUBLE, wire.STRING, wire.BINARY)
 _MEAN = 0.5
 """Weight of the newest interval in a variable's frequency."""
 
@@ -228,7 +229,7 @@ class Database:
         if isinstance(variable, str):
             return variable
         old = variable.letter
-        if message.kind not in _KINDS or (old is not None and old.message.kind != message.kind):
+        if message.kind not in wire.KINDS or (old is not None and old.message.kind != message.kind):
             given, has = (_WORDS.get(kind, "unknown type") for kind in (message.kind, variable.kind))
             return self._refuse(message.src, message.key, f"a write as {given}, its type is {has}")
         kept = self._kept + len(message.data) - (len(old.message.data) if old is not None else 0)
@@ -236,7 +237,7 @@ class Database:
             return self._refuse(message.src, message.key, f"all values together have at most {KEPT_BYTES} bytes")
         self._kept = kept
         if not message.community:
-            message = _with_community(message, self.community)
+            message = replace(message, community=self.community)
         self.log(message)
         letter = Letter(message)
         now = self._now()
@@ -345,21 +346,8 @@ class Database:
     def _listed(self, key: str, variable: Variable) -> Message:
         if variable.letter is None:
             return Message(wire.NOTIFY, key, 0.0, kind="~", time=-1.0, id=wire.SERVER_REQUEST_ID)
-        m = variable.letter.message
-        since = variable.written - self._start
-        return Message(
-            m.type,
-            key,
-            m.number,
-            m.data,
-            m.kind,
-            m.src,
-            m.src_aux,
-            m.community,
-            since,
-            variable.frequency,
-            wire.SERVER_REQUEST_ID,
-        )
+        said, since = variable.letter.message, variable.written - self._start
+        return replace(said, time=since, number2=variable.frequency, id=wire.SERVER_REQUEST_ID)
 
     def _reply(self, key: str, text: str) -> Message:
         return wire.notify(key, text, self._now() - self._start, self.name, wire.SERVER_REQUEST_ID)
@@ -376,16 +364,15 @@ def _list(title: str, names: list[str]) -> str:
     return title + "".join(f",{name}" for name in names)
 
 
-def _with_community(m: Message, community: str) -> Message:
-    return Message(m.type, m.key, m.number, m.data, m.kind, m.src, m.src_aux, community, m.time, m.number2, m.id)
-
-
 def _fits(key: str, source: str, pattern: str, app: str) -> bool:
     return glob(pattern, key) and glob(app, source)
 
 
 def glob(pattern: str, text: str) -> bool:
     """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Time grows with the product of the lengths, no faster."""
+    start, stars, rest = pattern.partition("*")
+    if not rest and "?" not in start:  # nearly all there are
+        return text.startswith(start) if stars else text == start
     at = 0
     star = resume = -1
     where = 0

@@ -43,6 +43,7 @@ COMMAND = "C"
 DOUBLE = "D"
 STRING = "S"
 BINARY = "B"
+KINDS = (DOUBLE, STRING, BINARY)
 
 ASYNCHRONOUS = "asynchronous"
 """Key of a client's first message, and text of the welcome, when packets may come unasked."""

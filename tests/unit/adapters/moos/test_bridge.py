@@ -328,6 +328,26 @@ async def test_what_one_variable_said_holds_while_another_speaks(make):
     assert bench.commands[-1] == ("auv/thrusters", ((0.5, 0.25),))
 
 
+async def test_a_ballast_is_mapped_about_its_neutral_volume(make, make_auv):
+    """As docs/how-to/moos.md maps BUOYANCY_RATE: 0.1 m/s pumps it full."""
+    volume = Field("volume_m3", "m3", "volume", minimum=80e-6, maximum=955e-6)
+    context = make_auv()
+    context.set_ports([*context.ports.values(), Port("auv/engine", "actuator", "ballast", (volume,), "Engine.")])
+    target = Target(port="engine", field="volume_m3", zero=500e-6, full=0.455, limit=0.1)
+    bench = make(context, commands={"BUOYANCY_RATE": (target,)})
+    said = []
+    for written in (
+        {"BUOYANCY_RATE": 0.05},
+        {"BUOYANCY_RATE": 1.0},
+        {"BUOYANCY_RATE": -1.0},
+        {"MOOS_MANUAL_OVERRIDE": "true"},
+    ):
+        bench.write(**written)
+        ((_, ((value,),)),) = bench.commands
+        said.append(value)
+    assert said == pytest.approx([727.5e-6, 955e-6, 80e-6, 500e-6], rel=1e-9)
+
+
 async def test_percentages_and_actuators_are_limited(make):
     bench = make(commands=COMMANDS)
     bench.write(DESIRED_THRUST=1000.0, DESIRED_RUDDER=-100.0)

@@ -254,6 +254,27 @@ async def test_another_warp_is_noticed(database, join, until):
         await until(lambda: "MOOSTimeWarp" in context.stats.last_error, "told")
 
 
+async def test_a_variable_that_is_there_with_another_type_is_told_once(database, join, connect, until):
+    """A MOOSDB does not tell the writer."""
+    async with database() as db:
+        other = await connect(db.stats.address, "other")
+        other.notify(NAV_X="east", NAV_Y=1.0, MINE=b"1")
+        other.register("NAV_X", "UNWRITTEN")
+        await other.hear("NAV_X")
+        async with join(port_of(db)) as context:
+            await until(lambda: context.stats.peers == 1, "joined")
+
+            def told() -> bool:
+                context.put([POSE])
+                return "has NAV_X with another type" in context.stats.last_error
+
+            await until(told, "told")
+            context.put([POSE])
+            assert context.stats.errors == 1
+            assert not context.commands
+        await other.close()
+
+
 async def test_calls_over_the_wire(database, join, connect, until):
     async with database() as db, join(port_of(db)) as context:
         await until(lambda: context.stats.peers == 1, "joined")

@@ -157,6 +157,7 @@ async def test_a_synchronous_client_that_never_asks_keeps_the_newest_mail(tank, 
         sync.send(Message(wire.NULL, ""))
         await sync.read()
         assert [m.value for m in sync.mail] == [2.0, 3.0, 4.0]
+        monkeypatch.setattr(guests, "HELD", 100)
         for _ in range(3):
             writer.notify(BIG="x" * 400)
         writer.notify(X=9.0)
