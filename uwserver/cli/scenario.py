@@ -68,6 +68,7 @@ def summary(file: str, resolved: Resolved) -> str:
     return (
         f"ok: {file}: physics {scenario.world.rate_hz:g} Hz; vehicles: {vehicles}; ports: {', '.join(ports) or 'none'}; "
         f"adapters: {', '.join(adapters) or 'none'}"
+        f"{'; ran ' + ', '.join(scenario.extensions) if scenario.extensions else ''}"
     )
 
 
