@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
     }
     if not newest:
         raise ValueError(f'"{port.path}" had no picture: is it under water?')
-    reach = float(ranges[-1, 0])
+    reach = float(ranges[max(newest.values()), 0])
     kept = sorted(k for k in newest.values() if ranges[k, 0] == reach)
     theta = np.array([angles[k, 0] for k in kept])
     order = np.argsort(theta)
@@ -69,7 +70,7 @@ def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
 def _runs(theta: FloatArray, step: float) -> Iterable[tuple[int, int]]:
     """Angles without gaps: first and last + 1."""
     breaks = [0, *(np.flatnonzero(np.diff(theta) > 1.5 * step) + 1).tolist(), len(theta)]
-    return [(a, b) for a, b in zip(breaks, breaks[1:], strict=False) if b > a]
+    return [(a, b) for a, b in pairwise(breaks) if b > a]
 
 
 def _dvl(port: Port, samples: Sequence[Sample]) -> Figure:
@@ -118,9 +119,9 @@ def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
 
 def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
     """Every number over time, one panel a field; long arrays as an image."""
-    drawn = [field for field in port.fields if field.type != "str"]
+    drawn = [f for f in port.fields if f.type != "str" and np.isfinite(_column(port, samples, f.name)).any()]
     if not drawn:
-        raise ValueError(f'"{port.path}" has no numbers to draw')
+        raise ValueError(f'"{port.path}" told no numbers: it was never valid')
     t = _times(samples)
     figure = Figure(figsize=(7.0, 0.8 + 1.15 * len(drawn)), layout="constrained")
     axes = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]

@@ -17,6 +17,9 @@ from uwserver.requests import suggestion
 from uwserver.scenario.errors import ScenarioError
 from uwserver.units import NANOSECONDS
 
+_RUN_S = 20.0
+_PATIENCE_S = 1.0
+"""What was measured before the end is waited for so long."""
 _TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str"}
 
 
@@ -47,8 +50,11 @@ def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: f
     file = output or Path(f"{port.replace('/', '_')}.png")
     try:
         found, told = (
-            _recorded(Path(source), port) if source.endswith(".mcap") else _simulated(source, port, end_s or 20.0)
+            _recorded(Path(source), port)
+            if source.endswith(".mcap")
+            else _simulated(source, port, _RUN_S if end_s is None else end_s)
         )
+        end_s = end_s if end_s is not None or source.endswith(".mcap") else _RUN_S
         chosen = [
             s for s in told if s.t_ns >= begin_s * NANOSECONDS and (end_s is None or s.t_ns <= end_s * NANOSECONDS)
         ]
@@ -64,7 +70,7 @@ def _simulated(source: str, port: str, end_s: float) -> tuple[Port, list[Sample]
     world = uwserver.load(source)
     _check(port, [path for path, p in world.ports.items() if p.direction == "sensor"])
     samples: list[Sample] = []
-    while world.t_ns < end_s * NANOSECONDS:
+    while world.t_ns < (end_s + _PATIENCE_S) * NANOSECONDS:
         samples += [sample for sample in world.step() if sample.port == port]
     return world.ports[port], samples
 

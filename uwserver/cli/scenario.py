@@ -150,6 +150,8 @@ def _of_sensor(kind: SensorKind) -> Iterator[str]:
             shape = "x".join(map(str, field.shape)) or "scalar"
             yield f"  {field.name:<20} {shape:<7} {field.unit:<8} {field.frame or '-':<3} {field.doc}"
     yield _keys(kind.table)
+    settings = [setting.name for setting in kind.outputs[0].settings]
+    yield f"set while it runs: {', '.join(['rate_hz', *settings])}"
     if kind.devices:
         yield "profiles: " + ", ".join(f"{device.name} ({device.title})" for device in kind.devices)
 

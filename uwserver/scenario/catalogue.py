@@ -9,22 +9,23 @@ from typing import Any, NamedTuple
 from msgspec import NODEFAULT, UNSET, Struct
 
 from uwserver.modifiers import ModifierConfig
-from uwserver.ports import Field
+from uwserver.ports import Argument, Field
 from uwserver.scenario.convert import fields, kinds_of
 from uwserver.scenario.documents import read, shipped
 from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.load import load, scenario_from
-from uwserver.sensors import Pose, SensorConfig, SensorTable
+from uwserver.sensors import Instrument, Pose, SensorConfig, SensorTable
 
 _PROVENANCE = ("source", "status")
 
 
 class Output(NamedTuple):
-    """What a sensor of a kind tells: the sensor of `one_of_everything` that does, and its port."""
+    """What a sensor of a kind tells: the sensor of `one_of_everything` that does, its port, and the settings of its service ``set``."""
 
     example: str
     doc: str
     fields: tuple[Field, ...]
+    settings: tuple[Argument, ...]
 
 
 class Value(NamedTuple):
@@ -59,7 +60,9 @@ def sensor_kinds() -> dict[str, SensorKind]:
     for name, sensor in _examples():
         built = sensor.build(Pose())
         names = tuple(field.name for field in built.fields)
-        found[str(sensor.__struct_config__.tag)].setdefault(names, Output(name, built.doc, built.fields))
+        found[str(sensor.__struct_config__.tag)].setdefault(
+            names, Output(name, built.doc, built.fields, built.arguments if isinstance(built, Instrument) else ())
+        )
     devices = _devices()
     return {
         kind: SensorKind(kind, table, tuple(found[kind].values()), devices.get(kind, ()))
