@@ -14,6 +14,7 @@ from uwserver.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.clock import Pace, Time, Timing
 from uwserver.lateness import Lateness
 from uwserver.lockstep import Lockstep
+from uwserver.logs import place_of
 from uwserver.ports import Argument, Call, Command, Event, Json, OnReply, Progress, Refused, Reply, Service
 from uwserver.slots import TickOutput
 from uwserver.units import NANOSECONDS
@@ -122,7 +123,8 @@ class Simulation:
             while not self._is_over():
                 self._turn()
         except Exception as error:
-            self.failure = f"the simulation stopped by an internal fault: {error}"
+            file, line = place_of(error)
+            self.failure = f"the simulation stopped by an internal fault at {file}:{line}: {error}"
             log.exception("the simulation thread failed")
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
         finally:

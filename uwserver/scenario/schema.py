@@ -143,10 +143,15 @@ class Server(Table, kw_only=True, frozen=True):
 
 
 class Scenario(Table, kw_only=True, frozen=True):
-    """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`."""
+    """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`.
+
+    Attributes:
+        extensions: Python files, beside this one, with further kinds of sensor and modifier. They are run: do not load what you do not trust.
+    """
 
     schema: Literal[1]
     title: str = ""
+    extensions: tuple[Name, ...] = ()
     seed: Annotated[int, Meta(ge=0)] = 0
     world: WorldTable = WorldTable()
     environment: Environment = Environment()
