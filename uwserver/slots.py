@@ -40,6 +40,16 @@ class SensorSlot:
         """Of the port."""
         return self.port.fields
 
+    @property
+    def listens(self) -> bool:
+        """Whether the sensor may have to measure between two readings; `is_called` tells when."""
+        return isinstance(self.sensor, Instrument) and self.sensor.listens
+
+    def is_called(self, now: float) -> bool:
+        """Whether it has to measure now (s), whatever its rate."""
+        wake = self.sensor.wake if isinstance(self.sensor, Instrument) else None
+        return wake is not None and wake <= now + 1e-9
+
     def set_interval(self, dt: float) -> None:
         """Tell the sensor and its errors the time (s) from one reading to the next."""
         if isinstance(self.sensor, Instrument):
