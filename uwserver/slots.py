@@ -62,6 +62,16 @@ class SensorSlot:
         """Of the port."""
         return self.port.fields
 
+    @property
+    def listens(self) -> bool:
+        """Whether the sensor may have to measure between two readings; `is_called` tells when."""
+        return isinstance(self.sensor, Instrument) and self.sensor.listens
+
+    def is_called(self, now: float) -> bool:
+        """Whether it has to measure now (s), whatever its rate."""
+        wake = self.sensor.wake if isinstance(self.sensor, Instrument) else None
+        return wake is not None and wake <= now + 1e-9
+
     def set_interval(self, dt: float) -> None:
         """Tell the sensor and its errors the time (s) from one reading to the next."""
         for instrument in (self.sensor, self.twin):
@@ -109,7 +119,7 @@ class SensorSlot:
         else:
             valid, values = self.sensor.measure(scope)
             reading = Measurement(values, valid, self.latency_ns)
-        reading.t_ns = scope.t_ns
+        reading.t_ns = scope.t_ns - reading.since_ns
         for side in self.sides:
             side.take(reading if exact is None or not side.ideal else replace(reading, valid=exact[0], values=exact[1]))
         for modifier in self.modifiers:
