@@ -304,8 +304,7 @@ class World:
         if self.pending:
             self._deliver(output.samples)
         if self._listening:
-            called = [slot for slot in self._listening if slot.is_called(self._seconds())]
-            self._measure(called, output.samples)
+            self._measure([slot for slot in self._listening if slot.is_called(self._seconds())], output.samples)
         for divisor, slots in self._due:
             if tick % divisor == 0:
                 self._measure(slots, output.samples)
@@ -397,6 +396,6 @@ class World:
 
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
-        where = f"tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s)"
-        line = f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
+        t = self.t_ns / NANOSECONDS
+        line = f'body "{vehicle.name}" diverged in tick {self.tick} (t = {t:.6f} s): p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
         return "\n".join([line, *self.commands.newest(vehicle.name)])
