@@ -238,7 +238,7 @@ class World:
         self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
-        """Carry out a service at once, between two ticks, and return its result; a long-running one is begun, and returns nothing.
+        """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.
 
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
@@ -293,7 +293,7 @@ class World:
             tick = self._tick  # a restore or reset may have been among it
         if self.commands.watch is not None and tick >= self.commands.watch:
             self.commands.expire(tick)
-        if self.pilots.all:
+        if self.pilots:
             output.replies += self.pilots.step(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self.tick = tick = tick + 1
@@ -310,7 +310,7 @@ class World:
                 self._measure(slots, output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
-        if self.pilots.all:
+        if self.pilots:
             self.pilots.hear(output.samples, self.t_ns)
         if self._events:
             output.events, self._events = self._events, []
@@ -390,8 +390,7 @@ class World:
                     heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
 
     def _deliver(self, samples: list[Sample]) -> None:
-        t_ns = self.t_ns
-        while self.pending and self.pending[0][0] <= t_ns:
+        while self.pending and self.pending[0][0] <= self.t_ns:
             samples.append(heapq.heappop(self.pending)[2])
 
     def _report(self, row: int) -> str:

@@ -112,9 +112,9 @@ def _share(wanted: FloatArray, base: FloatArray, low: FloatArray, high: FloatArr
         return 1.0
     share = 1.0
     for w, b, lo, hi in zip(wanted.tolist(), base.tolist(), low.tolist(), high.tolist(), strict=True):
-        if b + w > hi:
+        if w > 0.0 and b + w > hi:
             share = min(share, max(0.0, (hi - b) / w))
-        elif b + w < lo:
+        elif w < 0.0 and b + w < lo:
             share = min(share, max(0.0, (lo - b) / w))
     return share
 
