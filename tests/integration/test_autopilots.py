@@ -1,168 +1,20 @@
-"""Autopilots in the loop of a running server: hand-made ones always, real ones where they are.
-
-Opt-in: `UWSERVER_ARDUSUB` names an `ardusub` of a SITL build (its `Tools/autotest/default_params/sub.parm` is looked for in the tree around it,
-or named by `UWSERVER_ARDUSUB_PARAMS`), `UWSERVER_PX4` a `px4` of a SITL build. ArduSub's numbers are those of its own autotests.
-"""
+"""Autopilots in the loop of a running server: hand-made ones, over the real protocols."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
-import re
-import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from autopilot_server import PATIENCE_S, PX4_SENSORS, SCENARIO, ardusub_scenario, free_port, serving, until
 
 from uwserver.testing.ardupilot import ArduPilotPeer
-
-PATIENCE_S = 60.0
-ARDUSUB = os.environ.get("UWSERVER_ARDUSUB", "")
-PX4 = os.environ.get("UWSERVER_PX4", "")
-
-needs_ardusub = pytest.mark.skipif(not ARDUSUB, reason="UWSERVER_ARDUSUB is not set: an ardusub binary of a SITL build")
-needs_px4 = pytest.mark.skipif(not PX4, reason="UWSERVER_PX4 is not set: a px4 binary of a SITL build")
-
-SCENARIO = """
-schema = 1
-[world]
-rate_hz = {rate}
-[world.clock]
-mode = "lockstep"
-lockstep_clients = ["autopilot"]
-{clock}
-[environment]
-density_kgpm3 = 1025
-[server]
-metrics = false
-[vehicles.rov]
-model = "bluerov2_heavy"
-position_ned_m = [0, 0, {depth}]
-[vehicles.rov.truth]
-rate_hz = {rate}
-[vehicles.rov.sensors.imu]
-kind = "imu"
-profile = "mems_imu"
-rate_hz = {imu}
-latency_s = 0.0
-{sensors}
-[adapters.tcp]
-kind = "sockets"
-port = 0
-truth = true
-[adapters.autopilot]
-port = {port}
-truth = true
-{adapter}
-"""
-
-
-class Server:
-    """A server in a process of its own, and what it says over its native wire."""
-
-    def __init__(self, process: subprocess.Popen[str], addresses: dict[str, tuple[str, int]]) -> None:
-        self.process = process
-        self.addresses = addresses
-        self._wire = socket.create_connection(addresses["tcp"], timeout=PATIENCE_S)
-        self._lines = self._wire.makefile("r", encoding="utf-8")
-        self._id = 0
-
-    def ask(self, method: str, **params: Any) -> Any:
-        self._id += 1
-        request = {"jsonrpc": "2.0", "id": self._id, "method": method, "params": params}
-        self._wire.sendall(json.dumps(request).encode() + b"\n")
-        while True:
-            answer = json.loads(self._lines.readline())
-            if answer.get("id") == self._id:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def call(self, service: str, **args: Any) -> Any:
-        return self.ask("call", service=service, args=args).get("value")
-
-    def status(self) -> dict[str, Any]:
-        return dict(self.call("world/status"))
-
-    def stats(self) -> dict[str, Any]:
-        return dict(self.status()["adapters"]["autopilot"])
-
-    def close(self) -> None:
-        self._lines.close()
-        self._wire.close()
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextlib.contextmanager
-def serving(folder: Path, text: str) -> Iterator[Server]:
-    """Run a scenario until the test is over; its end must be in order."""
-    file = folder / "autopilot.toml"
-    file.write_text(text)
-    command = [sys.executable, "-u", "-m", "uwserver", "run", str(file)]
-    with (folder / "errors").open("w+") as errors:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=folder)
-        try:
-            addresses: dict[str, tuple[str, int]] = {}
-            assert process.stdout is not None
-            for line in process.stdout:
-                match = re.fullmatch(r"  (\w+): (\S+):(\d+)\n", line)
-                if match:
-                    addresses[match[1]] = match[2], int(match[3])
-                if line.startswith("Ctrl-C"):
-                    break
-            else:
-                errors.seek(0)
-                pytest.fail(f"the server did not start: {errors.read()}")
-            server = Server(process, addresses)
-            try:
-                yield server
-            finally:
-                server.close()
-        finally:
-            process.send_signal(signal.SIGTERM)
-            try:
-                process.communicate(timeout=20)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.communicate()
-        errors.seek(0)
-        assert "Traceback" not in errors.read()
-
-
-def ardusub_scenario(
-    port: int = 0, rate: int = 1200, depth: float = 5.0, clock: str = "", adapter: str = "", sensors: str = ""
-) -> str:
-    return SCENARIO.format(
-        rate=rate,
-        imu=rate,
-        port=port,
-        depth=depth,
-        clock=clock,
-        adapter=f'kind = "ardupilot_json"\n{adapter}',
-        sensors=sensors,
-    )
-
-
-def until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
-    end = time.monotonic() + patience_s
-    while not (value := condition()):
-        assert time.monotonic() < end, f"not within {patience_s:g} s: {what}"
-        time.sleep(0.02)
-    return value
-
-
-# -- hand-made --------------------------------------------------------------------------------------------------------------------------
 
 
 def test_a_new_frame_is_exactly_one_tick(tmp_path: Path) -> None:
@@ -336,8 +188,7 @@ vehicle = "other"
     ],
 )
 def test_what_does_not_fit_is_told_at_the_start(tmp_path: Path, wrong: str, right: str, phrase: str) -> None:
-    text = ardusub_scenario().replace("truth = true\nkind", "truth = true\nkind")
-    text = text.replace('truth = true\nkind = "ardupilot_json"', 'truth = true\nkind = "ardupilot_json"')
+    text = ardusub_scenario()
     assert wrong in text
     file = tmp_path / "wrong.toml"
     file.write_text(text.replace(wrong, right))
@@ -350,21 +201,8 @@ def test_what_does_not_fit_is_told_at_the_start(tmp_path: Path, wrong: str, righ
 
 def test_px4_hand_made(tmp_path: Path) -> None:
     mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
-    text = SCENARIO.format(
-        rate=1000, imu=250, port=0, depth=5.0, clock="", sensors="", adapter='kind = "px4_hil"\nodometry_hz = 50'
-    )
-    text = (
-        text.replace('model = "bluerov2_heavy"', 'model = "bluerov2_heavy"')
-        + """
-[vehicles.rov.sensors.pressure]
-kind = "pressure"
-rate_hz = 50
-[vehicles.rov.sensors.depth]
-kind = "pressure"
-output = "depth"
-rate_hz = 50
-"""
-    )
+    adapter = 'kind = "px4_hil"\nodometry_hz = 50'
+    text = SCENARIO.format(rate=1000, imu=250, port=0, depth=5.0, clock="", sensors=PX4_SENSORS, adapter=adapter)
     with (
         serving(tmp_path, text) as server,
         socket.create_connection(server.addresses["autopilot"], timeout=10) as stream,
