@@ -17,7 +17,7 @@ from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.readings import Readings
-from uwserver_adapters.sil.world import Deaf, failure, physics_hz
+from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
 
 _log = logging.getLogger(__name__)
 
@@ -78,6 +78,7 @@ class ArduPilotAdapter:
             RuntimeError: the driver failed.
         """
         config, context = self.config, self.context
+        await stand_by(context, ready)
         stats = context.stats
         stats.details.update(dict.fromkeys(COUNTS, 0))
         stats.details["frame_rate_hz"] = 0

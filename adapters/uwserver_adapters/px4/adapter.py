@@ -15,7 +15,7 @@ from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver_adapters.px4.senses import Roles, Senses
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.readings import Readings
-from uwserver_adapters.sil.world import Deaf, failure, physics_hz
+from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
 
 if TYPE_CHECKING:
     from uwserver_adapters.px4.driver import Px4Driver
@@ -91,6 +91,7 @@ class Px4Adapter:
             RuntimeError: the driver failed.
         """
         config, context = self.config, self.context
+        await stand_by(context, ready)
         stats = context.stats
         failed, on_reply = failure()
         with contextlib.ExitStack() as stack:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterContext
 from uwserver.frames import Quat, Vec3, conjugate, rotate
 from uwserver.ports import Event, OnReply, Progress, Reply, Sample
+
+_log = logging.getLogger(__name__)
 
 GRAVITY_MPS2 = 9.80665
 
@@ -27,6 +30,21 @@ def physics_hz(context: AdapterContext) -> float:
     """Ticks a second."""
     world: Any = context.describe("world/none")["world"]
     return float(world["rate_hz"])
+
+
+async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
+    """Where the world is not in lockstep: say so and serve nobody, until cancelled. Else return at once."""
+    found: list[Any] = []
+    context.call("world/status", {}, context.name, lambda outcome: found.append(getattr(outcome, "result", None)))
+    mode = found[0].get("mode") if found and isinstance(found[0], dict) else None
+    if mode in (None, "lockstep"):
+        return
+    stats = context.stats
+    stats.last_error = f'the world runs in mode {mode}: an autopilot in the loop needs [world.clock] mode = "lockstep"'
+    _log.warning("%s: %s; nothing is served", context.name, stats.last_error)
+    stats.state = "running"
+    ready.set()
+    await asyncio.get_running_loop().create_future()
 
 
 def failure() -> tuple[asyncio.Future[None], OnReply]:
