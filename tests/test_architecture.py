@@ -40,7 +40,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("services",),
     ("snapshot",),
     ("world",),  # the tick
-    ("faults", "commands"),  # mark rows and slots; who commands the actuators
+    ("faults", "commands", "pilots"),  # mark rows and slots; who commands the actuators
     ("slots",),  # what the world keeps of each component
     ("vehicle", "requests"),
     ("actuators", "sensors", "autopilot"),

@@ -41,7 +41,7 @@ class Commands:
             Whether somebody else commands that actuator too.
 
         Raises:
-            Refused: the actuator is gone, or deactivated.
+            Refused: the actuator is gone, deactivated, or held by the autopilot.
         """
         path = command.port
         slot = self._actuators.get(path)
@@ -49,6 +49,8 @@ class Commands:
             raise Refused("unknown_port", f'"{path}" is gone', path)
         if not slot.active:
             raise Refused("denied", f'"{path}" is deactivated: call {path}/activate first', path)
+        if slot.refusal:
+            raise Refused("denied", f'"{path}" {slot.refusal}', path)
         conflict = False
         if slot.source and slot.source != command.source:
             conflict = tick - slot.last_tick <= self._window

@@ -222,6 +222,7 @@ class Event(Struct, frozen=True):
         "diverged",
         "shutdown",
         "adapter_failed",
+        "autopilot",
     ]
     tick: int
     t_ns: int

@@ -9,9 +9,11 @@ from typing import Literal
 from msgspec import Struct
 
 from uwserver.actuators import Actuator
+from uwserver.autopilot.goal import Later
+from uwserver.autopilot.pilot import Autopilot
 from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.shapes import Solid
-from uwserver.ports import Call, Command, Event, Field, Json, OnReply, Port, Reply, Sample, Service, Value
+from uwserver.ports import Call, Command, Event, Field, Json, OnReply, Port, Progress, Reply, Sample, Service, Value
 from uwserver.sensors import Instrument, Scope, Sensor
 from uwserver.sensors.wiring import Wiring
 from uwserver.vehicle import Vehicle
@@ -64,7 +66,7 @@ class SensorSlot:
 
 @dataclass(slots=True)
 class ActuatorSlot:
-    """An actuator in the world: who commanded it last, and when it goes to neutral."""
+    """An actuator in the world: who commanded it last, when it goes to neutral, and why it takes no commands now ("" when it does)."""
 
     port: Port
     actuator: Actuator
@@ -76,10 +78,11 @@ class ActuatorSlot:
     other_tick: int = -(10**18)
     conflicts: int = 0
     timeouts: int = 0
+    refusal: str = ""
 
 
-Carry = Callable[[Mapping[str, Json]], Json]
-"""What a service does; runs at the start of a tick."""
+Carry = Callable[[Mapping[str, Json]], Json | Later]
+"""What a service does; runs at the start of a tick. A long-running one gives its answers later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +94,7 @@ class Member:
         sensors, actuators: its components.
         services: those of its components, and what they do.
         solid: its collision shapes; None for none.
+        autopilot: None for none.
     """
 
     vehicle: Vehicle
@@ -98,6 +102,7 @@ class Member:
     actuators: tuple[ActuatorSlot, ...] = ()
     services: tuple[tuple[Service, Carry], ...] = ()
     solid: Solid | None = None
+    autopilot: Autopilot | None = None
 
 
 class Posted(Struct):
@@ -114,5 +119,5 @@ class TickOutput:
     tick: int
     t_ns: int
     samples: list[Sample]
-    replies: list[tuple[OnReply, Reply]] = field(default_factory=list)
+    replies: list[tuple[OnReply, Reply | Progress]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
+from uwserver.autopilot.state import Saved as SavedPilot
 from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
 from uwserver.physics.hydrodynamics import Saved
@@ -61,6 +62,7 @@ class Snapshot(Struct, frozen=True):
     pending_order: int
     watch: int | None
     faults: tuple[Entry, ...]
+    pilots: dict[str, SavedPilot]
 
     def hash(self) -> str:
         """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
@@ -71,6 +73,8 @@ class Snapshot(Struct, frozen=True):
         water = (self.current, self.drifts)
         rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
         digest.update(repr(rest).encode())
+        if self.pilots:
+            digest.update(repr(self.pilots).encode())
         return digest.hexdigest()
 
 
@@ -117,6 +121,7 @@ def take(world: World) -> Snapshot:
         pending_order=world.pending_order,
         watch=world.commands.watch,
         faults=tuple(world.faults.entries.values()),
+        pilots={name: pilot.save() for name, pilot in world.pilots.all.items()},
     )
 
 
@@ -158,4 +163,6 @@ def restore(world: World, snapshot: Snapshot) -> None:
     world.pending_order = snapshot.pending_order
     world.commands.watch = snapshot.watch
     world.faults.restore(snapshot.faults)
+    for name, pilot in snapshot.pilots.items():
+        world.pilots.all[name].load(pilot)
     world.schedule()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import structs
 
+from uwserver.autopilot.goal import Later
 from uwserver.commands import Commands
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
@@ -17,6 +18,7 @@ from uwserver.faults import Faults
 from uwserver.frames import Vec3
 from uwserver.physics.geometry import Geometry, OpenWater
 from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.pilots import Pilots
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Compound, Scope
@@ -58,6 +60,7 @@ class World:
         lambert: (n) backscatter of their materials, by number.
         water, earth: the environment, and where N lies.
         faults: of thrusters, sensors and hulls.
+        pilots: built-in autopilots.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -94,6 +97,7 @@ class World:
         self._last: dict[str, Sample] = {}
         self.commands = Commands(self.actuators, rate_hz, self.say)
         self.jumps = 0
+        self.pilots = Pilots()
         self.faults = Faults(
             hydro, water, self.vehicles, self.sensors, self.actuators, rate_hz, lambda text: self.say("fault", text)
         )
@@ -109,6 +113,7 @@ class World:
         begun = bool(self.members)
         self.members = {member.vehicle.name: member for member in members}
         self._set_solids()
+        self.pilots.set_members(self.members.values())
         self.vehicles.clear()
         self.sensors.clear()
         self.actuators.clear()
@@ -229,13 +234,14 @@ class World:
         self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
-        """Carry out a service at once, between two ticks, and return its result.
+        """Carry out a service at once, between two ticks, and return its result; a long-running one is begun, and returns nothing.
 
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
         """
         find("service", service, self.services)
-        return self._carry[service](checked_args(self.services[service], args))
+        result = self._carry[service](checked_args(self.services[service], args))
+        return None if isinstance(result, Later) else result
 
     # -- the tick -------------------------------------------------------------------------------------------------------------------
 
@@ -268,9 +274,10 @@ class World:
         1. faults that begin or end, so that they meet the commands of this tick;
         2. what was posted, so that a command acts in the tick that its reply names;
         3. watchdogs, after the commands that may feed them;
-        4. actuators, bodies and water together in the kernel, from t to t + dt;
-        5. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        6. sensors that are due at t + dt, with their errors, from the new state.
+        4. autopilots, after the orders of this tick and with what their sensors had delivered by t;
+        5. actuators, bodies and water together in the kernel, from t to t + dt;
+        6. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
+        7. sensors that are due at t + dt, with their errors, from the new state.
         """
         output = TickOutput(self.tick, self.t_ns, [])
         if self.faults.next_tick is not None and self.tick >= self.faults.next_tick:
@@ -279,6 +286,9 @@ class World:
             self._carry_out(output)
         if self.commands.watch is not None and self.tick >= self.commands.watch:
             self.commands.expire(self.tick)
+        if self.pilots.all:
+            self.pilots.step(self.tick, self.t_ns)
+            output.replies += self.pilots.answers()
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
         if self.water.sea is not None:
@@ -292,6 +302,8 @@ class World:
                 self._measure(slots, output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
+        if self.pilots.all:
+            self.pilots.hear(output.samples, self.t_ns)
         if self._events:
             output.events, self._events = self._events, []
         output.tick, output.t_ns = self.tick, self.t_ns
@@ -301,6 +313,7 @@ class World:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
         self._carry_out(output)
+        output.replies += self.pilots.answers()
         output.events, self._events = self._events, []
         output.tick, output.t_ns = self.tick, self.t_ns
         return output
@@ -317,8 +330,8 @@ class World:
             else:
                 # A call may depend on the commands before it.
                 self.commands.apply(self.tick)
-                reply = self._run(entry.item)
-            if entry.on_reply is not None:
+                reply = self._run(entry.item, entry.on_reply)
+            if reply is not None and entry.on_reply is not None:
                 output.replies.append((entry.on_reply, reply))
         self.commands.apply(self.tick)
 
@@ -328,12 +341,16 @@ class World:
         except Refused as refused:
             return Reply(self.tick, self.t_ns, fault=refused.fault)
 
-    def _run(self, call: Call) -> Reply:
+    def _run(self, call: Call, on_reply: OnReply | None) -> Reply | None:
         tick, t_ns = self.tick, self.t_ns
         try:
             if call.service not in self._carry:
                 raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
-            return Reply(tick, t_ns, self._carry[call.service](call.args))
+            result = self._carry[call.service](call.args)
+            if isinstance(result, Later):
+                result.on_reply = on_reply
+                return None
+            return Reply(tick, t_ns, result)
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
         except Exception as error:  # a fault of one service must not end the simulation

@@ -13,6 +13,7 @@ from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, Stream
 from uwserver.physics.bodies import BodyParams
 from uwserver.ports import Field, Port
+from uwserver.scenario.autopilot import build_autopilot
 from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
 from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor, SensorConfig
@@ -69,9 +70,18 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
-    actuators = tuple(_actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items())
-    services = tuple(component_services(world, sensors, actuators))
-    return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), actuators, services, resolved.solid)
+    actuators = {key: _actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items()}
+    mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
+    piloted = build_autopilot(world, resolved, params, name, row, mounts, actuators)
+    slots = list(actuators.values())
+    if piloted is not None:
+        sensors.append(piloted.state)
+        slots += piloted.set_points
+    services = tuple(component_services(world, sensors, slots)) + (() if piloted is None else piloted.services)
+    return Member(
+        Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid,
+        None if piloted is None else piloted.autopilot,
+    )  # fmt: skip
 
 
 def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType, field
 
+from uwserver.autopilot.config import AutopilotConfig
 from uwserver.environment.column import ColumnConfig
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
@@ -108,6 +109,7 @@ class VehicleEntry(Table, kw_only=True, frozen=True):
         present: False keeps it out at the start; ``world/spawn`` can add vehicles like it.
         override: tables of the vehicle file, key by key replaced for this vehicle.
         sensors: added to those of the vehicle file (same name: replaces it; ``enabled = false`` removes it).
+        autopilot: the built-in one; default: none.
     """
 
     model: Name
@@ -120,6 +122,7 @@ class VehicleEntry(Table, kw_only=True, frozen=True):
     truth: Truth | UnsetType = UNSET
     override: dict[str, Any] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
+    autopilot: AutopilotConfig | UnsetType = UNSET
 
 
 class Server(Table, kw_only=True, frozen=True):

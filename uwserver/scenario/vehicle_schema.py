@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.actuators import ActuatorConfig
+from uwserver.autopilot.gains import Gains
 from uwserver.scenario.appendage_schema import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller, Six, Sourced
 from uwserver.scenario.solid_schema import Collision, Contact
 from uwserver.sensors import SensorConfig
@@ -113,6 +114,18 @@ class Thruster(Sourced, kw_only=True, frozen=True):
     inflow_factor: Annotated[float, Meta(ge=0)] = 1.0
 
 
+class Autopilot(Sourced, kw_only=True, frozen=True):
+    """How the built-in autopilot controls the vehicle, in scenarios that have one.
+
+    Attributes:
+        gains: those that differ from the defaults.
+        max_wrench: surge, sway, heave (N), roll, pitch, yaw (N m) that a vehicle without thrusters is given at most.
+    """
+
+    gains: Gains = Gains()
+    max_wrench: Six | UnsetType = UNSET
+
+
 class Vehicle(Table, kw_only=True, frozen=True):
     """A whole vehicle file."""
 
@@ -135,6 +148,7 @@ class Vehicle(Table, kw_only=True, frozen=True):
     contact: Contact = Contact()
     actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
+    autopilot: Autopilot | UnsetType = UNSET
 
 
 class ForceCurve(Sourced, kw_only=True, frozen=True):

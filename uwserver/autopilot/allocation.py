@@ -1,0 +1,224 @@
+"""Which command each actuator gets so that together they make a wrench: pseudo-inverse, limits, and inverted thrust curves.
+
+Closed forms: f = W^-1 B^T (B W^-1 B^T + lambda I)^-1 tau is the least sum of (f_i / limit_i)^2 among all forces that make tau (Fossen 2011,
+section 12.3.2), with a small damping lambda against axes that are almost out of reach.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.autopilot.state import Six
+
+FloatArray = npt.NDArray[np.float64]
+
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
+IMPORTANCE = (HEAVE, YAW, SURGE, SWAY, ROLL, PITCH)
+"""Which axes are controlled where there are not enough actuators for all."""
+FIRST = (HEAVE, ROLL, PITCH, YAW)
+"""Axes that keep their share when the actuators cannot give everything: a vehicle that turns over or sinks loses more than one that is slow."""
+DAMPING = 1e-3
+"""Square root of lambda over the largest singular value."""
+_OUT_OF_REACH = 0.05
+"""An axis is out of reach whose wrench, in the best case, leaves this part of it to the axes that are controlled already."""
+
+Given = tuple[tuple[float, ...] | None, ...]
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """One thruster as its maker describes it.
+
+    Attributes:
+        column: (6) wrench about the origin in B per newton.
+        curve: (u, N) ascending in both, installed, at the supply's voltage.
+    """
+
+    column: Six
+    curve: tuple[tuple[float, float], ...]
+
+
+class Allocation(Protocol):
+    """The actuators of a vehicle, seen as a wrench."""
+
+    axes: tuple[int, ...]
+    reach: Six
+
+    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
+        """Commands of the held actuators, in their order, and the wrench that they will make.
+
+        Args:
+            tau: demanded (6), N and N m in B; what is demanded of axes out of reach is ignored.
+            speed: surge through the water, m/s.
+        """
+
+
+def controllable(columns: FloatArray) -> tuple[int, ...]:
+    """Axes (ascending) that can be commanded independently, the most important first; `columns` is (6, n), each of unit strength."""
+    kept: list[int] = []
+    arm = max(float(np.abs(columns[3:]).max(initial=0.0)), 1e-9)
+    scaled = columns.copy()
+    scaled[3:] /= arm
+    for axis in IMPORTANCE:
+        row = scaled[axis]
+        length = float(np.linalg.norm(row))
+        if length < 1e-9:
+            continue
+        if kept:
+            base = scaled[kept]
+            rest = row - base.T @ np.linalg.lstsq(base.T, row, rcond=None)[0]
+            if float(np.linalg.norm(rest)) < _OUT_OF_REACH * length:
+                continue
+        if length > _OUT_OF_REACH * float(np.abs(scaled).max()):
+            kept.append(axis)
+    return tuple(sorted(kept))
+
+
+def inverse(columns: FloatArray, limits: FloatArray, axes: Sequence[int]) -> FloatArray:
+    """(n, 6) from a wrench to actuators; zero columns for axes that are not among `axes`.
+
+    Args:
+        columns: (6, n) wrench per unit of each actuator.
+        limits: (n) of each actuator, which weigh them against each other.
+        axes: those that are made exactly, but for the damping.
+    """
+    arm = max(float(np.abs(columns[3:]).max(initial=0.0)), 1e-9)
+    rows = np.array([1.0] * 3 + [1.0 / arm] * 3)[list(axes)]
+    weighted = (columns[list(axes)] * rows[:, None]) * limits
+    damping = (DAMPING * np.linalg.norm(weighted, 2)) ** 2
+    small = weighted.T @ np.linalg.inv(weighted @ weighted.T + damping * np.eye(len(axes)))
+    result = np.zeros((columns.shape[1], 6))
+    result[:, list(axes)] = (small * limits[:, None]) * rows
+    return result
+
+
+def fitted(first: FloatArray, rest: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """The important forces, scaled down if they alone are too much, and as much of the rest as fits beside them (n each)."""
+    first = first * _share(first, np.zeros_like(first), low, high)
+    return np.asarray(first + rest * _share(rest, first, low, high))
+
+
+def _share(wanted: FloatArray, base: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """The largest part s <= 1 of `wanted` for which base + s wanted keeps the limits."""
+    total = base + wanted
+    if (total <= high).all() and (total >= low).all():
+        return 1.0
+    share = 1.0
+    for w, b, lo, hi in zip(wanted.tolist(), base.tolist(), low.tolist(), high.tolist(), strict=True):
+        if b + w > hi:
+            share = min(share, max(0.0, (hi - b) / w))
+        elif b + w < lo:
+            share = min(share, max(0.0, (lo - b) / w))
+    return share
+
+
+class Curve:
+    """A force table turned round: the least command that makes a force."""
+
+    def __init__(self, points: Sequence[tuple[float, float]]) -> None:
+        """Of (u, N) points, ascending in both. Within the dead band the command is zero."""
+        forward = [(f, u) for u, f in points if f > 0.0]
+        astern = [(f, u) for u, f in points if f < 0.0]
+        # The edges of the dead band: the last points without force on either side.
+        edge = max((u for u, f in points if f == 0.0), default=0.0)
+        back = min((u for u, f in points if f == 0.0), default=0.0)
+        self._forward = [(0.0, edge), *forward]
+        self._astern = [*astern, (0.0, back)]
+        self._keys = [f for f, _ in self._forward]
+        self._back_keys = [f for f, _ in self._astern]
+
+    def command(self, force: float) -> float:
+        """u for a force (N)."""
+        if force == 0.0:
+            return 0.0
+        points, keys = (self._forward, self._keys) if force > 0.0 else (self._astern, self._back_keys)
+        k = bisect_right(keys, force)
+        if k == 0:
+            return points[0][1]
+        if k == len(points):
+            return points[-1][1]
+        (f0, u0), (f1, u1) = points[k - 1], points[k]
+        return u0 + (u1 - u0) * (force - f0) / (f1 - f0)
+
+
+def reaches(columns: FloatArray, low: FloatArray, high: FloatArray, into: FloatArray) -> Six:
+    """The largest wrench on each axis alone, in the direction in which it is less; 0 out of reach."""
+    values = []
+    for axis in range(6):
+        f = into[:, axis]
+        if not f.any():
+            values.append(0.0)
+            continue
+        zero = np.zeros_like(f)
+        scale = min(_largest(f, low, high), _largest(-f, low, high))
+        values.append(scale * float((columns[axis] * f).sum()) if zero.size else 0.0)
+    a, b, c, d, e, g = values
+    return (a, b, c, d, e, g)
+
+
+def _largest(direction: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.where(direction > 0.0, high / direction, np.where(direction < 0.0, low / direction, math.inf))
+    return float(room.min())
+
+
+class Thrusters:
+    """Thrusters of one or several actuators."""
+
+    def __init__(self, groups: Sequence[tuple[Sequence[Thrust], bool]]) -> None:
+        """Of each actuator its thrusters, and whether it is commanded by force rather than u."""
+        thrusts = [thrust for group, _ in groups for thrust in group]
+        self._columns = np.array([thrust.column for thrust in thrusts]).T.copy()
+        self._low = np.array([thrust.curve[0][1] for thrust in thrusts])
+        self._high = np.array([thrust.curve[-1][1] for thrust in thrusts])
+        self.axes = controllable(self._columns)
+        limits = np.minimum(-self._low, self._high)
+        self.inverse = inverse(self._columns, limits, self.axes)
+        self.reach = reaches(self._columns, self._low, self._high, self.inverse)
+        self._rest = [axis for axis in range(6) if axis not in FIRST]
+        self._curves = [Curve(thrust.curve) for thrust in thrusts]
+        # (first, last, by force) of each actuator.
+        self._slices: list[tuple[int, int, bool]] = []
+        start = 0
+        for group, by_force in groups:
+            self._slices.append((start, start + len(group), by_force))
+            start += len(group)
+        self._first = self.inverse.copy()
+        self._first[:, self._rest] = 0.0
+        self._others = self.inverse - self._first
+
+    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
+        """See `Allocation`."""
+        wrench = np.array(tau)
+        f = fitted(self._first @ wrench, self._others @ wrench, self._low, self._high)
+        made: Six = tuple((self._columns @ f).tolist())  # type: ignore[assignment]  # six of them
+        forces: list[float] = f.tolist()
+        given: list[Given] = []
+        for first, last, by_force in self._slices:
+            part = forces[first:last]
+            if not by_force:
+                part = [curve.command(force) for curve, force in zip(self._curves[first:last], part, strict=True)]
+            given.append((tuple(part),))
+        return given, made
+
+
+class Wrench:
+    """A vehicle that is driven by a wrench."""
+
+    axes = (0, 1, 2, 3, 4, 5)
+
+    def __init__(self, limits: Six) -> None:
+        """Within these limits of each axis, N and N m."""
+        self.reach = limits
+
+    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
+        """See `Allocation`."""
+        a, b, c, d, e, f = (min(max(t, -limit), limit) for t, limit in zip(tau, self.reach, strict=True))
+        return [((a, b, c), (d, e, f))], (a, b, c, d, e, f)

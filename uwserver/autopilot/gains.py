@@ -1,0 +1,81 @@
+"""Gains, limits and time-outs of the built-in autopilot.
+
+Gains of loops on accelerations are per unit of inertia, so that one set fits vehicles of any size: the controller multiplies with the vehicle's own
+inertia, added mass included.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.table import Positive, Table
+
+Gain = Annotated[float, Meta(ge=0, le=1000)]
+
+
+class Gains(Table, kw_only=True, frozen=True):
+    """What the controllers work with. All can be read and changed while the autopilot runs.
+
+    Attributes:
+        rate_p, rate_i: roll and pitch rate to angular acceleration, 1/s and 1/s2.
+        attitude_p: roll and pitch to rate, 1/s.
+        yaw_rate_p, yaw_rate_i: yaw rate to angular acceleration, 1/s and 1/s2.
+        heading_p: heading to yaw rate, 1/s.
+        climb_p, climb_i: vertical speed to acceleration, 1/s and 1/s2.
+        depth_p: depth to vertical speed, 1/s. A torpedo: depth error to its path's slope, rad/m.
+        depth_i: a torpedo's integral of the depth error to its path's slope, rad/(m s).
+        velocity_p, velocity_i: horizontal speed to acceleration, 1/s and 1/s2.
+        position_p: horizontal position to speed, 1/s.
+        unwind: how fast an integral gives way to an actuator at its limit, 1/s.
+        look_ahead_m: distance of the point on its line that a torpedo steers at.
+        orbit_m: radius of the circle on which a torpedo holds a position.
+        stick: part of the actuators' power that a full stick commands where it acts on forces.
+        max_tilt_rad: roll and pitch at full stick, and a torpedo's steepest path.
+        max_rate_radps: roll and pitch rate, at most and at full stick.
+        max_yaw_rate_radps: at most and at full stick.
+        max_climb_mps: vertical speed, at most and at full stick.
+        max_speed_mps: horizontal speed, at most and at full stick.
+        cruise_mps: speed on the way to a place, where nothing else is said.
+        surface_mps: vertical speed on the way to the surface.
+        shaft_per_speed: a torpedo's shaft speed over its speed while it cannot measure the latter, rad/m.
+        attitude_timeout_s: without a valid sample for so long the attitude is lost; likewise the others.
+        depth_timeout_s: of the depth.
+        velocity_timeout_s: of the velocity over ground.
+        position_timeout_s: of a position from outside, while the velocity is lost.
+        altitude_timeout_s: of the altitude.
+        battery_low: charge (part of the capacity) at which the vehicle surfaces.
+    """
+
+    rate_p: Gain = 6.0
+    rate_i: Gain = 3.0
+    attitude_p: Gain = 3.0
+    yaw_rate_p: Gain = 4.0
+    yaw_rate_i: Gain = 1.5
+    heading_p: Gain = 1.5
+    climb_p: Gain = 2.5
+    climb_i: Gain = 0.8
+    depth_p: Gain = 0.8
+    depth_i: Gain = 0.0
+    velocity_p: Gain = 2.0
+    velocity_i: Gain = 0.6
+    position_p: Gain = 0.5
+    unwind: Gain = 2.0
+    look_ahead_m: Positive = 10.0
+    orbit_m: Positive = 15.0
+    stick: Gain = 1.0
+    max_tilt_rad: Positive = 0.5
+    max_rate_radps: Positive = 1.5
+    max_yaw_rate_radps: Positive = 0.8
+    max_climb_mps: Positive = 0.4
+    max_speed_mps: Positive = 0.6
+    cruise_mps: Positive = 0.4
+    surface_mps: Positive = 0.3
+    shaft_per_speed: Gain = 80.0
+    attitude_timeout_s: Positive = 0.5
+    depth_timeout_s: Positive = 1.0
+    velocity_timeout_s: Positive = 2.0
+    position_timeout_s: Positive = 5.0
+    altitude_timeout_s: Positive = 2.0
+    battery_low: Annotated[float, Meta(ge=0, le=1)] = 0.1

@@ -1,0 +1,180 @@
+"""Control of a vehicle that can hover: cascades from position to velocity to force, and from attitude to rate to moment."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from uwserver.autopilot.estimator import Known
+from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, move_place, wrapped
+from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
+from uwserver.frames import Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
+
+_RISE = 0.4
+"""Part of the power upwards that brings a vehicle up which does not know its depth."""
+_FORGET_S = 5.0
+"""Time constant with which a learnt current is forgotten while nobody holds against it, s."""
+
+
+class Wish(NamedTuple):
+    """What the outer loops want.
+
+    Attributes:
+        force: from the sticks, N in B; moment: likewise, N m.
+        v: velocity in N that is to be reached, m/s; nan where the sticks act on forces: x and y go together.
+        q: attitude that is to be reached; None for none.
+        rates: beside it, or alone, rad/s in B; None for none.
+    """
+
+    force: Vec3
+    moment: Vec3
+    v: Vec3
+    q: Quat | None
+    rates: Vec3 | None
+
+
+class Hover:
+    """The cascades of one vehicle; stateless."""
+
+    def __init__(self, inertia: Six, reach: Six, axes: tuple[int, ...], dt: float) -> None:
+        """For a vehicle.
+
+        Args:
+            inertia: with added mass, kg and kg m2, of each axis.
+            reach: largest wrench of each axis, N and N m.
+            axes: that can be controlled.
+            dt: of a step, s.
+        """
+        self._inertia, self._reach, self._dt = inertia, reach, dt
+        self._turns = tuple(1.0 if axis in axes else 0.0 for axis in (3, 4, 5))
+
+    def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
+        """The wrench (B) that carries out the orders; moves set points by the sticks."""
+        wish = self._wish(e, o, known)
+        return self._wrench(e, m, o, wish)
+
+    # -- what is wanted -------------------------------------------------------------------------------------------------------------
+
+    def _wish(self, e: Estimate, o: Orders, known: Known) -> Wish:
+        g, mode = o.gains, o.mode
+        fx, fy, fz, tx, ty, tz = (s * r * g.stick for s, r in zip(o.stick, self._reach, strict=True))
+        if mode == "manual":
+            return Wish((fx, fy, fz), (tx, ty, tz), (NAN,) * 3, None, None)
+        if mode == "acro":
+            rates = (o.stick[3] * g.max_rate_radps, o.stick[4] * g.max_rate_radps, o.stick[5] * g.max_yaw_rate_radps)
+            return Wish((fx, fy, fz), STILL, (NAN,) * 3, None, rates)
+        vz = self._climb(e, o, known)
+        vx, vy = self._drive(e, o, known)
+        force = (fx if vx != vx else 0.0, fy if vx != vx else 0.0, fz if vz != vz else 0.0)
+        if mode == "surface" and not known.depth:
+            force = (fx, fy, -_RISE * self._reach[2])
+        if o.attitude is not None:
+            return Wish(force, STILL, (vx, vy, vz), o.attitude, None)
+        turn = move_heading(o, e, self._dt)
+        q = quat_from_rpy(o.stick[3] * g.max_tilt_rad, o.stick[4] * g.max_tilt_rad, o.heading)
+        return Wish(force, STILL, (vx, vy, vz), q, (0.0, 0.0, turn))
+
+    def _climb(self, e: Estimate, o: Orders, known: Known) -> float:
+        """Vertical speed, m/s down; nan where the stick acts on the force."""
+        g, mode = o.gains, o.mode
+        if mode in ("stabilise", "heading_hold") or not known.depth:
+            return NAN
+        fast = g.surface_mps if mode == "surface" else g.max_climb_mps
+        if o.attitude is not None:
+            wanted = clamped(o.heave, 1.0) * g.max_climb_mps
+        elif o.frame == "N":
+            wanted = o.velocity[2]
+        elif o.frame == "B":
+            wanted = rotate(quat_from_rpy(0.0, 0.0, heading_of(e)), o.velocity)[2]
+        else:
+            wanted = move_depth(o, e, known, self._dt)
+        if (o.attitude is not None or o.frame) and wanted:
+            o.depth = e.p[2] + clamped(o.depth + wanted * self._dt - e.p[2], 1.0)
+        return clamped(wanted + g.depth_p * (o.depth - e.p[2]), max(fast, abs(wanted)))
+
+    def _drive(self, e: Estimate, o: Orders, known: Known) -> tuple[float, float]:
+        """Velocity north and east, m/s; nan where the sticks act on forces."""
+        g, mode = o.gains, o.mode
+        if mode == "velocity" or (mode == "guided" and o.frame):
+            return self._velocity(e, o)
+        if mode not in ("position_hold", "guided", "mission") or not known.position or o.attitude is not None:
+            return NAN, NAN
+        vx, vy = move_place(o, e, self._dt)
+        dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
+        distance = math.hypot(dx, dy)
+        speed = g.max_speed_mps if o.speed != o.speed else o.speed
+        if o.looks and distance > 2.0 * o.radius:
+            o.heading = math.atan2(dy, dx)
+        # Not yet turned there: go slowly, as the vehicle is made to go ahead.
+        if o.looks and distance > 2.0 * o.radius and abs(wrapped(o.heading - heading_of(e))) > 0.8:
+            speed *= 0.3
+        fast = min(speed, g.position_p * distance)
+        scale = fast / distance if distance > 1e-9 else 0.0
+        return vx + scale * dx, vy + scale * dy
+
+    def _velocity(self, e: Estimate, o: Orders) -> tuple[float, float]:
+        v = o.velocity if o.frame else STILL
+        if o.frame != "N":
+            surge, sway = o.stick[0] * o.gains.max_speed_mps, o.stick[1] * o.gains.max_speed_mps
+            level = quat_from_rpy(0.0, 0.0, heading_of(e))
+            v = rotate(level, (v[0] + surge, v[1] + sway, 0.0))
+        return v[0], v[1]
+
+    # -- how it is done -------------------------------------------------------------------------------------------------------------
+
+    def _wrench(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Six:
+        self._unwind(e, m, o)
+        fx, fy, fz = self._force(e, m, o, wish)
+        tx, ty, tz = self._moment(e, m, o, wish)
+        return (fx, fy, fz, tx, ty, tz)
+
+    def _unwind(self, e: Estimate, m: Memory, o: Orders) -> None:
+        """What the actuators could not give must not be asked for by the integrals: they give way."""
+        if not any(m.lack):
+            return
+        k = o.gains.unwind * self._dt
+        a, b, c, d, f, g = (k * lack / inertia for lack, inertia in zip(m.lack, self._inertia, strict=True))
+        x, y, z = rotate(e.q, (a, b, c))
+        m.push = (m.push[0] - x, m.push[1] - y, m.push[2] - z)
+        m.twist = (m.twist[0] - d, m.twist[1] - f, m.twist[2] - g)
+
+    def _force(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Vec3:
+        g, dt = o.gains, self._dt
+        (vx, vy, vz), (px, py, pz) = wish.v, m.push
+        ax = ay = az = 0.0
+        if vx == vx:
+            dx, dy = vx - e.v[0], vy - e.v[1]
+            ax, ay = g.velocity_p * dx + px, g.velocity_p * dy + py
+            px, py = px + g.velocity_i * dx * dt, py + g.velocity_i * dy * dt
+        else:
+            px, py = px - px * dt / _FORGET_S, py - py * dt / _FORGET_S
+        if vz == vz:
+            dz = vz - e.v[2]
+            az = g.climb_p * dz + pz
+            pz += g.climb_i * dz * dt
+        m.push = (px, py, pz)
+        a, b, c = rotate(conjugate(e.q), (ax, ay, az))
+        i, force = self._inertia, wish.force
+        return (a * i[0] + force[0], b * i[1] + force[1], c * i[2] + force[2])
+
+    def _moment(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Vec3:
+        if wish.q is None and wish.rates is None:
+            m.twist = STILL
+            return wish.moment
+        g, dt, i = o.gains, self._dt, self._inertia
+        x, y, z = wish.rates or STILL
+        if wish.q is not None:
+            w, a, b, c = multiply(conjugate(e.q), wish.q)
+            two = math.copysign(2.0, w)
+            x += clamped(g.attitude_p * two * a, g.max_rate_radps)
+            y += clamped(g.attitude_p * two * b, g.max_rate_radps)
+            z += clamped(g.heading_p * two * c, min(g.max_yaw_rate_radps, o.turn_limit))
+        tx, ty, tz = self._turns
+        dx, dy, dz = tx * (x - e.w[0]), ty * (y - e.w[1]), tz * (z - e.w[2])
+        kx, ky, kz = m.twist
+        m.twist = (kx + g.rate_i * dx * dt, ky + g.rate_i * dy * dt, kz + g.yaw_rate_i * dz * dt)
+        return (
+            i[3] * (g.rate_p * dx + kx),
+            i[4] * (g.rate_p * dy + ky),
+            i[5] * (g.yaw_rate_p * dz + kz),
+        )

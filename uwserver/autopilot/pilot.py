@@ -1,0 +1,374 @@
+"""The built-in autopilot of one vehicle: from delivered samples and orders to commands of its actuators."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from uwserver.autopilot import route
+from uwserver.autopilot.allocation import Allocation, Given
+from uwserver.autopilot.estimator import Estimator, Known, known
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.goal import Later
+from uwserver.autopilot.mission import Item
+from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
+from uwserver.autopilot.sticks import enter, stay
+from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Mode, Orders, Saved
+from uwserver.frames import Vec3, conjugate, rotate
+from uwserver.ports import Fault, OnReply, Progress, Refused, Reply, Sample
+
+_PROGRESS_S = 0.5
+
+
+class Hand(Protocol):
+    """What an actuator can be told."""
+
+    def apply(self, value: Given) -> None:
+        """Carry out a command."""
+
+    def neutral(self) -> None:
+        """Go to the safe state."""
+
+
+class Held(Protocol):
+    """An actuator of the vehicle, which nobody else commands while the autopilot is armed."""
+
+    active: bool
+    refusal: str
+    last_value: tuple[tuple[float, ...] | None, ...]
+
+    @property
+    def actuator(self) -> Hand:
+        """The actuator itself."""
+
+
+class Helm(Protocol):
+    """A way to control a kind of vehicle."""
+
+    def demand(
+        self, e: Estimate, m: Memory, o: Orders, known: Known
+    ) -> tuple[float, float, float, float, float, float]:
+        """The wrench (N, N m in B) that carries out the orders."""
+
+
+@dataclass(frozen=True)
+class Craft:
+    """What the autopilot knows of its vehicle.
+
+    Attributes:
+        path: ``<vehicle>/autopilot``.
+        estimator, allocation, helm: its parts.
+        held: the actuators, in the order of the allocation's commands.
+        gains: at the start.
+        divisor: ticks of a step.
+        dt: of a step, s.
+        flies: it cannot stay in a place.
+        mode, armed: at the start.
+        on_leak, on_low_battery: what it does then.
+    """
+
+    path: str
+    estimator: Estimator
+    allocation: Allocation
+    helm: Helm
+    held: Sequence[Held]
+    gains: Gains
+    divisor: int
+    dt: float
+    flies: bool = False
+    mode: Mode = "manual"
+    armed: bool = False
+    on_leak: str = "surface"
+    on_low_battery: str = "surface"
+
+
+class Autopilot:
+    """Runs on the simulation thread. What it remembers is `estimate`, `memory` and `orders`, and one call that waits for its end.
+
+    Attributes:
+        set_points: slots of its own ports, by name, which take commands in some modes only.
+    """
+
+    def __init__(self, craft: Craft, now: Callable[[], tuple[int, int]], say: Callable[[str], None]) -> None:
+        """For a vehicle.
+
+        Args:
+            craft: the vehicle.
+            now: tick and simulation time (ns).
+            say: tells all clients.
+        """
+        self.craft = craft
+        self.divisor = craft.divisor
+        self.estimate = craft.estimator.begin()
+        self.memory = Memory()
+        self.orders = Orders(gains=craft.gains, mode=craft.mode)
+        self.set_points: dict[str, Held] = {}
+        self._now, self._say = now, say
+        self._errand: Later | None = None
+        self._told = 0.0
+        self._answers: list[tuple[OnReply, Reply | Progress]] = []
+
+    def begin(self) -> None:
+        """Once everything is built."""
+        self.orders.armed = self.craft.armed
+        self._take_hold()
+
+    # -- the step -------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def known(self) -> Known:
+        """What of the estimate can be trusted now."""
+        return known(self.estimate, self.orders.gains, self._now()[1])
+
+    def take(self, sample: Sample, now_ns: int) -> None:
+        """A sample of one of its sensors was delivered."""
+        self.craft.estimator.take(self.estimate, sample, now_ns)
+
+    def step(self, t_ns: int) -> None:
+        """One step: estimate, fail-safes, guidance, control, allocation, commands."""
+        e, m, o, craft = self.estimate, self.memory, self.orders, self.craft
+        now = known(e, o.gains, t_ns)
+        craft.estimator.step(e, not now.motion, not now.depth)
+        if not o.armed:
+            stay(o, e)
+            return
+        self._watch(now)
+        if o.mode == "mission":
+            told = route.advance(o, e, craft.dt, craft.flies)
+            if told:
+                self._say(f'"{craft.path}" {told}')
+        elif self._errand is not None:
+            self._follow_errand()
+        tau = craft.helm.demand(e, m, o, now)
+        speed = rotate(conjugate(e.q), e.v)[0] if now.motion else 0.0
+        commands, made = craft.allocation.allocate(tau, speed)
+        m.tau = tau
+        a, b, c, d, f, g = (
+            wanted - got if axis in craft.allocation.axes else 0.0
+            for axis, (wanted, got) in enumerate(zip(tau, made, strict=True))
+        )
+        m.lack = (a, b, c, d, f, g)
+        for slot, command in zip(craft.held, commands, strict=True):
+            if slot.active:
+                slot.actuator.apply(command)
+
+    def _watch(self, now: Known) -> None:
+        e, o, craft = self.estimate, self.orders, self.craft
+        lost = missing(o.mode, now)
+        if lost:
+            mode = refuge(o.mode, now)
+            self._fail(f"sensor {lost}", mode, f"{REMEDY[lost]}: {o.mode} -> {mode}")
+        if e.leak and o.failsafe != "leak":
+            self._fail("leak", "surface" if craft.on_leak == "surface" else o.mode, "leak")
+        if e.charge < o.gains.battery_low and o.failsafe not in ("leak", "battery"):
+            mode = "surface" if craft.on_low_battery == "surface" else o.mode
+            self._fail("battery", mode, f"battery at {100.0 * e.charge:.0f} %")
+
+    def _fail(self, reason: str, mode: Mode, text: str) -> None:
+        o = self.orders
+        if o.failsafe not in ("leak", "battery") or reason in ("leak", "battery"):
+            o.failsafe = reason
+        self._say(f'"{self.craft.path}" fail-safe: {text}')
+        if mode != o.mode:
+            self._enter(mode, f"fail-safe: {text}")
+
+    # -- orders ---------------------------------------------------------------------------------------------------------------------
+
+    def set_mode(self, mode: Mode) -> None:
+        """Begin a mode.
+
+        Raises:
+            Refused: a sensor that it needs is missing or invalid.
+        """
+        lost = missing(mode, self.known)
+        if lost:
+            raise Refused("denied", f"{mode} has {REMEDY[lost]}", "mode")
+        self.orders.failsafe = ""
+        self._enter(mode, f"mode {mode} was set")
+        if mode == "mission" and self.orders.items and self.orders.index < 0:
+            o = self.orders
+            o.index, o.reached, o.pace, o.bound = 0, 0, NAN, NAN
+
+    def _enter(self, mode: Mode, why: str) -> None:
+        before = self.orders.mode
+        self.preempt(why)
+        enter(self.orders, self.estimate, self.memory, mode)
+        self._open_ports()
+        if before != mode:
+            self._say(f'"{self.craft.path}" mode {before} -> {mode}')
+
+    def arm(self, force: bool) -> None:
+        """Take the actuators over.
+
+        Raises:
+            Refused: the mode cannot work, or there is a leak, and it is not forced.
+        """
+        lost = missing(self.orders.mode, self.known)
+        if lost and not force:
+            text = f"mode {self.orders.mode} has {REMEDY[lost]}; choose another mode, or arm with force = true"
+            raise Refused("denied", text, "force")
+        if self.estimate.leak and not force:
+            raise Refused("denied", "there is water in the hull; arm with force = true if you must", "force")
+        if self.orders.armed:
+            return
+        self.memory = Memory()
+        self.orders.armed = True
+        stay(self.orders, self.estimate)
+        self._take_hold()
+        self._say(f'"{self.craft.path}" armed in mode {self.orders.mode}')
+
+    def disarm(self) -> None:
+        """Let the actuators go to neutral, and others command them."""
+        if not self.orders.armed:
+            return
+        self.preempt("the autopilot was disarmed")
+        o = self.orders
+        o.armed, o.failsafe, o.pilot = False, "", ""
+        for slot in self.craft.held:
+            slot.actuator.neutral()
+        self.memory = Memory()
+        self._take_hold()
+        self._say(f'"{self.craft.path}" disarmed')
+
+    def steer(self, u: Sequence[float]) -> None:
+        """The pilot moves the sticks (6), -1..1 in B."""
+        o = self.orders
+        a, b, c, d, e, f = u
+        o.stick = (a, b, c, d, e, f)
+        o.pilot = "on"
+        if o.failsafe == "pilot":
+            o.failsafe = ""
+
+    def lose_pilot(self) -> None:
+        """Nobody moves the sticks any more: they spring back."""
+        o = self.orders
+        o.stick = (0.0,) * 6
+        if o.pilot == "on" and o.armed and not o.failsafe:
+            o.failsafe = "pilot"
+            self._say(f'"{self.craft.path}" fail-safe: no command of the pilot, the sticks are neutral')
+        o.pilot = "lost"
+
+    def hold(self) -> None:
+        """Stop following, and hold what the mode holds where the vehicle is now."""
+        enter(self.orders, self.estimate, self.memory, self.orders.mode)
+
+    def references(self) -> tuple[Vec3, float, float]:
+        """Place (p_N), depth and heading that are held now; nan where the mode holds none."""
+        o, mode = self.orders, self.orders.mode
+        free = o.frame or o.attitude is not None
+        place = o.place if mode in ("position_hold", "guided", "mission") and not free else NOWHERE
+        depth = NAN if mode in ("manual", "acro", "stabilise", "heading_hold") else o.depth
+        heading = NAN if mode in ("manual", "acro") or o.attitude is not None else o.heading
+        return place, depth, heading
+
+    def _take_hold(self) -> None:
+        path = self.craft.path
+        text = f"is held by the autopilot while it is armed: call {path}/disarm first, or steer by {path}/pilot"
+        for slot in self.craft.held:
+            slot.refusal = text if self.orders.armed else ""
+            if self.orders.armed:
+                slot.last_value = ()
+        self._open_ports()
+
+    def _open_ports(self) -> None:
+        mode = self.orders.mode
+        for name, slot in self.set_points.items():
+            modes = FOLLOWS[name]
+            text = f"is not followed in mode {mode}: call {self.craft.path}/set_mode with {' or '.join(modes)} first"
+            slot.refusal = "" if mode in modes else text
+
+    def set_mission(self, items: tuple[Item, ...]) -> None:
+        """Put a mission in; a vehicle on the old one holds where it is."""
+        o = self.orders
+        o.items, o.index, o.reached = items, -1, 0
+        o.entered, o.waited, o.pace, o.bound = False, 0.0, NAN, NAN
+        if o.mode == "mission":
+            self.hold()
+
+    def start_mission(self, index: int) -> None:
+        """Fly the mission from this item on.
+
+        Raises:
+            Refused: there is none, no such item, not armed, or the mode cannot work.
+        """
+        o = self.orders
+        if not o.items:
+            raise Refused("denied", f"there is no mission: call {self.craft.path}/set_mission first", "index")
+        if index >= len(o.items):
+            raise Refused("out_of_range", f"the mission has {len(o.items)} items, from 0 on", "index")
+        if not o.armed:
+            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "index")
+        self.set_mode("mission")
+        o.index, o.reached, o.pace, o.bound = index, 0, NAN, NAN
+
+    def moved(self) -> None:
+        """The dead reckoning was corrected: what no command has given stays where the vehicle is."""
+        stay(self.orders, self.estimate)
+
+    # -- a call that waits ----------------------------------------------------------------------------------------------------------
+
+    def go(self, place: tuple[float, float, float], heading: float | None, speed: float | None, radius: float) -> Later:
+        """Go to a place, in mode guided; the call is answered when it is reached.
+
+        Raises:
+            Refused: not armed, or the mode cannot work.
+        """
+        if not self.orders.armed:
+            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "goto")
+        if self.orders.mode == "guided":
+            self.preempt("another goto was called")
+        else:
+            self.set_mode("guided")
+        o, e = self.orders, self.estimate
+        route.set_course(o, e, place, heading, speed, radius)
+        o.length = max(route.distance(o, e), 1e-9)
+        self._errand, self._told = Later(), 0.0
+        return self._errand
+
+    def _follow_errand(self) -> None:
+        o, e, errand = self.orders, self.estimate, self._errand
+        assert errand is not None
+        away = route.distance(o, e)
+        if away <= o.radius:
+            self._end(None)
+            return
+        self._told += self.craft.dt
+        if self._told >= _PROGRESS_S:
+            self._told = 0.0
+            errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self._now()[1])
+            self._answers += errand.taken()
+
+    def preempt(self, why: str) -> None:
+        """End the errand under way, if there is one."""
+        if self._errand is not None:
+            self._end(Fault("preempted", why, f"{self.craft.path}/goto"))
+
+    def _end(self, fault: Fault | None) -> None:
+        errand, self._errand = self._errand, None
+        assert errand is not None
+        tick, t_ns = self._now()
+        away = route.distance(self.orders, self.estimate)
+        result = None if fault is not None or math.isnan(away) else {"distance_m": away}
+        errand.finish(tick, t_ns, result, fault)
+        self._answers += errand.taken()
+
+    def answers(self) -> list[tuple[OnReply, Reply | Progress]]:
+        """What callers are to be told since the last time."""
+        answers, self._answers = self._answers, []
+        return answers
+
+    # -- state ----------------------------------------------------------------------------------------------------------------------
+
+    def save(self) -> Saved:
+        """A copy of what it remembers."""
+        return Saved(copy.copy(self.estimate), copy.copy(self.memory), copy.copy(self.orders))
+
+    def load(self, saved: Saved) -> None:
+        """Put it back; a call that waits ends."""
+        self.preempt("the world was reset or restored")
+        self.estimate, self.memory = copy.copy(saved.estimate), copy.copy(saved.memory)
+        self.orders = copy.copy(saved.orders)
+        self._take_hold()

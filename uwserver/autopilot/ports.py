@@ -1,0 +1,224 @@
+"""The autopilot's own ports: set points that it takes, and the state that it shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+from uwserver.autopilot import route
+from uwserver.autopilot.allocation import Given
+from uwserver.autopilot.pilot import Autopilot
+from uwserver.autopilot.sticks import wrapped
+from uwserver.autopilot.state import NAN, STILL
+from uwserver.ports import Field, Value
+
+_FAR = 1e6
+_DEEP = 12_000.0
+
+
+class SetPoint:
+    """An actuator that is no device: a command changes the autopilot's orders."""
+
+    def __init__(
+        self, fields: tuple[Field, ...], doc: str, apply: Callable[[Given], None], neutral: Callable[[], None]
+    ) -> None:
+        self.fields, self.doc = fields, doc
+        self.apply, self.neutral = apply, neutral
+
+
+def set_points(pilot: Autopilot) -> Iterator[tuple[str, SetPoint]]:
+    """All of them by name."""
+    yield "pilot", _pilot(pilot)
+    yield "depth", _depth(pilot)
+    yield "altitude", _altitude(pilot)
+    yield "heading", _heading(pilot)
+    yield "attitude", _attitude(pilot)
+    yield "velocity", _velocity(pilot)
+    yield "position", _position(pilot)
+
+
+def _given(pilot: Autopilot, *names: str) -> None:
+    pilot.orders.given = tuple(sorted({*pilot.orders.given, *names}))
+
+
+def _nothing() -> None:
+    """A set point without watchdog stands."""
+
+
+def _pilot(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        (u,) = value
+        if u is not None:
+            pilot.steer(u)
+
+    doc = "The pilot's sticks. They act on the axes that the mode leaves free, and move the set points that it holds; without command they spring back."
+    axes = "surge, sway, heave (down positive), roll, pitch, yaw; 1 is full stick"
+    field = Field("u", "1", axes, "", (6,), minimum=-1.0, maximum=1.0)
+    return SetPoint((field,), doc, apply, pilot.lose_pilot)
+
+
+def _depth(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        (depth,) = value
+        if depth is not None:
+            (pilot.orders.depth,) = depth
+            _given(pilot, "depth")
+            if pilot.orders.mode == "guided":
+                pilot.preempt("a depth was commanded")
+
+    field = Field("depth", "m", "below the surface, positive down", minimum=-_FAR, maximum=_DEEP)
+    return SetPoint((field,), "Depth to hold; it stands until the mode changes.", apply, _nothing)
+
+
+def _altitude(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        (altitude,) = value
+        if altitude is not None:
+            (pilot.orders.altitude,) = altitude
+            _given(pilot, "altitude")
+
+    field = Field("altitude", "m", "above the bottom", minimum=0.0, maximum=_DEEP)
+    return SetPoint((field,), "Altitude to hold; it stands until the mode changes.", apply, _nothing)
+
+
+def _heading(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        heading, rate = value
+        o = pilot.orders
+        o.turn, o.turn_limit, o.looks = NAN, math.inf, False
+        if heading is not None:
+            o.heading = wrapped(heading[0])
+            _given(pilot, "heading")
+            if rate is not None:
+                o.turn_limit = abs(rate[0])
+        elif rate is not None:
+            o.turn = rate[0] if rate[0] else NAN
+            _given(pilot, "heading")
+
+    fields = (
+        Field("heading", "rad", "to hold, from north, clockwise", minimum=-100.0, maximum=100.0),
+        Field("rate", "rad/s", "alone: turn on and on, 0 ends it; with a heading: how fast to go there at most",
+              minimum=-10.0, maximum=10.0),
+    )  # fmt: skip
+    return SetPoint(fields, "Heading to hold, or a rate of turn; it stands until the mode changes.", apply, _nothing)
+
+
+def _attitude(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        q, heave = value
+        o = pilot.orders
+        pilot.preempt("an attitude was commanded")
+        o.frame = ""
+        if q is not None:
+            norm = math.hypot(*q)
+            w, x, y, z = q
+            o.attitude = (w / norm, x / norm, y / norm, z / norm)
+        if heave is not None:
+            (o.heave,) = heave
+
+    def neutral() -> None:
+        o = pilot.orders
+        if o.attitude is not None:
+            pilot.hold()
+
+    fields = (
+        Field("q_NB", "1", "attitude to hold, w x y z; normalised", "NB", (4,), minimum=-_FAR, maximum=_FAR),
+        Field("heave", "1", "vertical speed, part of the largest; 0 holds the depth", minimum=-1.0, maximum=1.0),
+    )
+    doc = "Attitude to hold in mode guided; without command the vehicle stops and holds where it is."
+    return SetPoint(fields, doc, apply, neutral)
+
+
+def _velocity(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        v_B, v_N, yaw_rate, heading = value
+        o = pilot.orders
+        pilot.preempt("a velocity was commanded")
+        o.attitude, o.looks = None, False
+        if v_B is not None:
+            o.velocity, o.frame = (v_B[0], v_B[1], v_B[2]), "B"
+        elif v_N is not None:
+            o.velocity, o.frame = (v_N[0], v_N[1], v_N[2]), "N"
+        elif not o.frame:
+            o.velocity, o.frame = STILL, "N"
+        if yaw_rate is not None:
+            o.turn = yaw_rate[0] if yaw_rate[0] else NAN
+        if heading is not None:
+            o.heading, o.turn = wrapped(heading[0]), NAN
+        _given(pilot, "heading")
+
+    def neutral() -> None:
+        o = pilot.orders
+        if o.frame:
+            o.turn = NAN
+            o.velocity, o.frame = STILL, "N"
+
+    fields = (
+        Field("v_B", "m/s", "over ground, along the vehicle's axes when level", "B", (3,), minimum=-20.0, maximum=20.0),
+        Field("v_N", "m/s", "over ground; v_B goes before", "N", (3,), minimum=-20.0, maximum=20.0),
+        Field("yaw_rate", "rad/s", "to turn with", minimum=-10.0, maximum=10.0),
+        Field("heading", "rad", "to hold; goes before yaw_rate", minimum=-100.0, maximum=100.0),
+    )
+    doc = "Velocity over ground in modes velocity and guided; without command the vehicle stops."
+    return SetPoint(fields, doc, apply, neutral)
+
+
+def _position(pilot: Autopilot) -> SetPoint:
+    def apply(value: Given) -> None:
+        p, heading = value
+        o = pilot.orders
+        pilot.preempt("a position was commanded")
+        if p is not None:
+            keep = o.heading if heading is None else wrapped(heading[0])
+            route.set_course(o, pilot.estimate, (p[0], p[1], p[2]), keep, None, o.radius)
+        elif heading is not None:
+            o.heading, o.looks = wrapped(heading[0]), False
+            _given(pilot, "heading")
+
+    fields = (
+        Field("p_N", "m", "place of the body origin", "N", (3,), minimum=-_FAR, maximum=_FAR),
+        Field("heading", "rad", "to hold; default: the present one", minimum=-100.0, maximum=100.0),
+    )
+    doc = "Place to hold in modes position_hold and guided; it stands until the mode changes."
+    return SetPoint(fields, doc, apply, _nothing)
+
+
+class StateSensor:
+    """What the autopilot believes and wants, as a sensor's port."""
+
+    doc = "What the autopilot believes, from its sensors, and what it wants."
+    needs_rates = False
+    fields = (
+        Field("mode", "1", "manual, stabilise, depth_hold ...", type="str"),
+        Field("armed", "1", "it holds the actuators", type="bool"),
+        Field("p_N", "m", "position of the body origin, estimated", "N", (3,)),
+        Field("position_valid", "1", "the position is known or dead-reckoned", type="bool"),
+        Field("v_N", "m/s", "velocity over ground, estimated", "N", (3,)),
+        Field("velocity_valid", "1", "the velocity is measured", type="bool"),
+        Field("q_NB", "1", "attitude, estimated, w x y z", "NB", (4,)),
+        Field("w_B", "rad/s", "angular rate, measured", "B", (3,)),
+        Field("depth", "m", "below the surface, estimated; nan when unknown"),
+        Field("altitude", "m", "above the bottom, estimated; nan when unknown"),
+        Field("p_ref_N", "m", "place to go to; nan when none", "N", (3,)),
+        Field("depth_ref", "m", "depth to hold; nan when none"),
+        Field("heading_ref", "rad", "heading to hold; nan when none"),
+        Field("mission_index", "1", "item of the mission under way; -1 for none", type="int"),
+        Field("mission_count", "1", "items of the mission", type="int"),
+        Field("reached", "1", "items done since the mission was started", type="int"),
+        Field("tau", "N, N m", "demanded force and moment about the body origin, in B", "", (6,)),
+        Field("failsafe", "1", "why it does not do what it was told; empty when it does", type="str"),
+    )
+
+    def __init__(self, pilot: Autopilot) -> None:
+        self._pilot = pilot
+
+    def measure(self, scope: object) -> tuple[bool, list[Value]]:
+        """Always valid: each part tells by itself whether it is."""
+        pilot = self._pilot
+        e, o, now = pilot.estimate, pilot.orders, pilot.known
+        place, depth, heading = pilot.references()
+        return True, [
+            o.mode, o.armed, e.p, now.position, e.v, now.velocity, e.q, e.w,
+            e.p[2] if now.depth else NAN, e.bottom - e.p[2] if now.altitude else NAN,
+            place, depth, heading, o.index, len(o.items), o.reached, pilot.memory.tau, o.failsafe,
+        ]  # fmt: skip

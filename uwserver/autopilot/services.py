@@ -1,0 +1,135 @@
+"""What an autopilot can be asked to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import cast
+
+import msgspec
+from msgspec import structs
+
+from uwserver.autopilot.estimator import place_at
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.goal import Later
+from uwserver.autopilot.mission import read_items, shown_items
+from uwserver.autopilot.modes import MODES
+from uwserver.autopilot.pilot import Autopilot
+from uwserver.autopilot.state import Mode
+from uwserver.autopilot.sticks import wrapped
+from uwserver.frames import Vec3
+from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.units import rad
+
+Asked = Mapping[str, Json]
+Answer = Callable[[Asked], Json | Later]
+
+_FAR = 1e6
+_PLACE = Argument(
+    "position_ned_m", "float", "place of the body origin in N", "m", shape=(3,), minimum=-_FAR, maximum=_FAR
+)
+
+
+def services(pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
+    """All of them with what they do."""
+    path = pilot.craft.path
+    yield from _state(path, pilot)
+    yield from _ways(path, pilot)
+    yield from _gains(path, pilot)
+
+
+def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
+    def arm(args: Asked) -> Json:
+        pilot.arm(bool(args["force"]))
+        return None
+
+    def disarm(_: Asked) -> Json:
+        pilot.disarm()
+        return None
+
+    def set_mode(args: Asked) -> Json:
+        pilot.set_mode(cast(Mode, args["mode"]))
+        return None
+
+    def set_position(args: Asked) -> Json:
+        north, east, down = _vector(args["position_ned_m"])
+        place_at(pilot.estimate, north, east, None if pilot.known.depth else down)
+        pilot.moved()
+        return None
+
+    force = Argument(
+        "force", "bool", "though a sensor is missing or water is in the hull", required=False, default=False
+    )
+    mode = Argument("mode", "str", "what it holds", choices=MODES)
+    yield Service(f"{path}/arm", "Take the actuators over; others are refused until disarm.", (force,)), arm
+    yield Service(f"{path}/disarm", "Stop, and let others command the actuators."), disarm
+    yield Service(f"{path}/set_mode", "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing.", (mode,)), set_mode  # fmt: skip
+    yield Service(f"{path}/set_position", "Correct the dead reckoning: the vehicle is here. The depth counts without a depth sensor only.", (_PLACE,)), set_position  # fmt: skip
+
+
+def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
+    def goto(args: Asked) -> Later:
+        heading, speed = args["heading_deg"], args["speed_mps"]
+        return pilot.go(
+            _vector(args["position_ned_m"]),
+            None if heading is None else wrapped(rad(cast(float, heading))),
+            None if speed is None else cast(float, speed),
+            cast(float, args["radius_m"]),
+        )
+
+    def cancel_goto(_: Asked) -> Json:
+        pilot.preempt("cancelled by the caller")
+        if pilot.orders.mode == "guided":
+            pilot.hold()
+        return None
+
+    def set_mission(args: Asked) -> Json:
+        pilot.set_mission(read_items(args["items"]))
+        return {"count": len(pilot.orders.items)}
+
+    def get_mission(_: Asked) -> Json:
+        o = pilot.orders
+        return {"items": shown_items(o.items), "index": o.index, "reached": o.reached}
+
+    def start_mission(args: Asked) -> Json:
+        pilot.start_mission(cast(int, args["index"]))
+        return None
+
+    def clear_mission(_: Asked) -> Json:
+        pilot.set_mission(())
+        return None
+
+    heading = Argument("heading_deg", "float", "heading on the way, in degrees; default: it looks where it goes", required=False, minimum=-1e4, maximum=1e4)  # fmt: skip
+    speed = Argument("speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0)  # fmt: skip
+    radius = Argument("radius_m", "float", "nearer than this it is there", "m", required=False, default=1.0, minimum=0.01, maximum=1e4)  # fmt: skip
+    items = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
+    index = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
+    yield Service(f"{path}/goto", "Go to a place in mode guided, and stay; replies when it is there.", (_PLACE, heading, speed, radius), long_running=True), goto  # fmt: skip
+    yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
+    yield Service(f"{path}/set_mission", "Put in a mission in place of the old one; with any fault nothing is changed.", (items,)), set_mission  # fmt: skip
+    yield Service(f"{path}/get_mission", "The mission, the item under way (-1 for none) and how many are done."), get_mission  # fmt: skip
+    yield Service(f"{path}/start_mission", "Begin mode mission with this item; the autopilot must be armed.", (index,)), start_mission  # fmt: skip
+    yield Service(f"{path}/clear_mission", "Take the mission out; a vehicle under way holds where it is."), clear_mission  # fmt: skip
+
+
+def _gains(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
+    def get_gains(_: Asked) -> Json:
+        return structs.asdict(pilot.orders.gains)
+
+    def set_gain(args: Asked) -> Json:
+        name, value = str(args["name"]), cast(float, args["value"])
+        try:
+            gains = msgspec.convert({**structs.asdict(pilot.orders.gains), name: value}, Gains)
+        except msgspec.ValidationError as error:
+            raise Refused("out_of_range", f"{name}: {error}", "value") from None
+        pilot.orders.gains = gains
+        return None
+
+    name = Argument("name", "str", "as get_gains tells them", choices=Gains.__struct_fields__)
+    value = Argument("value", "float", "in the unit that its name or its text says")
+    yield Service(f"{path}/get_gains", "Gains, limits and time-outs in use, by name."), get_gains
+    yield Service(f"{path}/set_gain", "Change one of them, until the world is reset.", (name, value)), set_gain
+
+
+def _vector(value: Json) -> Vec3:
+    x, y, z = cast(list[float], value)
+    return (x, y, z)

@@ -1,0 +1,150 @@
+"""What an autopilot remembers. Each part holds immutable values only, so that a shallow copy of it is a snapshot."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from msgspec import Struct
+
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.mission import Item
+from uwserver.frames import IDENTITY, Quat, Vec3
+
+NAN = math.nan
+NOWHERE: Vec3 = (NAN, NAN, NAN)
+STILL: Vec3 = (0.0, 0.0, 0.0)
+NEVER = -(10**18)
+"""Time (ns) of what was never heard."""
+
+Mode = Literal[
+    "manual",
+    "stabilise",
+    "acro",
+    "depth_hold",
+    "altitude_hold",
+    "heading_hold",
+    "position_hold",
+    "velocity",
+    "guided",
+    "mission",
+    "surface",
+]
+
+Six = tuple[float, float, float, float, float, float]
+
+
+class Estimate(Struct):
+    """Where the vehicle believes itself to be. SI, frames N and B.
+
+    Attributes:
+        q, w: attitude q_NB, angular rate in B (rad/s).
+        p, v, bias: position, velocity and error of the acceleration, all in N.
+        flat, steep: upper triangle of the covariance of (p, v, bias) of one axis: of both horizontal ones, and of the vertical one.
+        acceleration: sum of those measured since the last step, m/s2 in N; count: how many.
+        bottom: depth of the bottom, m; nan when unknown.
+        leak, charge: as the probes say; the charge is nan while unknown.
+        refused: position fixes in a row that were too far off.
+        imu_ns ... altitude_ns: when each was last valid, ns.
+    """
+
+    q: Quat = IDENTITY
+    w: Vec3 = STILL
+    p: Vec3 = STILL
+    v: Vec3 = STILL
+    bias: Vec3 = STILL
+    flat: Six = (1e6, 0.0, 0.0, 1.0, 0.0, 0.01)
+    steep: Six = (1e6, 0.0, 0.0, 1.0, 0.0, 0.01)
+    acceleration: Vec3 = STILL
+    count: int = 0
+    bottom: float = NAN
+    leak: bool = False
+    charge: float = NAN
+    refused: int = 0
+    imu_ns: int = NEVER
+    attitude_ns: int = NEVER
+    heading_ns: int = NEVER
+    depth_ns: int = NEVER
+    velocity_ns: int = NEVER
+    fix_ns: int = NEVER
+    altitude_ns: int = NEVER
+
+
+class Memory(Struct):
+    """What the controllers remember.
+
+    Attributes:
+        push: learnt acceleration in N that keeps the vehicle where it is (buoyancy, current), m/s2.
+        twist: learnt angular acceleration in B, rad/s2.
+        slope: a torpedo's learnt slope, rad.
+        tau: demanded wrench in B, N and N m.
+        lack: what the actuators could not give of it.
+    """
+
+    push: Vec3 = STILL
+    twist: Vec3 = STILL
+    slope: float = 0.0
+    tau: Six = (0.0,) * 6
+    lack: Six = (0.0,) * 6
+
+
+class Orders(Struct):
+    """What the autopilot was told, and how far it has come.
+
+    Attributes:
+        stick: of the pilot, -1..1 in B.
+        pilot: whether somebody steers: "" nobody yet, "on", or "lost".
+        depth, altitude, heading, place: set points; nan for none. `place` is p_N of which only north and east count.
+        turn: commanded yaw rate, rad/s; nan for none. `turn_limit`: on the way to `heading`.
+        given: names of the set points that a command has set since the mode began.
+        attitude, heave: of an attitude command; None without.
+        velocity: commanded velocity; its frame is `frame`, "" without.
+        origin: where the way to `place` began: a torpedo keeps to the line from there.
+        speed, radius: on the way to `place`, m/s and m.
+        looks: the vehicle looks where it goes.
+        length: of the way of a `goto`, m.
+        pace, bound: speed and heading that a mission has set for what follows; nan for none.
+        items, index, reached: mission, item under way (-1 none), items done.
+        entered: the item under way has set its set points.
+        waited: time spent at the item's place, s.
+        failsafe: "" or the reason.
+        gains: in use.
+    """
+
+    gains: Gains
+    mode: Mode = "manual"
+    armed: bool = False
+    stick: Six = (0.0,) * 6
+    pilot: Literal["", "on", "lost"] = ""
+    depth: float = NAN
+    altitude: float = NAN
+    heading: float = NAN
+    place: Vec3 = NOWHERE
+    turn: float = NAN
+    turn_limit: float = math.inf
+    given: tuple[str, ...] = ()
+    attitude: Quat | None = None
+    heave: float = 0.0
+    velocity: Vec3 = STILL
+    frame: Literal["", "B", "N"] = ""
+    origin: Vec3 = NOWHERE
+    speed: float = NAN
+    radius: float = 1.0
+    looks: bool = False
+    length: float = 0.0
+    pace: float = NAN
+    bound: float = NAN
+    items: tuple[Item, ...] = ()
+    index: int = -1
+    reached: int = 0
+    entered: bool = False
+    waited: float = 0.0
+    failsafe: str = ""
+
+
+class Saved(Struct, frozen=True):
+    """A copy of all of it."""
+
+    estimate: Estimate
+    memory: Memory
+    orders: Orders

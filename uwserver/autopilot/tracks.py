@@ -1,0 +1,67 @@
+"""Position, velocity and error of the acceleration along one axis: the Kalman filter behind the dead reckoning.
+
+x = (p, v, b); p' = v, v' = a + b with a measured acceleration a, b' = 0, each with white noise. The covariance is a tuple of its upper triangle
+(pp, pv, pb, vv, vb, bb). Both horizontal axes share one covariance, as their measurements come together and are equally good.
+"""
+
+from __future__ import annotations
+
+import math
+
+from uwserver.autopilot.state import Six
+
+MEASURED = 0.01
+"""Density of the error of a measured acceleration, m2/s3."""
+UNMEASURED = 0.25
+"""The same without accelerometer: how restless vehicles are."""
+DRIFT = 1e-4
+"""Growth of the variance of b, m2/s5."""
+SPREAD = 1e-4
+"""Growth of the variance of p that the model does not see: errors of scale and of heading, m2/s."""
+
+
+def predict(c: Six, dt: float, density: float) -> Six:
+    """The covariance dt (s) later; `density` as `MEASURED`."""
+    pp, pv, pb, vv, vb, bb = c
+    # F = [[1, dt, dt^2/2], [0, 1, dt], [0, 0, 1]]; the noise of the acceleration reaches p in second order only.
+    h = 0.5 * dt * dt
+    pv1, vv1 = pv + dt * vv + h * vb, vv + dt * vb
+    pb1, vb1 = pb + dt * vb + h * bb, vb + dt * bb
+    return (
+        pp + dt * pv + h * pb + dt * pv1 + h * pb1 + SPREAD * dt,
+        pv1 + dt * pb1,
+        pb1,
+        vv1 + dt * vb1 + density * dt,
+        vb1,
+        bb + DRIFT * dt,
+    )
+
+
+def measure_position(c: Six, variance: float) -> tuple[float, float, float, Six]:
+    """What an innovation of the position moves p, v and b by, and the covariance after it. `variance` in m2."""
+    pp, pv, pb, vv, vb, bb = c
+    s = 1.0 / (pp + variance)
+    k, m, n = pp * s, pv * s, pb * s
+    rest = 1.0 - k
+    return k, m, n, (rest * pp, rest * pv, rest * pb, vv - m * pv, vb - m * pb, bb - n * pb)
+
+
+def measure_velocity(c: Six, variance: float) -> tuple[float, float, float, Six]:
+    """The same for an innovation of the velocity; `variance` in m2/s2."""
+    pp, pv, pb, vv, vb, bb = c
+    s = 1.0 / (vv + variance)
+    k, m, n = pv * s, vv * s, vb * s
+    rest = 1.0 - m
+    return k, m, n, (pp - k * pv, rest * pv, pb - k * vb, rest * vv, rest * vb, bb - n * vb)
+
+
+def measure_bearing(c: Six, variance: float) -> tuple[float, float, float, Six]:
+    """The same for a distance along one horizontal direction: of the shared covariance it takes half of what a whole fix would."""
+    k, m, n, after = measure_position(c, variance)
+    pp, pv, pb, vv, vb, bb = (0.5 * (old + new) for old, new in zip(c, after, strict=True))
+    return k, m, n, (pp, pv, pb, vv, vb, bb)
+
+
+def is_likely(innovation: float, c: Six, variance: float) -> bool:
+    """Whether a position so far off (m) is within six standard deviations."""
+    return abs(innovation) <= 6.0 * math.sqrt(c[0] + variance)

@@ -1,0 +1,232 @@
+"""From a vehicle's tables to its built-in autopilot: what it listens to, what it holds, and how strong that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import msgspec
+import numpy as np
+from msgspec import UnsetType, structs
+
+from uwserver.actuators import ForceTorqueConfig, ThrusterConfig, ThrustersConfig
+from uwserver.autopilot.allocation import Allocation, Thrust, Thrusters, Wrench
+from uwserver.autopilot.config import AutopilotConfig
+from uwserver.autopilot.estimator import Estimator, Source, Surroundings
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.hover import Hover
+from uwserver.autopilot.pilot import Autopilot, Craft, Held
+from uwserver.autopilot.ports import StateSensor, set_points
+from uwserver.autopilot.services import services
+from uwserver.autopilot.state import Six
+from uwserver.frames import Vec3
+from uwserver.modifiers import WhiteNoise
+from uwserver.physics.bodies import BodyParams, ThrusterParams
+from uwserver.ports import Port, Service
+from uwserver.scenario.resolved import ResolvedVehicle
+from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
+from uwserver.sensors import (
+    AltimeterConfig,
+    AttitudeConfig,
+    BatteryConfig,
+    DvlConfig,
+    GpsConfig,
+    ImuConfig,
+    LblConfig,
+    LeakConfig,
+    MotionCaptureConfig,
+    Pose,
+    PressureConfig,
+    SensorConfig,
+    UsblConfig,
+)
+from uwserver.slots import ActuatorSlot, Carry, SensorSlot
+from uwserver.world import World
+
+RATE_HZ, STATE_RATE_HZ = 60, 10
+_HEARD = (
+    ImuConfig, AttitudeConfig, PressureConfig, DvlConfig, AltimeterConfig, GpsConfig, MotionCaptureConfig, UsblConfig,
+    LblConfig, LeakConfig, BatteryConfig,
+)  # fmt: skip
+_ONLY_ONE = (ImuConfig, AttitudeConfig, PressureConfig, BatteryConfig)
+_UNKNOWN_PUSH = 0.5
+"""Acceleration (m/s2, rad/s2) that a vehicle without thrusters is taken to be able to give itself where its file says nothing."""
+
+
+@dataclass(frozen=True)
+class Piloted:
+    """An autopilot with its ports and services."""
+
+    autopilot: Autopilot
+    state: SensorSlot
+    set_points: tuple[ActuatorSlot, ...]
+    services: tuple[tuple[Service, Carry], ...]
+
+
+def build_autopilot(
+    world: World,
+    resolved: ResolvedVehicle,
+    params: BodyParams,
+    name: str,
+    row: int,
+    mounts: Mapping[str, Pose],
+    actuators: Mapping[str, ActuatorSlot],
+) -> Piloted | None:
+    """The autopilot of a vehicle of a checked scenario; None if it has none.
+
+    Args:
+        world, resolved, params: of the vehicle.
+        name: its first level of paths.
+        row: of its body.
+        mounts: X_BS of its sensors.
+        actuators: by their names in the vehicle file.
+    """
+    config = resolved.entry.autopilot
+    if isinstance(config, UnsetType):
+        return None
+    file, path = resolved.vehicle, f"{name}/autopilot"
+    gains = gains_of(file, config)
+    divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
+    dt = float(divisor / world.rate_hz)
+    held, allocation = _hands(file, params, actuators)
+    inertia: Six = tuple(np.diag(params.M_RB + params.M_A).tolist())  # type: ignore[assignment]  # six of them
+    craft = Craft(
+        path=path,
+        estimator=Estimator(_sources(world, file, name, mounts), _surroundings(world, file, config), 1.0 / dt),
+        allocation=allocation,
+        helm=Hover(inertia, allocation.reach, allocation.axes, dt),
+        held=held,
+        gains=gains,
+        divisor=divisor,
+        dt=dt,
+        mode=config.mode,
+        armed=config.armed,
+        on_leak=config.on_leak,
+        on_low_battery=config.on_low_battery,
+    )
+    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text))
+    slots = tuple(_set_point_slots(world, path, pilot, config))
+    pilot.set_points = {
+        slot.port.path.rsplit("/", 1)[1]: slot for slot in slots if not slot.port.path.endswith("/pilot")
+    }
+    pilot.begin()
+    return Piloted(pilot, _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
+
+
+def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
+    """Of the vehicle file, with those of the scenario in their place.
+
+    Raises:
+        msgspec.ValidationError: a name or value that is none.
+    """
+    own = Gains() if isinstance(file.autopilot, UnsetType) else file.autopilot.gains
+    return msgspec.convert({**structs.asdict(own), **config.gains}, Gains)
+
+
+def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
+    """Ticks of a step; by default the fewest that make at most `most` steps a second."""
+    if isinstance(wanted, UnsetType):
+        return max(1, math.ceil(physics / most))
+    return round(physics / Fraction(str(wanted)))
+
+
+def _set_point_slots(world: World, path: str, pilot: Autopilot, config: AutopilotConfig) -> Iterator[ActuatorSlot]:
+    timeouts = {"pilot": config.pilot_timeout_s} | dict.fromkeys(("velocity", "attitude"), config.setpoint_timeout_s)
+    for name, point in set_points(pilot):
+        timeout = timeouts.get(name, 0.0)
+        port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
+        yield ActuatorSlot(port, point, round(Fraction(str(timeout)) * world.rate_hz))
+
+
+def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
+    sensor = StateSensor(pilot)
+    divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
+    rate = float(world.rate_hz / divisor)
+    port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)
+    return SensorSlot(port, row, sensor, (), divisor, 0)
+
+
+# -- what it hears --------------------------------------------------------------------------------------------------------------------------
+
+
+def _sources(world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose]) -> dict[str, Source]:
+    found: dict[str, Source] = {}
+    taken: set[type] = set()
+    for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
+        if not isinstance(sensor, _HEARD) or (isinstance(sensor, _ONLY_ONE) and type(sensor) in taken):
+            continue
+        taken.add(type(sensor))
+        mount = mounts[key]
+        density = atmosphere = 0.0
+        if isinstance(sensor, PressureConfig) and sensor.output == "pressure":
+            density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
+        found[f"{name}/{key}"] = Source(
+            kind=str(sensor.__struct_config__.tag),
+            p=mount.p,
+            q=mount.q,
+            sigma=_sigma(sensor),
+            north=world.earth.declination if getattr(sensor, "north", "") == "magnetic" else 0.0,
+            density=density,
+            atmosphere=atmosphere,
+        )
+    return found
+
+
+def _sigma(sensor: SensorConfig) -> float:
+    """What the operator expects of a position, from the same data sheet as the scenario's author, m."""
+    if isinstance(sensor, UsblConfig | LblConfig):
+        return 0.3
+    noise = [m.sigma for m in sensor.modifiers.values() if isinstance(m, WhiteNoise) and m.field == "p_NS"]
+    return max([0.01, *noise])
+
+
+def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> Surroundings:
+    beacons: dict[str, Vec3] = {}
+    for sensor in file.sensors.values():
+        if isinstance(sensor, UsblConfig | LblConfig):
+            for name, beacon in sensor.beacons.items():
+                if isinstance(beacon.position_ned_m, tuple) and not any(beacon.velocity_ned_mps):
+                    beacons[name] = beacon.position_ned_m
+    start = None if isinstance(config.start_position_ned_m, UnsetType) else config.start_position_ned_m
+    return Surroundings(world.water.gravity, world.earth.latitude, world.earth.longitude, beacons, start)
+
+
+# -- what it holds --------------------------------------------------------------------------------------------------------------------------
+
+
+def _hands(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot]
+) -> tuple[Sequence[Held], Allocation]:
+    by_name = {thruster.name: thruster for thruster in params.thrusters}
+    held: list[Held] = []
+    groups: list[tuple[list[Thrust], bool]] = []
+    for key, config in file.actuators.items():
+        if isinstance(config, ThrusterConfig | ThrustersConfig):
+            members = (config.member,) if isinstance(config, ThrusterConfig) else config.members or tuple(by_name)
+            groups.append(([_thrust(by_name[member]) for member in members], config.input == "force"))
+            held.append(actuators[key])
+    if groups:
+        return held, Thrusters(groups)
+    for key, config in file.actuators.items():
+        if isinstance(config, ForceTorqueConfig):
+            return [actuators[key]], Wrench(_wrench_limits(file, params, config))
+    raise ValueError("the autopilot has nothing to hold")
+
+
+def _thrust(thruster: ThrusterParams) -> Thrust:
+    axis = np.array(thruster.axis) / np.linalg.norm(thruster.axis)
+    column = np.concatenate([axis, np.cross(thruster.r, axis) + thruster.torque_per_force * axis]).tolist()
+    voltages = thruster.table.voltages
+    nearest = min(range(len(voltages)), key=lambda k: abs(voltages[k] - thruster.voltage))
+    curve = tuple((u, force * thruster.installed) for u, force in thruster.table.curves[nearest])
+    return Thrust(tuple(column), curve)
+
+
+def _wrench_limits(file: VehicleFile, params: BodyParams, config: ForceTorqueConfig) -> Six:
+    own = file.autopilot
+    if not isinstance(own, UnsetType) and not isinstance(own.max_wrench, UnsetType):
+        return own.max_wrench
+    a, b, c, d, e, f = (_UNKNOWN_PUSH * np.diag(params.M_RB + params.M_A)).tolist()
+    return (a, b, c, d, e, f)
