@@ -56,7 +56,7 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {"uwserver_adapters.values", "uwserver_adapters.nesting"}
+SHARED_BY_ADAPTERS = {"uwserver_adapters.values", "uwserver_adapters.nesting", "uwserver_adapters.serial_port"}
 """What several protocols need; nothing that knows one of them."""
 
 LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}

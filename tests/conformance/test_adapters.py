@@ -27,6 +27,13 @@ async def _zenoh_transport(context: FakeContext) -> TcpPeer:
     )
 
 
+async def _mavlink_station(context: FakeContext) -> TcpPeer:
+    """A ground station on the link that listens; samples come unasked."""
+    return await TcpPeer.connect(
+        replace(context, stats=AdapterStats(address=context.stats.address.removeprefix("tcpin:")))
+    )
+
+
 def _warm_zenoh() -> None:
     """The first connected sessions of a process start threads and open files that stay for all later ones."""
     zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
@@ -67,6 +74,7 @@ MOOS_HEAR_ALL = moos.packet([moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "
 
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
+    "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
     # Each community is one connection, and so can have one peer.
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
@@ -189,6 +197,8 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     adapter = load_adapter(kind)
     if kind == "zenoh":
         _warm_zenoh()
+    if kind == "mavlink":
+        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
     passed = run(lambda: check_adapter(adapter, adapter.Config(**table), connect=connect, greeting=greeting))
     assert passed == list(CHECKS)
 

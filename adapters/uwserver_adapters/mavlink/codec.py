@@ -14,6 +14,7 @@ _SEMI_MAJOR_M = 6_378_137.0
 _ECCENTRICITY_2 = 6.694_379_990_14e-3
 """Ellipsoid WGS 84."""
 _DEG_E7 = 1e7
+_ABSURD = 1e30
 NEUTRAL_US, SPAN_US = 1500, 400
 """Pulse at rest, and its change at full deflection."""
 STANDARD_GRAVITY = 9.80665
@@ -23,8 +24,8 @@ STANDARD_ATMOSPHERE = STANDARD_ATMOSPHERE_PA
 
 
 def finite(value: object) -> float | None:
-    """A number that is one, else None."""
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+    """A number that is one, else None; nothing real is as large as 1e30, and its thousandfold must be a number too."""
+    return float(value) if isinstance(value, int | float) and abs(value) < _ABSURD else None
 
 
 def vector(value: object, size: int) -> tuple[float, ...] | None:

@@ -17,7 +17,8 @@ DATA = 239
 SIZE = 251
 TERMINATE, RESET, LIST, OPEN, READ, CRC, BURST, ACK, NAK = 1, 2, 3, 4, 5, 14, 15, 128, 129
 FAILED, INVALID_SIZE, INVALID_SESSION, NO_SESSIONS, END, UNKNOWN_COMMAND, NOT_FOUND = 1, 3, 4, 5, 6, 7, 10
-SESSIONS = 16
+SESSIONS = 64
+"""Files that are open at once, of all clients."""
 BURST_PARTS = 20
 """Messages of one burst: 4780 bytes; the peer asks for the next."""
 
@@ -99,12 +100,12 @@ class Files:
         content = self._content(request)
         if content is None:
             return _refusal(request, NOT_FOUND)
-        taken = {session for system, component, session in self._open if (system, component) == owner}
-        session = next((number for number in range(SESSIONS) if number not in taken), None)
-        if session is None or len(self._open) >= 4 * SESSIONS:
+        # The number is the client's choice, as with ArduPilot: some clients wait for their own, the others take what they are told.
+        key = (*owner, request.session)
+        if key not in self._open and len(self._open) >= SESSIONS:
             return _refusal(request, NO_SESSIONS)
-        self._open[(*owner, session)] = content
-        return _reply(request, ACK, struct.pack("<I", len(content)), session)
+        self._open[key] = content
+        return _reply(request, ACK, struct.pack("<I", len(content)))
 
     def _read(self, owner: tuple[int, int], request: Request) -> Iterator[bytes]:
         content = self._open.get((*owner, request.session))
@@ -116,14 +117,14 @@ class Files:
             return
         size = min(request.size or DATA, DATA)
         if request.opcode == READ:
-            yield _reply(request, ACK, content[request.offset : request.offset + size], request.session)
+            yield _reply(request, ACK, content[request.offset : request.offset + size])
             return
         offset, seq = request.offset, request.seq
         for part in range(BURST_PARTS):
             data = content[offset : offset + size]
             is_last = part == BURST_PARTS - 1 or offset + len(data) >= len(content)
             answer = Request(seq, request.session, request.opcode, 0, offset, b"")
-            yield _reply(answer, ACK, data, request.session, is_last)
+            yield _reply(answer, ACK, data, is_last)
             offset, seq = offset + len(data), seq + 1
             if is_last:
                 return
@@ -135,9 +136,9 @@ def message(payload: bytes, system: int, component: int) -> Out:
     return "FILE_TRANSFER_PROTOCOL", fields
 
 
-def _reply(request: Request, opcode: int, data: bytes = b"", session: int | None = None, is_last: bool = False) -> bytes:  # fmt: skip
-    seq, session = (request.seq + 1) & 0xFFFF, request.session if session is None else session
-    return _HEAD.pack(seq, session, opcode, len(data), request.opcode, is_last, request.offset) + data
+def _reply(request: Request, opcode: int, data: bytes = b"", is_last: bool = False) -> bytes:
+    seq = (request.seq + 1) & 0xFFFF
+    return _HEAD.pack(seq, request.session, opcode, len(data), request.opcode, is_last, request.offset) + data
 
 
 def _refusal(request: Request, reason: int) -> bytes:

@@ -21,6 +21,7 @@ class State(Struct, frozen=True):
         has_autopilot: there is one, and it has said something.
         mode, armed, failsafe: of the autopilot.
         p_N, v_N: estimates in N, m and m/s, when valid.
+        sink: vertical speed, m/s down, when the depth is known.
         q_NB, w_B: attitude and rates (rad/s).
         depth, altitude: below the surface, above the bottom, m.
         p_ref_N, depth_ref, heading_ref: set points.
@@ -33,6 +34,7 @@ class State(Struct, frozen=True):
     failsafe: str = ""
     p_N: Vec3 | None = None
     v_N: Vec3 | None = None
+    sink: float = 0.0
     q_NB: Quat | None = None
     w_B: Vec3 | None = None
     depth: float | None = None
@@ -106,17 +108,18 @@ class Readings:
         said = self.last("autopilot")
         if said is None:
             return self._without_autopilot()
-        altitude = finite(said.get("altitude"))
+        altitude, depth, v_N = finite(said.get("altitude")), finite(said.get("depth")), _vec3(said.get("v_N"))
         return State(
             has_autopilot=True,
             mode=str(said.get("mode")),
             armed=bool(said.get("armed")),
             failsafe=str(said.get("failsafe") or ""),
             p_N=_vec3(said.get("p_N")) if said.get("position_valid") else None,
-            v_N=_vec3(said.get("v_N")) if said.get("velocity_valid") else None,
+            v_N=v_N if said.get("velocity_valid") else None,
+            sink=v_N[2] if v_N is not None and depth is not None else 0.0,
             q_NB=_quat(said.get("q_NB")),
             w_B=_vec3(said.get("w_B")),
-            depth=finite(said.get("depth")),
+            depth=depth,
             altitude=self._altitude() if altitude is None else altitude,
             p_ref_N=_vec3(said.get("p_ref_N")),
             depth_ref=finite(said.get("depth_ref")),

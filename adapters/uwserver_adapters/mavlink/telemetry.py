@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from uwserver.frames import rpy_from_quat
 from uwserver_adapters.mavlink.codec import (
-    compass,
     compass_centidegrees,
     degrees,
     degrees_e7,
@@ -188,7 +187,7 @@ class Telemetry:
     def _global_position(self) -> Fields:
         lat, lon = self._lat_lon()
         altitude, home, yaw = self._altitude(), self._vehicle.home.home, self._yaw()
-        v = self._state.v_N or (0.0, 0.0, 0.0)
+        v = self._state.v_N or (0.0, 0.0, self._state.sink)
         return {
             "time_boot_ms": self._boot_ms,
             "lat": lat,
@@ -217,10 +216,10 @@ class Telemetry:
         return {
             "airspeed": 0.0,
             "groundspeed": speed,
-            "heading": 0 if yaw is None else compass(yaw),
+            "heading": 0 if yaw is None else compass_centidegrees(yaw) // 100,
             "throttle": throttle if state.armed else 0,
             "alt": self._altitude(),
-            "climb": -v[2],
+            "climb": -state.sink,
         }
 
     def _nav_controller(self) -> Fields:

@@ -272,7 +272,7 @@ class Vehicle:
             self.readings.forget()
             self.failsafes.restart()
             self.pilot.tick(self._now)
-        self.tell(_SEVERITIES.get(event.event, INFO), f"{event.event}: {event.text}" if event.text else event.event)
+        self.tell(_SEVERITIES.get(event.event, INFO), event.text or event.event)
 
     def _count_turns(self) -> None:
         q = self.readings.state().q_NB

@@ -85,6 +85,7 @@ class FakeRov(FakeContext):
         self.state: dict[str, Any] = {name: value for name, (value, _) in STATE.items()}
         self.said: dict[str, dict[str, Any]] = {name: dict(values) for name, (_, values) in INSTRUMENTS.items()}
         self.invalid: set[str] = set()
+        self.until_s = 0.0
         self.items: list[Json] = []
         ports = [Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0) for name, (kind, values) in INSTRUMENTS.items()]
         services: list[Service] = []
@@ -109,7 +110,8 @@ class FakeRov(FakeContext):
 
     def advance(self, seconds: float) -> None:
         """Simulation time goes on by ticks of 4 ms; each brings a sample."""
-        for _ in range(round(seconds / 0.004)):
+        self.until_s = (self.until_s if self.tick * 0.004 - self.until_s < 0.01 else self.tick * 0.004) + seconds
+        while self.tick * 0.004 < self.until_s - 1e-9:
             self.tick += 1
             sample = self.last("rov/imu")
             assert sample is not None
@@ -212,8 +214,14 @@ class Station:
         return found[-1]
 
     def texts(self) -> list[str]:
-        """STATUSTEXTs."""
-        return [m.text for m in self.of("STATUSTEXT")]
+        """STATUSTEXTs, put together where they came in pieces."""
+        found: list[str] = []
+        for message in self.of("STATUSTEXT"):
+            if message.chunk_seq:
+                found[-1] += message.text
+            else:
+                found.append(message.text)
+        return found
 
     async def command(self, number: int, *p: float, target: int = 1) -> int | None:
         """COMMAND_LONG; the result of its acknowledgement, None for silence."""
@@ -299,12 +307,16 @@ async def serving(adapter: Any) -> AsyncIterator[FakeContext]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Tests of this folder may be coroutines; each gets a loop, and half a minute."""
+    """Tests of this folder may be coroutines; each runs within a loop, and has half a minute."""
     function = pyfuncitem.obj
-    if not inspect.iscoroutinefunction(function):
-        return None
     arguments = {name: pyfuncitem.funcargs[name] for name in inspect.signature(function).parameters}
-    asyncio.run(asyncio.wait_for(function(**arguments), 30.0))
+
+    async def within_a_loop() -> None:
+        result = function(**arguments)
+        if inspect.isawaitable(result):
+            await result
+
+    asyncio.run(asyncio.wait_for(within_a_loop(), 30.0))
     return True
 
 
