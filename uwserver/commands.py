@@ -78,6 +78,14 @@ class Commands:
                 self.watch = expires if self.watch is None else min(self.watch, expires)
         self._newest.clear()
 
+    def newest(self, vehicle: str) -> list[str]:
+        """The last command to each actuator of a vehicle, in words."""
+        return [
+            f"last command to {path} in tick {slot.last_tick} by {slot.source}: {slot.last_value}"
+            for path, slot in self._actuators.items()
+            if path.startswith(f"{vehicle}/") and slot.last_tick >= 0
+        ]
+
     def expire(self, tick: int) -> None:
         """Let the actuators go to neutral that were left without a command for too long."""
         following: int | None = None

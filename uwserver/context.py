@@ -10,7 +10,7 @@ import msgspec
 from uwserver import __version__
 from uwserver.adapter import AdapterStats, Subscriber
 from uwserver.bus import Bus, Mailbox
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Reply, Sample, Service, matches
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.simulation import CLOCK_SERVICES, Simulation
 
@@ -138,8 +138,29 @@ class Context:
             return _too_late
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply)
+        if services[service].long_running:
+            return self._begin(Call(service, checked, source), on_reply)
         self._hub.mailbox.post(Call(service, checked, source), on_reply)
         return _too_late
+
+    def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:
+        """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""
+        over = False
+
+        def answered(answer: Reply | Progress) -> None:
+            nonlocal over
+            over = isinstance(answer, Reply)
+            on_reply(answer)
+
+        def cancel() -> bool:
+            if over:
+                return False
+            path, _, name = call.service.rpartition("/")
+            self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None)
+            return True
+
+        self._hub.mailbox.post(call, answered)
+        return cancel
 
     def _answer(self, service: str, source: str, on_reply: OnReply) -> None:
         world = self._hub.simulation.world

@@ -38,11 +38,12 @@ class Pilots:
             if pilot is not None:
                 pilot.take(sample, t_ns)
 
-    def step(self, tick: int, t_ns: int) -> None:
-        """Let those fly that are due."""
+    def step(self, tick: int, t_ns: int) -> list[tuple[OnReply, Reply | Progress]]:
+        """Let those fly that are due; returns `answers`."""
         for pilot in self.all.values():
             if tick % pilot.divisor == 0:
                 pilot.step(t_ns)
+        return self.answers()
 
     def answers(self) -> list[tuple[OnReply, Reply | Progress]]:
         """What waiting callers are to be told since the last time."""

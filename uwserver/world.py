@@ -287,8 +287,7 @@ class World:
         if self.commands.watch is not None and self.tick >= self.commands.watch:
             self.commands.expire(self.tick)
         if self.pilots.all:
-            self.pilots.step(self.tick, self.t_ns)
-            output.replies += self.pilots.answers()
+            output.replies += self.pilots.step(self.tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
         if self.water.sea is not None:
@@ -325,12 +324,10 @@ class World:
     def _carry_out(self, output: TickOutput) -> None:
         posted, self._posted = self._posted, []
         for entry in posted:
-            if isinstance(entry.item, Command):
-                reply = self._accept(entry.item)
-            else:
+            if isinstance(entry.item, Call):
                 # A call may depend on the commands before it.
                 self.commands.apply(self.tick)
-                reply = self._run(entry.item, entry.on_reply)
+            reply = self._accept(entry.item) if isinstance(entry.item, Command) else self._run(entry)
             if reply is not None and entry.on_reply is not None:
                 output.replies.append((entry.on_reply, reply))
         self.commands.apply(self.tick)
@@ -341,14 +338,15 @@ class World:
         except Refused as refused:
             return Reply(self.tick, self.t_ns, fault=refused.fault)
 
-    def _run(self, call: Call, on_reply: OnReply | None) -> Reply | None:
-        tick, t_ns = self.tick, self.t_ns
+    def _run(self, entry: Posted) -> Reply | None:
+        call, tick, t_ns = entry.item, self.tick, self.t_ns
+        assert isinstance(call, Call)
         try:
             if call.service not in self._carry:
                 raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
             result = self._carry[call.service](call.args)
             if isinstance(result, Later):
-                result.on_reply = on_reply
+                result.on_reply = entry.on_reply
                 return None
             return Reply(tick, t_ns, result)
         except Refused as refused:
@@ -399,10 +397,5 @@ class World:
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
         where = f"tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s)"
-        lines = [f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}']
-        for slot in self.actuators.values():
-            if slot.port.path.startswith(f"{vehicle.name}/") and slot.last_tick >= 0:
-                lines.append(
-                    f"last command to {slot.port.path} in tick {slot.last_tick} by {slot.source}: {slot.last_value}"
-                )
-        return "\n".join(lines)
+        line = f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
+        return "\n".join([line, *self.commands.newest(vehicle.name)])

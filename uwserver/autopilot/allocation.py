@@ -198,7 +198,7 @@ class Thrusters:
         """See `Allocation`."""
         wrench = np.array(tau)
         f = fitted(self._first @ wrench, self._others @ wrench, self._low, self._high)
-        made: Six = tuple((self._columns @ f).tolist())  # type: ignore[assignment]  # six of them
+        made: Six = tuple((self._columns @ f).tolist())
         forces: list[float] = f.tolist()
         given: list[Given] = []
         for first, last, by_force in self._slices:
@@ -212,7 +212,7 @@ class Thrusters:
 class Wrench:
     """A vehicle that is driven by a wrench."""
 
-    axes = (0, 1, 2, 3, 4, 5)
+    axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
 
     def __init__(self, limits: Six) -> None:
         """Within these limits of each axis, N and N m."""

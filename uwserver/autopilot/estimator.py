@@ -235,7 +235,8 @@ class Estimator:
 
     def _gps(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
         latitude, longitude, accuracy = sample.value[0], sample.value[1], sample.value[4]
-        assert isinstance(latitude, float) and isinstance(longitude, float)
+        assert isinstance(latitude, float)
+        assert isinstance(longitude, float)
         place = self._place
         north, east = north_east(np.array(latitude), np.array(longitude), place.latitude, place.longitude)
         sigma = accuracy if isinstance(accuracy, float) and accuracy > 0.0 else source.sigma

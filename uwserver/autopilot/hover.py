@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 from uwserver.autopilot.estimator import Known
-from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, move_place, wrapped
 from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
+from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, move_place, wrapped
 from uwserver.frames import Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
 
 _RISE = 0.4
@@ -36,17 +36,23 @@ class Wish(NamedTuple):
 class Hover:
     """The cascades of one vehicle; stateless."""
 
-    def __init__(self, inertia: Six, reach: Six, axes: tuple[int, ...], dt: float) -> None:
+    def __init__(self, inertia: Six, drag: tuple[Six, Six], reach: Six, axes: tuple[int, ...], dt: float) -> None:
         """For a vehicle.
 
         Args:
             inertia: with added mass, kg and kg m2, of each axis.
+            drag: linear and quadratic damping of each axis, N s/m and N s2/m2.
             reach: largest wrench of each axis, N and N m.
             axes: that can be controlled.
             dt: of a step, s.
         """
         self._inertia, self._reach, self._dt = inertia, reach, dt
+        self._drag = [(linear, quadratic) for linear, quadratic in zip(*drag, strict=True)]
         self._turns = tuple(1.0 if axis in axes else 0.0 for axis in (3, 4, 5))
+
+    def speed(self, e: Estimate, m: Memory, known: Known) -> float:
+        """Ahead, m/s; thrusters are taken to give the same at any."""
+        return 0.0
 
     def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
         """The wrench (B) that carries out the orders; moves set points by the sticks."""
@@ -153,9 +159,17 @@ class Hover:
             az = g.climb_p * dz + pz
             pz += g.climb_i * dz * dt
         m.push = (px, py, pz)
-        a, b, c = rotate(conjugate(e.q), (ax, ay, az))
+        back = conjugate(e.q)
+        a, b, c = rotate(back, (ax, ay, az))
+        # What the water takes at the wanted speed: the integrals need not learn it on the way, and forget it at the end.
+        u, v, w = rotate(back, (0.0 if vx != vx else vx, 0.0 if vx != vx else vy, 0.0 if vz != vz else vz))
         i, force = self._inertia, wish.force
-        return (a * i[0] + force[0], b * i[1] + force[1], c * i[2] + force[2])
+        (lu, qu), (lv, qv), (lw, qw) = self._drag[:3]
+        return (
+            a * i[0] + (lu + qu * abs(u)) * u + force[0],
+            b * i[1] + (lv + qv * abs(v)) * v + force[1],
+            c * i[2] + (lw + qw * abs(w)) * w + force[2],
+        )
 
     def _moment(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Vec3:
         if wish.q is None and wish.rates is None:

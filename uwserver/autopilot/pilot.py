@@ -15,10 +15,10 @@ from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.goal import Later
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
-from uwserver.autopilot.sticks import enter, stay
 from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Mode, Orders, Saved
-from uwserver.frames import Vec3, conjugate, rotate
-from uwserver.ports import Fault, OnReply, Progress, Refused, Reply, Sample
+from uwserver.autopilot.sticks import enter, stay
+from uwserver.frames import Vec3
+from uwserver.ports import Fault, Json, OnReply, Progress, Refused, Reply, Sample
 
 _PROGRESS_S = 0.5
 
@@ -47,6 +47,9 @@ class Held(Protocol):
 
 class Helm(Protocol):
     """A way to control a kind of vehicle."""
+
+    def speed(self, e: Estimate, m: Memory, known: Known) -> float:
+        """Ahead, m/s."""
 
     def demand(
         self, e: Estimate, m: Memory, o: Orders, known: Known
@@ -143,8 +146,7 @@ class Autopilot:
         elif self._errand is not None:
             self._follow_errand()
         tau = craft.helm.demand(e, m, o, now)
-        speed = rotate(conjugate(e.q), e.v)[0] if now.motion else 0.0
-        commands, made = craft.allocation.allocate(tau, speed)
+        commands, made = craft.allocation.allocate(tau, craft.helm.speed(e, m, now))
         m.tau = tau
         a, b, c, d, f, g = (
             wanted - got if axis in craft.allocation.axes else 0.0
@@ -333,6 +335,7 @@ class Autopilot:
         assert errand is not None
         away = route.distance(o, e)
         if away <= o.radius:
+            o.settled = True
             self._end(None)
             return
         self._told += self.craft.dt
@@ -351,7 +354,7 @@ class Autopilot:
         assert errand is not None
         tick, t_ns = self._now()
         away = route.distance(self.orders, self.estimate)
-        result = None if fault is not None or math.isnan(away) else {"distance_m": away}
+        result: Json = None if fault is not None or math.isnan(away) else {"distance_m": away}
         errand.finish(tick, t_ns, result, fault)
         self._answers += errand.taken()
 

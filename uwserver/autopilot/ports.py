@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.sticks import wrapped
 from uwserver.autopilot.state import NAN, STILL
+from uwserver.autopilot.sticks import wrapped
 from uwserver.ports import Field, Value
 
 _FAR = 1e6
@@ -51,7 +51,10 @@ def _pilot(pilot: Autopilot) -> SetPoint:
         if u is not None:
             pilot.steer(u)
 
-    doc = "The pilot's sticks. They act on the axes that the mode leaves free, and move the set points that it holds; without command they spring back."
+    doc = (
+        "The pilot's sticks. They act on the axes that the mode leaves free, and move the set points that it holds; without command they "
+        "spring back."
+    )
     axes = "surge, sway, heave (down positive), roll, pitch, yaw; 1 is full stick"
     field = Field("u", "1", axes, "", (6,), minimum=-1.0, maximum=1.0)
     return SetPoint((field,), doc, apply, pilot.lose_pilot)

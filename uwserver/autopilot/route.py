@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from uwserver.autopilot.mission import Hold, SetHeading, SetSpeed, Surface, Waypoint
-from uwserver.autopilot.sticks import heading_of, wrapped
 from uwserver.autopilot.state import Estimate, Orders
+from uwserver.autopilot.sticks import heading_of, wrapped
 from uwserver.frames import Vec3
 from uwserver.units import rad
 
@@ -25,6 +25,7 @@ def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed
     o.radius = radius
     o.speed = o.gains.cruise_mps if speed is None else speed
     o.frame, o.attitude = "", None
+    o.settled = o.astray = False
     o.turn, o.turn_limit = math.nan, math.inf
 
 
@@ -83,9 +84,10 @@ def _is_done(
     o: Orders, e: Estimate, item: Waypoint | Hold | SetSpeed | SetHeading | Surface, dt: float, flies: bool
 ) -> bool:
     if isinstance(item, Waypoint):
-        if o.waited == 0.0 and distance(o, e) > item.radius_m and not (flies and _is_past(o, e, item)):
+        if o.waited == 0.0 and distance(o, e) > item.radius_m:
             return False
         o.waited += dt
+        o.settled = True
         return o.waited >= item.hold_s
     if isinstance(item, Hold):
         o.waited += dt
@@ -95,7 +97,3 @@ def _is_done(
     if isinstance(item, Surface):
         return e.p[2] < _UP_M
     return True
-
-
-def _is_past(o: Orders, e: Estimate, item: Waypoint) -> bool:
-    return False

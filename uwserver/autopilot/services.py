@@ -60,10 +60,12 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         "force", "bool", "though a sensor is missing or water is in the hull", required=False, default=False
     )
     mode = Argument("mode", "str", "what it holds", choices=MODES)
+    mode_doc = "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing."
+    place_doc = "Correct the dead reckoning: the vehicle is here. The depth counts without a depth sensor only."
     yield Service(f"{path}/arm", "Take the actuators over; others are refused until disarm.", (force,)), arm
     yield Service(f"{path}/disarm", "Stop, and let others command the actuators."), disarm
-    yield Service(f"{path}/set_mode", "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing.", (mode,)), set_mode  # fmt: skip
-    yield Service(f"{path}/set_position", "Correct the dead reckoning: the vehicle is here. The depth counts without a depth sensor only.", (_PLACE,)), set_position  # fmt: skip
+    yield Service(f"{path}/set_mode", mode_doc, (mode,)), set_mode
+    yield Service(f"{path}/set_position", place_doc, (_PLACE,)), set_position
 
 
 def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
@@ -98,17 +100,29 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         pilot.set_mission(())
         return None
 
-    heading = Argument("heading_deg", "float", "heading on the way, in degrees; default: it looks where it goes", required=False, minimum=-1e4, maximum=1e4)  # fmt: skip
-    speed = Argument("speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0)  # fmt: skip
-    radius = Argument("radius_m", "float", "nearer than this it is there", "m", required=False, default=1.0, minimum=0.01, maximum=1e4)  # fmt: skip
+    heading = Argument(
+        "heading_deg", "float", "heading on the way, in degrees; default: it looks where it goes", required=False,
+        minimum=-1e4, maximum=1e4,
+    )  # fmt: skip
+    speed = Argument(
+        "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
+    )
+    radius = Argument(
+        "radius_m", "float", "nearer than this it is there", "m", required=False, default=1.0, minimum=0.01, maximum=1e4
+    )
     items = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
     index = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
-    yield Service(f"{path}/goto", "Go to a place in mode guided, and stay; replies when it is there.", (_PLACE, heading, speed, radius), long_running=True), goto  # fmt: skip
+    go = "Go to a place in mode guided, and stay; replies when it is there."
+    put = "Put in a mission in place of the old one; with any fault nothing is changed."
+    show = "The mission, the item under way (-1 for none) and how many are done."
+    begin = "Begin mode mission with this item; the autopilot must be armed."
+    clear = "Take the mission out; a vehicle under way holds where it is."
+    yield Service(f"{path}/goto", go, (_PLACE, heading, speed, radius), long_running=True), goto
     yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
-    yield Service(f"{path}/set_mission", "Put in a mission in place of the old one; with any fault nothing is changed.", (items,)), set_mission  # fmt: skip
-    yield Service(f"{path}/get_mission", "The mission, the item under way (-1 for none) and how many are done."), get_mission  # fmt: skip
-    yield Service(f"{path}/start_mission", "Begin mode mission with this item; the autopilot must be armed.", (index,)), start_mission  # fmt: skip
-    yield Service(f"{path}/clear_mission", "Take the mission out; a vehicle under way holds where it is."), clear_mission  # fmt: skip
+    yield Service(f"{path}/set_mission", put, (items,)), set_mission
+    yield Service(f"{path}/get_mission", show), get_mission
+    yield Service(f"{path}/start_mission", begin, (index,)), start_mission
+    yield Service(f"{path}/clear_mission", clear), clear_mission
 
 
 def _gains(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:

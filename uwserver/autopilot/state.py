@@ -76,7 +76,7 @@ class Memory(Struct):
     Attributes:
         push: learnt acceleration in N that keeps the vehicle where it is (buoyancy, current), m/s2.
         twist: learnt angular acceleration in B, rad/s2.
-        slope: a torpedo's learnt slope, rad.
+        slope: a torpedo's learnt slope, rad. `crab`: its course less its heading, rad. `through`: its speed by its propeller, m/s.
         tau: demanded wrench in B, N and N m.
         lack: what the actuators could not give of it.
     """
@@ -84,6 +84,8 @@ class Memory(Struct):
     push: Vec3 = STILL
     twist: Vec3 = STILL
     slope: float = 0.0
+    crab: float = 0.0
+    through: float = 0.0
     tau: Six = (0.0,) * 6
     lack: Six = (0.0,) * 6
 
@@ -102,6 +104,7 @@ class Orders(Struct):
         origin: where the way to `place` began: a torpedo keeps to the line from there.
         speed, radius: on the way to `place`, m/s and m.
         looks: the vehicle looks where it goes.
+        settled, astray: a torpedo is there and circles the place; it has missed it and makes another run.
         length: of the way of a `goto`, m.
         pace, bound: speed and heading that a mission has set for what follows; nan for none.
         items, index, reached: mission, item under way (-1 none), items done.
@@ -131,6 +134,8 @@ class Orders(Struct):
     speed: float = NAN
     radius: float = 1.0
     looks: bool = False
+    settled: bool = False
+    astray: bool = False
     length: float = 0.0
     pace: float = NAN
     bound: float = NAN

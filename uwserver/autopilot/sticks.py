@@ -36,6 +36,7 @@ def enter(o: Orders, e: Estimate, m: Memory, mode: Mode) -> None:
     o.attitude, o.frame, o.velocity, o.heave = None, "", STILL, 0.0
     o.turn, o.turn_limit = NAN, math.inf
     o.speed, o.looks, o.radius, o.origin = NAN, False, 1.0, NOWHERE
+    o.settled = o.astray = False
     o.entered, o.waited = False, 0.0
     m.twist, m.slope = STILL, 0.0
     stay(o, e)

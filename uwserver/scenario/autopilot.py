@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -11,19 +11,28 @@ import msgspec
 import numpy as np
 from msgspec import UnsetType, structs
 
-from uwserver.actuators import ForceTorqueConfig, ThrusterConfig, ThrustersConfig
+from uwserver.actuators import (
+    FinConfig,
+    FinsConfig,
+    ForceTorqueConfig,
+    PropellerConfig,
+    ThrusterConfig,
+    ThrustersConfig,
+)
 from uwserver.autopilot.allocation import Allocation, Thrust, Thrusters, Wrench
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.estimator import Estimator, Source, Surroundings
+from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.hover import Hover
-from uwserver.autopilot.pilot import Autopilot, Craft, Held
+from uwserver.autopilot.pilot import Autopilot, Craft, Held, Helm
 from uwserver.autopilot.ports import StateSensor, set_points
 from uwserver.autopilot.services import services
 from uwserver.autopilot.state import Six
+from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
-from uwserver.physics.bodies import BodyParams, ThrusterParams
+from uwserver.physics.bodies import BodyParams, FloatArray, ThrusterParams
 from uwserver.ports import Port, Service
 from uwserver.scenario.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile
@@ -90,17 +99,17 @@ def build_autopilot(
     gains = gains_of(file, config)
     divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
     dt = float(divisor / world.rate_hz)
-    held, allocation = _hands(file, params, actuators)
-    inertia: Six = tuple(np.diag(params.M_RB + params.M_A).tolist())  # type: ignore[assignment]  # six of them
+    held, allocation, helm = _hands(file, params, actuators, dt)
     craft = Craft(
         path=path,
         estimator=Estimator(_sources(world, file, name, mounts), _surroundings(world, file, config), 1.0 / dt),
         allocation=allocation,
-        helm=Hover(inertia, allocation.reach, allocation.axes, dt),
+        helm=helm,
         held=held,
         gains=gains,
         divisor=divisor,
         dt=dt,
+        flies=isinstance(helm, Torpedo),
         mode=config.mode,
         armed=config.armed,
         on_leak=config.on_leak,
@@ -196,37 +205,100 @@ def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> S
 # -- what it holds --------------------------------------------------------------------------------------------------------------------------
 
 
-def _hands(
-    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot]
-) -> tuple[Sequence[Held], Allocation]:
-    by_name = {thruster.name: thruster for thruster in params.thrusters}
+Hands = tuple[list[Held], Allocation, Helm]
+
+
+def is_steerable(vehicle: VehicleFile) -> bool:
+    """Whether the autopilot can control such a vehicle: thrusters or a wrench that lift it, or fins and a propeller."""
+    kinds = {type(config) for config in vehicle.actuators.values()}
+    hovers = {ThrusterConfig, ThrustersConfig, ForceTorqueConfig} & kinds
+    return bool(hovers or ({FinConfig, FinsConfig} & kinds and PropellerConfig in kinds))
+
+
+def _hands(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], dt: float) -> Hands:
+    inertia = _six(np.diag(params.M_RB + params.M_A))
     held: list[Held] = []
+    kinds = {type(config) for config in file.actuators.values()}
+    if PropellerConfig in kinds and kinds & {FinConfig, FinsConfig}:
+        fins = _fins(file, params, actuators, held)
+        return held, fins, Torpedo(inertia, fins.reach, fins.shaft, dt)
+    allocation: Allocation
+    if kinds & {ThrusterConfig, ThrustersConfig}:
+        allocation = _thrusters(file, params, actuators, held)
+    else:
+        key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
+        held.append(actuators[key])
+        allocation = Wrench(_wrench_limits(file, params))
+    drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
+    return held, allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
+
+
+def _six(values: FloatArray) -> Six:
+    a, b, c, d, e, f = values.tolist()
+    return (a, b, c, d, e, f)
+
+
+def _thrusters(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], held: list[Held]
+) -> Thrusters:
+    by_name = {thruster.name: thruster for thruster in params.thrusters}
     groups: list[tuple[list[Thrust], bool]] = []
     for key, config in file.actuators.items():
         if isinstance(config, ThrusterConfig | ThrustersConfig):
             members = (config.member,) if isinstance(config, ThrusterConfig) else config.members or tuple(by_name)
             groups.append(([_thrust(by_name[member]) for member in members], config.input == "force"))
             held.append(actuators[key])
-    if groups:
-        return held, Thrusters(groups)
-    for key, config in file.actuators.items():
-        if isinstance(config, ForceTorqueConfig):
-            return [actuators[key]], Wrench(_wrench_limits(file, params, config))
-    raise ValueError("the autopilot has nothing to hold")
+    return Thrusters(groups)
 
 
 def _thrust(thruster: ThrusterParams) -> Thrust:
     axis = np.array(thruster.axis) / np.linalg.norm(thruster.axis)
-    column = np.concatenate([axis, np.cross(thruster.r, axis) + thruster.torque_per_force * axis]).tolist()
+    column = np.concatenate([axis, np.cross(thruster.r, axis) + thruster.torque_per_force * axis])
     voltages = thruster.table.voltages
     nearest = min(range(len(voltages)), key=lambda k: abs(voltages[k] - thruster.voltage))
-    curve = tuple((u, force * thruster.installed) for u, force in thruster.table.curves[nearest])
-    return Thrust(tuple(column), curve)
+    return Thrust(_six(column), tuple((u, force * thruster.installed) for u, force in thruster.table.curves[nearest]))
 
 
-def _wrench_limits(file: VehicleFile, params: BodyParams, config: ForceTorqueConfig) -> Six:
+def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
     own = file.autopilot
     if not isinstance(own, UnsetType) and not isinstance(own.max_wrench, UnsetType):
         return own.max_wrench
-    a, b, c, d, e, f = (_UNKNOWN_PUSH * np.diag(params.M_RB + params.M_A)).tolist()
-    return (a, b, c, d, e, f)
+    return _six(_UNKNOWN_PUSH * np.diag(params.M_RB + params.M_A))
+
+
+def _fins(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], held: list[Held]
+) -> FinsAndShaft:
+    groups: list[list[FinEffect]] = []
+    for key, config in file.actuators.items():
+        if isinstance(config, FinConfig | FinsConfig):
+            members = (config.member,) if isinstance(config, FinConfig) else config.members or tuple(file.fins)
+            groups.append([_fin(params, f"fins.{member}") for member in members])
+            held.append(actuators[key])
+    key, propeller = next((k, c) for k, c in file.actuators.items() if isinstance(c, PropellerConfig))
+    held.append(actuators[key])
+    return FinsAndShaft(groups, _shaft(params, f"propellers.{propeller.member}"))
+
+
+def _fin(params: BodyParams, servo: str) -> FinEffect:
+    """Of a fin's foil and of its published derivatives, straight ahead at 1 m/s and small angles."""
+    column = np.zeros(6)
+    for foil in params.appendages.foils:
+        if foil.servo == servo:
+            normal = np.cross(foil.hinge, foil.chord)
+            force = foil.pressure_area * foil.slope * normal / np.linalg.norm(normal)
+            column += np.concatenate([force, np.cross(foil.r, force)])
+    for term in params.appendages.derivatives:
+        if term.servo == servo and term.power == 1 and term.j == term.k == 0:
+            column[term.axis] += term.coefficient
+    limits = next(s for s in params.appendages.servos if s.name == servo)
+    return FinEffect(_six(column), min(-limits.low, limits.high))
+
+
+def _shaft(params: BodyParams, servo: str) -> Shaft:
+    propeller = next(p for p in params.appendages.propellers if p.servo == servo)
+    limit = next(s for s in params.appendages.servos if s.name == servo).high
+    (j0, k0, _), (j1, k1, _) = propeller.curve[0], propeller.curve[-1]
+    fall = (k0 - k1) / (j1 - j0) if j1 > j0 else 0.0
+    strength = propeller.density * propeller.diameter**4 * propeller.deduction
+    return Shaft(k0 + fall * j0, fall, strength, propeller.wake, propeller.diameter, propeller.astern, limit)

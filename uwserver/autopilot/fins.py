@@ -1,0 +1,98 @@
+"""Fins and a propeller as a wrench: fins whose effect grows with the square of the speed, and a shaft whose thrust falls with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwserver.autopilot.allocation import PITCH, ROLL, YAW, Given, controllable, fitted, inverse
+from uwserver.autopilot.state import Six
+
+SLOW_MPS = 0.3
+"""Below this speed fins are taken to work as if at it."""
+
+
+@dataclass(frozen=True)
+class FinEffect:
+    """One fin: wrench about the origin in B per rad at 1 m/s, and its largest angle, rad."""
+
+    column: Six
+    limit: float
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """A propeller: T = rho D^4 n^2 (a - b J), J = U / (n D), with n in revolutions a second.
+
+    Attributes:
+        a, b: of the thrust coefficient, straight over J.
+        strength: rho D^4, with the thrust deduction.
+        advance: 1 - wake fraction.
+        diameter: m.
+        astern: thrust astern over that ahead.
+        limit: of its speed, rad/s.
+    """
+
+    a: float
+    b: float
+    strength: float
+    advance: float
+    diameter: float
+    astern: float
+    limit: float
+
+    def thrust(self, speed_radps: float, u: float) -> float:
+        """Thrust (N) at a shaft speed (rad/s) and a speed through the water (m/s)."""
+        n = speed_radps / (2.0 * math.pi)
+        if n < 0.0:
+            return -self.astern * self.strength * self.a * n * n
+        return self.strength * (self.a * n * n - self.b * n * self.advance * max(u, 0.0) / self.diameter)
+
+    def speed(self, thrust: float, u: float) -> float:
+        """The least shaft speed (rad/s) that makes a thrust (N), within the limit."""
+        if thrust < 0.0:
+            n = -math.sqrt(-thrust / (self.astern * self.strength * self.a))
+        else:
+            half = 0.5 * self.b * self.advance * max(u, 0.0) / self.diameter
+            n = (half + math.sqrt(half * half + self.a * thrust / self.strength)) / self.a if thrust > 0.0 else 0.0
+        return min(max(2.0 * math.pi * n, -self.limit), self.limit)
+
+
+class FinsAndShaft:
+    """The actuators of a torpedo. Its `reach` is that at rest ahead, and at 1 m/s of its fins."""
+
+    def __init__(self, groups: Sequence[Sequence[FinEffect]], shaft: Shaft) -> None:
+        """Of each actuator its fins; the propeller's actuator comes last."""
+        fins = [fin for group in groups for fin in group]
+        self.shaft = shaft
+        self._columns = np.array([fin.column for fin in fins]).T.copy()
+        moments = self._columns.copy()
+        moments[:3] = 0.0
+        self._limits = np.array([fin.limit for fin in fins])
+        turning = controllable(moments)
+        self.axes: tuple[int, ...] = (0, *turning)
+        self.inverse = inverse(moments, self._limits, turning)
+        strongest = [float(np.abs(self._columns[axis]) @ self._limits) if axis in turning else 0.0 for axis in range(6)]
+        self.reach: Six = (shaft.thrust(shaft.limit, 0.0), 0.0, 0.0, strongest[ROLL], strongest[PITCH], strongest[YAW])
+        self._first = self.inverse.copy()
+        self._first[:, YAW] = 0.0
+        self._yaw = self.inverse - self._first
+        self._sizes = [len(group) for group in groups]
+
+    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
+        """See `Allocation`. Pitch and roll keep their share before yaw: a torpedo that loses its depth is worse off than one off its line."""
+        pressure = max(speed, SLOW_MPS) ** 2
+        wrench = np.array(tau) / pressure
+        angles = fitted(self._first @ wrench, self._yaw @ wrench, -self._limits, self._limits)
+        shaft = self.shaft.speed(tau[0], speed)
+        _, _, _, k, m, n = (pressure * (self._columns @ angles)).tolist()
+        given: list[Given] = []
+        listed, start = angles.tolist(), 0
+        for size in self._sizes:
+            given.append((tuple(listed[start : start + size]),))
+            start += size
+        given.append(((shaft,),))
+        return given, (self.shaft.thrust(shaft, speed), 0.0, 0.0, k, m, n)
