@@ -61,7 +61,19 @@ SET_POINTS = {
     "velocity": [("v_B", (3,), 20.0), ("v_N", (3,), 20.0), ("yaw_rate", (), 10.0), ("heading", (), 100.0)],
     "position": [("p_N", (3,), 1e6), ("heading", (), 100.0)],
 }
-MODES = "manual stabilise acro depth_hold altitude_hold heading_hold position_hold velocity guided mission surface".split()
+MODES = [
+    "manual",
+    "stabilise",
+    "acro",
+    "depth_hold",
+    "altitude_hold",
+    "heading_hold",
+    "position_hold",
+    "velocity",
+    "guided",
+    "mission",
+    "surface",
+]
 SERVICES = {
     "arm": (Argument("force", "bool", "x", required=False, default=False),),
     "disarm": (),
@@ -87,7 +99,10 @@ class FakeRov(FakeContext):
         self.invalid: set[str] = set()
         self.until_s = 0.0
         self.items: list[Json] = []
-        ports = [Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0) for name, (kind, values) in INSTRUMENTS.items()]
+        ports = [
+            Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0)
+            for name, (kind, values) in INSTRUMENTS.items()
+        ]
         services: list[Service] = []
         if has_autopilot:
             fields = tuple(Field(name, "1", "x", **more) for name, (_, more) in STATE.items())
@@ -243,7 +258,11 @@ class Station:
         assert len(acks) <= 1
         if not acks:
             return None
-        assert (acks[0].command, acks[0].target_system, acks[0].target_component) == (number, self.system, self.component)
+        assert (acks[0].command, acks[0].target_system, acks[0].target_component) == (
+            number,
+            self.system,
+            self.component,
+        )
         return int(acks[0].result)
 
 

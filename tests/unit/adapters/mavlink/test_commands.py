@@ -43,7 +43,7 @@ GOLDEN = [
 ]
 
 
-@pytest.mark.parametrize(("number", "p", "result"), GOLDEN, ids=lambda value: str(value))
+@pytest.mark.parametrize(("number", "p", "result"), GOLDEN, ids=str)
 async def test_golden_acknowledgements(bench, number, p, result):
     assert await bench.station().command(number, *p) == result
 
@@ -144,7 +144,10 @@ async def test_home_and_origin(make_bench):
     station = bench.station()
     assert await station.command(410) == FAILED
     station.send("SET_GPS_GLOBAL_ORIGIN", 1, 600_000_000, 50_000_000, 0)
-    assert (station.last("GPS_GLOBAL_ORIGIN").latitude, station.last("HOME_POSITION").longitude) == (600_000_000, 50_000_000)
+    assert (station.last("GPS_GLOBAL_ORIGIN").latitude, station.last("HOME_POSITION").longitude) == (
+        600_000_000,
+        50_000_000,
+    )
     station.send("SET_GPS_GLOBAL_ORIGIN", 1, 610_000_000, 50_000_000, 0)
     assert station.last("GPS_GLOBAL_ORIGIN").latitude == 600_000_000
     assert await station.command_int(179, (0.0,) * 4, 600_100_000, 50_000_000, 2.0, frame=0) == ACCEPTED

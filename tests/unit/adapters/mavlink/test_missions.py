@@ -13,7 +13,9 @@ WAYPOINT, LOITER_TIME, RTL, LAND, DELAY, SPEED, YAW, SERVO = 16, 19, 20, 21, 93,
 HOME = (0, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, 0.0)
 
 
-def item(station: Any, seq: int, frame: int, command: int, p: tuple[float, ...], x: int, y: int, z: float, kind: int = 0) -> None:
+def item(
+    station: Any, seq: int, frame: int, command: int, p: tuple[float, ...], x: int, y: int, z: float, kind: int = 0
+) -> None:
     station.send("MISSION_ITEM_INT", 1, 1, seq, frame, command, 0, 1, *p, x, y, z, kind)
 
 
@@ -57,7 +59,9 @@ async def test_every_supported_item(bench):
     assert (first["hold_s"], first["radius_m"], first["heading_deg"]) == (5.0, 2.0, 90.0)
     assert second == {"kind": "waypoint", "position_ned_m": [1.5, -2.5, 4.0]}
     assert third["hold_s"] == 60.0
-    assert rest[:3] == [{"kind": "hold", "time_s": 7.0}, {"kind": "speed", "speed_mps": pytest.approx(0.7)}, {"kind": "heading", "heading_deg": 45.0}]  # fmt: skip
+    assert rest[0] == {"kind": "hold", "time_s": 7.0}
+    assert rest[1] == {"kind": "speed", "speed_mps": pytest.approx(0.7)}
+    assert rest[2] == {"kind": "heading", "heading_deg": 45.0}
     assert rest[3]["position_ned_m"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
     assert rest[4] == {"kind": "surface"}
 

@@ -15,7 +15,10 @@ def local(station, mask, frame=1, p=(0, 0, 0), v=(0, 0, 0), yaw=0.0, rate=0.0):
 
 @pytest.fixture
 def guided(bench):
-    bench.rov.state |= {"mode": "guided", "q_NB": (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))}  # heading east
+    bench.rov.state |= {
+        "mode": "guided",
+        "q_NB": (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4)),
+    }  # heading east
     bench.run(0.1)
     return bench
 
@@ -36,7 +39,9 @@ def test_positions(guided, frame, p, p_N, mask):
     assert guided.rov.commanded("position")[-1]["p_N"] == pytest.approx(p_N)
 
 
-@pytest.mark.parametrize(("frame", "v", "v_N"), [(1, (0.5, 0.1, 0.2), (0.5, 0.1, 0.2)), (8, (0.5, 0.1, 0.2), (-0.1, 0.5, 0.2))])
+@pytest.mark.parametrize(
+    ("frame", "v", "v_N"), [(1, (0.5, 0.1, 0.2), (0.5, 0.1, 0.2)), (8, (0.5, 0.1, 0.2), (-0.1, 0.5, 0.2))]
+)
 def test_velocities(guided, frame, v, v_N):
     local(guided.station(), VELOCITY, frame, v=v)
     assert guided.rov.commanded("velocity")[-1]["v_N"] == pytest.approx(v_N)

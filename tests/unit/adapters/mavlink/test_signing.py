@@ -70,7 +70,9 @@ def test_a_new_sender_may_be_a_minute_behind():
 def test_stamps_rise_though_the_clock_falls():
     clock = iter((NOW, NOW - 5, NOW + 7, NOW))
     ours = Signing(KEY, lambda: next(clock))
-    stamps = [int.from_bytes(ours.sign(pack(DIALECT, 0, b"\x01", 0, 1, 1, True), 0)[-12:-6], "little") for _ in range(4)]
+    stamps = [
+        int.from_bytes(ours.sign(pack(DIALECT, 0, b"\x01", 0, 1, 1, True), 0)[-12:-6], "little") for _ in range(4)
+    ]
     assert stamps == [NOW, NOW + 1, NOW + 7, NOW + 8]
 
 

@@ -10,7 +10,16 @@ from uwserver_adapters.mavlink.codec import datum
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Event
 
-INTERVALS = {"ATTITUDE": 10, "AHRS2": 10, "VFR_HUD": 10, "GLOBAL_POSITION_INT": 3, "SYS_STATUS": 2, "RAW_IMU": 2, "RC_CHANNELS": 2, "HEARTBEAT": 1}
+INTERVALS = {
+    "ATTITUDE": 10,
+    "AHRS2": 10,
+    "VFR_HUD": 10,
+    "GLOBAL_POSITION_INT": 3,
+    "SYS_STATUS": 2,
+    "RAW_IMU": 2,
+    "RC_CHANNELS": 2,
+    "HEARTBEAT": 1,
+}
 
 
 @pytest.fixture
@@ -86,7 +95,15 @@ def test_rates_of_a_link_that_asks_for_nothing(bench):
 
 def test_streams_are_asked_for_in_groups(bench):
     station, other = bench.station(), bench.station(254)
-    for group, rate in ((1, 2), (2, 2), (3, 2), (6, 3), (10, 20), (11, 10), (12, 3)):  # as QGroundControl does for a Sub
+    for group, rate in (
+        (1, 2),
+        (2, 2),
+        (3, 2),
+        (6, 3),
+        (10, 20),
+        (11, 10),
+        (12, 3),
+    ):  # as QGroundControl does for a Sub
         station.send("REQUEST_DATA_STREAM", 1, 1, group, rate, 1)
     bench.run(10.0)
     assert abs(len(station.of("ATTITUDE")) - 200) <= 1
@@ -151,7 +168,7 @@ def test_identity(bench):
     station = bench.station()
     for number, name in ((148, "AUTOPILOT_VERSION"), (435, "AVAILABLE_MODES"), (436, "CURRENT_MODE")):
         station.send("COMMAND_LONG", 1, 1, 512, 0, number, 0, 0, 0, 0, 0, 0)
-        assert name == "AUTOPILOT_VERSION" or station.of("UNKNOWN_%d" % number)
+        assert name == "AUTOPILOT_VERSION" or station.of(f"UNKNOWN_{number}")
     version = station.last("AUTOPILOT_VERSION")
     assert version.flight_sw_version >> 24 == 4
     assert bytes(version.flight_custom_version) == b"uwserver"
@@ -184,12 +201,20 @@ def test_events_are_told_and_long_texts_come_in_pieces(bench):
     bench.rov.say(Event("watchdog", 1, 1, "y" * 50))
     bench.rov.say(Event("diverged", 1, 1, "z" * 100))
     pieces = [(m.severity, m.id, m.chunk_seq, len(m.text)) for m in station.of("STATUSTEXT")]
-    assert pieces == [(4, 1, 0, 50), (4, 1, 1, 50), (4, 1, 2, 20), (5, 0, 0, 50), (2, 2, 0, 50), (2, 2, 1, 50), (2, 2, 2, 0)]
+    assert pieces == [
+        (4, 1, 0, 50),
+        (4, 1, 1, 50),
+        (4, 1, 2, 20),
+        (5, 0, 0, 50),
+        (2, 2, 0, 50),
+        (2, 2, 1, 50),
+        (2, 2, 2, 0),
+    ]
 
 
 def test_turns_of_the_tether(bench):
     station = bench.station()
-    for k in range(0, 21):
+    for k in range(21):
         bench.rov.state["q_NB"] = quat_from_rpy(0.0, 0.0, -0.2 * math.pi * k)
         bench.run(0.05)
     bench.run(1.0)

@@ -94,7 +94,9 @@ def test_every_message_is_written_as_pymavlink_reads_it():
             if kind == "char" and count:
                 fields[name] = bytes(rng.integers(65, 90, count, np.uint8))
             else:
-                row = tuple(float(x) if kind in ("float", "double") else int(x) for x in rng.integers(0, 100, max(1, count)))
+                row = tuple(
+                    float(x) if kind in ("float", "double") else int(x) for x in rng.integers(0, 100, max(1, count))
+                )
                 fields[name] = row if count else row[0]
         frame = pack(DIALECT, id, layout.encode(fields), 7, 3, 4)
         read = parser.parse_buffer(frame)[0]
