@@ -222,7 +222,7 @@ class Hub:
         """Simulation time went on: whatever is due goes out."""
         if not samples:
             return
-        t_ns = samples[-1].t_sent_ns
+        t_ns = max(sample.t_sent_ns for sample in samples)
         self.vehicle.advance(t_ns)
         for channel in self.channels.values():
             for name in channel.streams.due(t_ns):
