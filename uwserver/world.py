@@ -234,7 +234,7 @@ class World:
         self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
-        """Carry out a service at once, between two ticks, and return its result; a long-running one is begun, and returns nothing.
+        """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.
 
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
@@ -390,12 +390,11 @@ class World:
                 heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
 
     def _deliver(self, samples: list[Sample]) -> None:
-        t_ns = self.t_ns
-        while self.pending and self.pending[0][0] <= t_ns:
+        while self.pending and self.pending[0][0] <= self.t_ns:
             samples.append(heapq.heappop(self.pending)[2])
 
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
         where = f"tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s)"
-        line = f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
-        return "\n".join([line, *self.commands.newest(vehicle.name)])
+        told = f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
+        return "\n".join([told, *self.commands.newest(vehicle.name)])

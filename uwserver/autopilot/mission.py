@@ -98,4 +98,4 @@ def _read_item(k: int, raw: Json) -> Item:
 
 def shown_items(items: tuple[Item, ...]) -> Json:
     """The items as a client gave them; what stands at its default is left out."""
-    return cast(Json, msgspec.to_builtins(items))
+    return cast(Json, msgspec.json.decode(msgspec.json.encode(items)))

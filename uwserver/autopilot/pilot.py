@@ -65,6 +65,7 @@ class Craft:
         path: ``<vehicle>/autopilot``.
         estimator, allocation, helm: its parts.
         held: the actuators, in the order of the allocation's commands.
+        blocked: others on the same devices.
         gains: at the start.
         divisor: ticks of a step.
         dt: of a step, s.
@@ -78,6 +79,7 @@ class Craft:
     allocation: Allocation
     helm: Helm
     held: Sequence[Held]
+    blocked: Sequence[Held]
     gains: Gains
     divisor: int
     dt: float
@@ -269,7 +271,7 @@ class Autopilot:
     def _take_hold(self) -> None:
         path = self.craft.path
         text = f"is held by the autopilot while it is armed: call {path}/disarm first, or steer by {path}/pilot"
-        for slot in self.craft.held:
+        for slot in (*self.craft.held, *self.craft.blocked):
             slot.refusal = text if self.orders.armed else ""
             if self.orders.armed:
                 slot.last_value = ()

@@ -22,16 +22,17 @@ _NEAR_M = 5.0
 class Torpedo:
     """The cascades of one vehicle; stateless."""
 
-    def __init__(self, inertia: Six, reach: Six, shaft: Shaft, dt: float) -> None:
+    def __init__(self, inertia: Six, righting: float, reach: Six, shaft: Shaft, dt: float) -> None:
         """For a vehicle.
 
         Args:
             inertia: with added mass, kg and kg m2, of each axis.
+            righting: moment over the sine of roll or pitch, by weight and buoyancy, N m.
             reach: of the propeller at rest (N), of the fins at 1 m/s (N m).
             shaft: the propeller.
             dt: of a step, s.
         """
-        self._inertia, self._reach, self._shaft, self._dt = inertia, reach, shaft, dt
+        self._inertia, self._righting, self._reach, self._shaft, self._dt = inertia, righting, reach, shaft, dt
 
     def speed(self, e: Estimate, m: Memory, known: Known) -> float:
         """Ahead, m/s: measured, or as the propeller should have made it."""
@@ -95,10 +96,12 @@ class Torpedo:
     def _moment(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> tuple[float, float, float]:
         g, dt, i = o.gains, self._dt, self._inertia
         roll, pitch, _ = rpy_from_quat(e.q)
+        held = 0.0
         if o.mode == "acro":
             p, q, r = (o.stick[3] * g.max_rate_radps, o.stick[4] * g.max_rate_radps, o.stick[5] * g.max_yaw_rate_radps)
         else:
             target = self._pitch(e, m, o, u, known)
+            held = self._righting * math.sin(target)
             self._course(e, m, o, known)
             turn = move_heading(o, e, dt)
             p = g.attitude_p * clamped(-roll, 0.5)
@@ -111,7 +114,7 @@ class Torpedo:
         b += g.rate_i * dq * dt - unwind * m.lack[4] / i[4]
         c += g.yaw_rate_i * dr * dt - unwind * m.lack[5] / i[5]
         m.twist = (0.0, b, c)
-        return i[3] * g.rate_p * dp, i[4] * (g.rate_p * dq + b), i[5] * (g.yaw_rate_p * dr + c)
+        return i[3] * g.rate_p * dp, i[4] * (g.rate_p * dq + b) + held, i[5] * (g.yaw_rate_p * dr + c)
 
     def _pitch(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> float:
         """Pitch to hold, rad."""

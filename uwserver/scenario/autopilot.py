@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 
 import msgspec
@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import UnsetType, structs
 
 from uwserver.actuators import (
+    ActuatorConfig,
     FinConfig,
     FinsConfig,
     ForceTorqueConfig,
@@ -99,13 +100,15 @@ def build_autopilot(
     gains = gains_of(file, config)
     divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
     dt = float(divisor / world.rate_hz)
-    held, allocation, helm = _hands(file, params, actuators, dt)
+    hands = _Hands()
+    allocation, helm = _controls(file, params, actuators, hands, dt)
     craft = Craft(
         path=path,
         estimator=Estimator(_sources(world, file, name, mounts), _surroundings(world, file, config), 1.0 / dt),
         allocation=allocation,
         helm=helm,
-        held=held,
+        held=hands.held,
+        blocked=hands.blocked,
         gains=gains,
         divisor=divisor,
         dt=dt,
@@ -205,32 +208,55 @@ def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> S
 # -- what it holds --------------------------------------------------------------------------------------------------------------------------
 
 
-Hands = tuple[list[Held], Allocation, Helm]
+@dataclass
+class _Hands:
+    """Actuators that are commanded, in the allocation's order, and others on the same devices, which are only kept from commanding them."""
+
+    held: list[Held] = field(default_factory=list)
+    blocked: list[Held] = field(default_factory=list)
 
 
-def is_steerable(vehicle: VehicleFile) -> bool:
-    """Whether the autopilot can control such a vehicle: thrusters or a wrench that lift it, or fins and a propeller."""
-    kinds = {type(config) for config in vehicle.actuators.values()}
-    hovers = {ThrusterConfig, ThrustersConfig, ForceTorqueConfig} & kinds
-    return bool(hovers or ({FinConfig, FinsConfig} & kinds and PropellerConfig in kinds))
-
-
-def _hands(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], dt: float) -> Hands:
+def _controls(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands, dt: float
+) -> tuple[Allocation, Helm]:
     inertia = _six(np.diag(params.M_RB + params.M_A))
-    held: list[Held] = []
     kinds = {type(config) for config in file.actuators.values()}
     if PropellerConfig in kinds and kinds & {FinConfig, FinsConfig}:
-        fins = _fins(file, params, actuators, held)
-        return held, fins, Torpedo(inertia, fins.reach, fins.shaft, dt)
+        fins = _fins(file, params, actuators, hands)
+        weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
+        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft, dt)
     allocation: Allocation
     if kinds & {ThrusterConfig, ThrustersConfig}:
-        allocation = _thrusters(file, params, actuators, held)
+        allocation = _thrusters(file, params, actuators, hands)
     else:
         key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
-        held.append(actuators[key])
+        hands.held.append(actuators[key])
         allocation = Wrench(_wrench_limits(file, params))
     drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
-    return held, allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
+    return allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
+
+
+def _devices(
+    file: VehicleFile,
+    kinds: tuple[type, ...],
+    everything: tuple[str, ...],
+    actuators: Mapping[str, ActuatorSlot],
+    hands: _Hands,
+) -> Iterator[tuple[ActuatorConfig, tuple[str, ...]]]:
+    """The actuators of these kinds with the names of their devices, those of many first; no device comes twice."""
+    members = {
+        key: getattr(config, "members", None) or ((config.member,) if hasattr(config, "member") else everything)
+        for key, config in file.actuators.items()
+        if isinstance(config, kinds)
+    }
+    seen: set[str] = set()
+    for key, names in sorted(members.items(), key=lambda item: -len(item[1])):
+        if seen.intersection(names):
+            hands.blocked.append(actuators[key])
+            continue
+        seen.update(names)
+        hands.held.append(actuators[key])
+        yield file.actuators[key], names
 
 
 def _six(values: FloatArray) -> Six:
@@ -239,16 +265,14 @@ def _six(values: FloatArray) -> Six:
 
 
 def _thrusters(
-    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], held: list[Held]
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
 ) -> Thrusters:
     by_name = {thruster.name: thruster for thruster in params.thrusters}
-    groups: list[tuple[list[Thrust], bool]] = []
-    for key, config in file.actuators.items():
-        if isinstance(config, ThrusterConfig | ThrustersConfig):
-            members = (config.member,) if isinstance(config, ThrusterConfig) else config.members or tuple(by_name)
-            groups.append(([_thrust(by_name[member]) for member in members], config.input == "force"))
-            held.append(actuators[key])
-    return Thrusters(groups)
+    kinds = (ThrusterConfig, ThrustersConfig)
+    return Thrusters([
+        ([_thrust(by_name[name]) for name in names], getattr(config, "input", "u") == "force")
+        for config, names in _devices(file, kinds, tuple(by_name), actuators, hands)
+    ])  # fmt: skip
 
 
 def _thrust(thruster: ThrusterParams) -> Thrust:
@@ -266,17 +290,13 @@ def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
     return _six(_UNKNOWN_PUSH * np.diag(params.M_RB + params.M_A))
 
 
-def _fins(
-    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], held: list[Held]
-) -> FinsAndShaft:
-    groups: list[list[FinEffect]] = []
-    for key, config in file.actuators.items():
-        if isinstance(config, FinConfig | FinsConfig):
-            members = (config.member,) if isinstance(config, FinConfig) else config.members or tuple(file.fins)
-            groups.append([_fin(params, f"fins.{member}") for member in members])
-            held.append(actuators[key])
+def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands) -> FinsAndShaft:
+    groups = [
+        [_fin(params, f"fins.{name}") for name in names]
+        for _, names in _devices(file, (FinConfig, FinsConfig), tuple(file.fins), actuators, hands)
+    ]
     key, propeller = next((k, c) for k, c in file.actuators.items() if isinstance(c, PropellerConfig))
-    held.append(actuators[key])
+    hands.held.append(actuators[key])
     return FinsAndShaft(groups, _shaft(params, f"propellers.{propeller.member}"))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from uwserver.scenario.assembly import Draft, MergedFile, drafted, merged_file, named
+from uwserver.scenario.autopilot_checks import check_autopilot
 from uwserver.scenario.checks import check_scenario
 from uwserver.scenario.convert import check_name, convert, convert_kind, convert_struct, silent
 from uwserver.scenario.copies import check_names, entries, raw_places
@@ -132,6 +133,9 @@ class _Load:
         draft: Draft = drafted(merged.raw, devices)
         self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
+        if "autopilot" in entry:
+            place: KeyPath = ("vehicles", name, "autopilot")
+            check_autopilot(entry["autopilot"], draft.actuators, place, self._world, self._report(document))
         self._solids.read_vehicle(name, merged, self._report(merged), self._warn(merged))
         self._vehicles[name] = vehicle, devices
 

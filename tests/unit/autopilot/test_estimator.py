@@ -1,0 +1,283 @@
+"""The estimator on hand-made samples: mounts, delays, dead reckoning, fixes of every kind, what is too old, what is too far off."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from uwserver.autopilot.estimator import STUBBORN, Estimator, Source, Surroundings, known, place_at
+from uwserver.autopilot.gains import Gains
+from uwserver.environment.geodesy import latitude_longitude
+from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
+from uwserver.ports import Sample
+
+RATE = 50.0
+GAINS = Gains()
+G = 9.81
+
+
+class Bench:
+    """An estimator with a clock of its own."""
+
+    def __init__(self, place=None, **sources):
+        self.estimator = Estimator(
+            {f"rov/{name}": source for name, source in sources.items()}, place or Surroundings(), RATE
+        )
+        self.e = self.estimator.begin()
+        self.t_ns = 0
+        self._seq = 0
+
+    def hear(self, name, *value, valid=True, late_s=0.0):
+        self._seq += 1
+        t_ns = self.t_ns - round(late_s * 1e9)
+        sample = Sample(f"rov/{name}", self._seq, t_ns, self.t_ns, valid, value)
+        self.estimator.take(self.e, sample, self.t_ns)
+
+    def run(self, seconds, **every_step):
+        for _ in range(round(seconds * RATE)):
+            for name, value in every_step.items():
+                self.hear(name, *value)
+            now = self.known
+            self.estimator.step(self.e, not now.motion, not now.depth)
+            self.t_ns += round(1e9 / RATE)
+
+    @property
+    def known(self):
+        return known(self.e, GAINS, self.t_ns)
+
+
+def test_attitude_takes_off_the_mount_and_the_declination():
+    q_BS = quat_from_rpy(0.1, -0.2, 0.7)
+    q_NB = quat_from_rpy(0.05, 0.1, 2.0)
+    declination = 0.06
+    bench = Bench(ahrs=Source("attitude", q=q_BS, north=declination))
+    magnetic = multiply(quat_from_rpy(0, 0, -declination), multiply(q_NB, q_BS))
+    bench.hear("ahrs", magnetic, 0.0)
+    assert rpy_from_quat(bench.e.q) == pytest.approx((0.05, 0.1, 2.0), abs=1e-9)
+    assert bench.known.heading
+
+
+def test_the_gyroscope_carries_the_attitude_between_samples():
+    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"))
+    bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
+    bench.run(0.5, imu=((0.0, 0.0, -G), (0.0, 0.0, 0.4), 10.0))
+    # 24 intervals between 25 readings.
+    assert rpy_from_quat(bench.e.q)[2] == pytest.approx(0.4 * 24 / RATE, abs=1e-5)
+
+
+def test_a_late_attitude_is_turned_on_to_now():
+    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"))
+    bench.hear("imu", (0.0, 0.0, -G), (0.0, 0.0, 0.5), 10.0)
+    bench.hear("ahrs", quat_from_rpy(0, 0, 1.0), 1.0, late_s=0.1)
+    assert rpy_from_quat(bench.e.q)[2] == pytest.approx(1.05, abs=1e-4)
+
+
+def test_without_attitude_sensor_the_specific_force_shows_the_vertical_but_not_north():
+    q = quat_from_rpy(0.2, -0.3, 0.0)
+    f = rotate(conjugate(q), (0.0, 0.0, -G))
+    bench = Bench(imu=Source("imu"))
+    bench.hear("imu", f, (0.0, 0.0, 0.0), 10.0)
+    assert rpy_from_quat(bench.e.q)[:2] == pytest.approx((0.2, -0.3), abs=1e-9)
+    assert bench.known.attitude
+    assert not bench.known.heading
+    # A tilt that is wrong is taken out in the time that the filter says.
+    bench.e.q = quat_from_rpy(0.0, 0.0, 0.0)
+    bench.run(20.0, imu=(f, (0.0, 0.0, 0.0), 10.0))
+    assert rpy_from_quat(bench.e.q)[:2] == pytest.approx((0.2, -0.3), abs=1e-3)
+
+
+def test_a_rate_comes_from_attitudes_where_there_is_no_gyroscope():
+    bench = Bench(ahrs=Source("attitude"))
+    for k in range(100):
+        bench.hear("ahrs", quat_from_rpy(0, 0, 0.3 * k / RATE), 0.0)
+        bench.run(1.0 / RATE)
+    assert bench.e.w == pytest.approx((0, 0, 0.3), abs=1e-3)
+
+
+def test_depth_is_that_of_the_origin():
+    bench = Bench(ahrs=Source("attitude"), depth=Source("pressure", p=(-0.5, 0.0, 0.0)))
+    bench.hear("ahrs", quat_from_rpy(0, 0.3, 0), 0.0)
+    bench.run(5.0, depth=(10.0, 8.0), ahrs=(quat_from_rpy(0, 0.3, 0), 0.0))
+    # Nose up: the sensor in the stern is deeper.
+    assert bench.e.p[2] == pytest.approx(10.0 - 0.5 * math.sin(0.3), abs=0.01)
+
+
+def test_depth_from_absolute_pressure():
+    bench = Bench(depth=Source("pressure", density=1025.0 * G, atmosphere=101_325.0))
+    bench.run(5.0, depth=(101_325.0 + 1025.0 * G * 7.0, 8.0))
+    assert bench.e.p[2] == pytest.approx(7.0, abs=0.01)
+    assert bench.e.v[2] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_dvl_counts_in_its_mount_s_frame_and_place():
+    """It sits ahead of the origin, turned by 90 degrees; the vehicle turns and does not move."""
+    q_BS = quat_from_rpy(0, 0, math.pi / 2)
+    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"), dvl=Source("dvl", p=(0.5, 0, 0), q=q_BS))
+    w = 0.2
+    v_S = rotate(conjugate(q_BS), (0.0, w * 0.5, 0.0))
+    for k in range(100):
+        bench.hear("ahrs", quat_from_rpy(0, 0, w * k / RATE), 0.0)
+        bench.hear("imu", (0.0, 0.0, -G), (0.0, 0.0, w), 10.0)
+        bench.hear("dvl", v_S, 8.0)
+        bench.run(1.0 / RATE)
+    assert bench.e.v == pytest.approx((0, 0, 0), abs=1e-3)
+    assert bench.known.velocity
+
+
+def test_dead_reckoning_adds_up_and_set_position_corrects_it():
+    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
+    still = (quat_from_rpy(0, 0, math.pi / 2), 0.0)
+    bench.run(10.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0))
+    assert bench.e.p[0] == pytest.approx(0.0, abs=0.05)
+    assert bench.e.p[1] == pytest.approx(5.0, abs=0.1)
+    assert bench.known.position
+    place_at(bench.e, 100.0, 200.0, 3.0)
+    bench.run(2.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0))
+    assert bench.e.p[:2] == pytest.approx((100.0, 201.0), abs=0.1)
+
+
+def test_it_begins_where_the_operator_says():
+    bench = Bench(Surroundings(start=(3.0, 4.0, 5.0)), dvl=Source("dvl"))
+    assert bench.e.p == (3.0, 4.0, 5.0)
+
+
+def test_altitude_reaches_down_from_the_mount():
+    bench = Bench(ahrs=Source("attitude"), altimeter=Source("altimeter", p=(0, 0, 0.2)), depth=Source("pressure"))
+    level = (quat_from_rpy(0, 0, 0), 0.0)
+    bench.run(3.0, ahrs=level, depth=(5.0, 8.0), altimeter=(9.8, 1.0))
+    assert bench.e.bottom - bench.e.p[2] == pytest.approx(10.0, abs=0.02)
+    tilted = (quat_from_rpy(0.3, 0, 0), 0.0)
+    bench.run(5.0, ahrs=tilted, depth=(5.0, 8.0), altimeter=(9.8, 1.0))
+    assert bench.e.bottom - bench.e.p[2] == pytest.approx(10.0 * math.cos(0.3), abs=0.02)
+
+
+# -- fixes -------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_gps_is_a_place_of_the_antenna():
+    origin = (1.1, 0.2)
+    place = Surroundings(latitude=origin[0], longitude=origin[1])
+    bench = Bench(place, ahrs=Source("attitude"), gps=Source("gps", p=(0.5, 0, 0)))
+    latitude, longitude = latitude_longitude(40.5, -30.0, *origin)
+    bench.run(5.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), gps=(latitude, longitude, 0.2, (0, 0, 0), 1.0, 1.0, 0.1, 12, 3))
+    assert bench.e.p[:2] == pytest.approx((40.0, -30.0), abs=0.05)
+
+
+def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
+    place = Surroundings(beacons={"b": (20.0, 10.0, 30.0)})
+    q_BS = quat_from_rpy(0.0, 0.0, 0.5)
+    q = quat_from_rpy(0.0, 0.1, 1.0)
+    bench = Bench(place, ahrs=Source("attitude"), usbl=Source("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
+    p_NB = (2.0, -3.0, 5.0)
+    p_NS = tuple(a + b for a, b in zip(p_NB, rotate(q, (0.0, 0.0, 0.3)), strict=True))
+    away = tuple(b - a for a, b in zip(p_NS, place.beacons["b"], strict=True))
+    seen = rotate(conjugate(q_BS), rotate(conjugate(q), away))
+    bench.run(5.0, ahrs=(q, 0.0), usbl=("b", math.dist(away, (0, 0, 0)), 0.0, 0.0, seen, 0.05, (0.0,)))
+    assert bench.e.p[:2] == pytest.approx((2.0, -3.0), abs=0.05)
+    before = bench.e.fix_ns
+    bench.hear("usbl", "unheard of", 10.0, 0.0, 0.0, seen, 0.05, (0.0,))
+    assert bench.e.fix_ns == before
+
+
+def test_ranges_of_three_beacons_meet_in_one_place():
+    beacons = {"a": (50.0, 0.0, 20.0), "b": (-40.0, 40.0, 20.0), "c": (-10.0, -60.0, 20.0)}
+    bench = Bench(
+        Surroundings(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=Source("attitude"), lbl=Source("lbl", sigma=0.3)
+    )
+    p = (4.0, -6.0, 5.0)
+    for k in range(90):
+        name = "abc"[k % 3]
+        bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
+        bench.hear("lbl", name, math.dist(p, beacons[name]), 0.1)
+        bench.run(1.0 / RATE)
+    assert bench.e.p[:2] == pytest.approx(p[:2], abs=0.2)
+
+
+def test_a_late_fix_is_one_of_where_the_vehicle_was():
+    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"), mocap=Source("motion_capture", sigma=0.01))
+    level = quat_from_rpy(0, 0, 0)
+    for k in range(500):
+        x = 0.5 * k / RATE
+        bench.hear("ahrs", level, 0.0)
+        bench.hear("dvl", (0.5, 0.0, 0.0), 8.0)
+        bench.hear("mocap", (x - 0.5 * 0.4, 0.0, 5.0), level, late_s=0.4)
+        bench.run(1.0 / RATE)
+    assert bench.e.p[0] == pytest.approx(0.5 * 500 / RATE, abs=0.03)
+
+
+def test_one_fix_far_off_is_not_believed_many_are():
+    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"), mocap=Source("motion_capture", sigma=0.01))
+    level = quat_from_rpy(0, 0, 0)
+    here = ((0.0, 0.0, 5.0), level)
+    bench.run(5.0, ahrs=(level, 0.0), dvl=((0.0, 0.0, 0.0), 8.0), mocap=here)
+    bench.hear("mocap", (50.0, 0.0, 5.0), level)
+    assert abs(bench.e.p[0]) < 0.01
+    for _ in range(STUBBORN):
+        bench.hear("mocap", (50.0, 0.0, 5.0), level)
+    assert bench.e.p[0] == pytest.approx(50.0, abs=0.5)
+
+
+def test_frequent_fixes_alone_give_a_velocity():
+    bench = Bench(mocap=Source("motion_capture", sigma=0.01))
+    level = quat_from_rpy(0, 0, 0)
+    for k in range(300):
+        bench.hear("mocap", (0.3 * k / RATE, 0.0, 5.0), level)
+        bench.run(1.0 / RATE)
+    assert bench.known.velocity
+    assert bench.e.v[0] == pytest.approx(0.3, abs=0.02)
+
+
+# -- what is lost ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_everything_is_lost_after_its_time_out():
+    bench = Bench(
+        ahrs=Source("attitude"),
+        depth=Source("pressure"),
+        dvl=Source("dvl"),
+        altimeter=Source("altimeter"),
+        imu=Source("imu"),
+    )
+    assert not any(bench.known)
+    level = (quat_from_rpy(0, 0, 0), 0.0)
+    bench.run(1.0, ahrs=level, depth=(5.0, 8.0), dvl=((0.0, 0.0, 0.0), 8.0), altimeter=(5.0, 1.0))
+    assert all(bench.known)
+    for name, timeout in (
+        ("attitude", GAINS.attitude_timeout_s),
+        ("depth", GAINS.depth_timeout_s),
+        ("altitude", GAINS.altitude_timeout_s),
+    ):
+        since = bench.t_ns - round(1e9 / RATE)
+        assert getattr(known(bench.e, GAINS, since + round(timeout * 1e9)), name)
+        assert not getattr(known(bench.e, GAINS, since + round(timeout * 1e9) + 1), name)
+
+
+def test_an_invalid_sample_keeps_nothing_alive():
+    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
+    bench.run(1.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.1, 0.0, 0.0), 8.0))
+    for _ in range(150):
+        bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
+        bench.hear("dvl", (None,) * 3, None, valid=False)
+        bench.run(1.0 / RATE)
+    assert bench.known.attitude
+    assert not bench.known.velocity
+    assert not bench.known.position
+
+
+def test_a_motion_that_nothing_tells_of_dies_away():
+    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"), dvl=Source("dvl"))
+    level = (quat_from_rpy(0, 0, 0), 0.0)
+    bench.run(2.0, ahrs=level, dvl=((0.5, 0.0, 0.0), 8.0))
+    # A tilt error of 3 degrees would make 0.5 m/s2: integrated, 900 m in a minute.
+    bench.run(60.0, ahrs=level, imu=((0.5, 0.0, -G), (0.0, 0.0, 0.0), 10.0))
+    assert abs(bench.e.v[0]) < 0.01
+    assert abs(bench.e.p[0]) < 6.0
+
+
+def test_leak_and_battery_are_remembered():
+    bench = Bench(leak=Source("leak"), battery=Source("battery"))
+    bench.hear("leak", True)
+    bench.hear("battery", 14.0, 2.0, 28.0, 0.0, 0.42)
+    assert bench.e.leak
+    assert bench.e.charge == 0.42

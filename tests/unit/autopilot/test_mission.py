@@ -1,0 +1,66 @@
+"""Missions as clients give them: what is read, what is shown again, and what is said about faults."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from uwserver.autopilot.mission import MAX_ITEMS, Hold, SetHeading, SetSpeed, Surface, Waypoint, read_items, shown_items
+from uwserver.ports import Refused
+
+GOOD = [
+    {"kind": "speed", "speed_mps": 0.3},
+    {"kind": "waypoint", "position_ned_m": [1, 2, 3], "radius_m": 0.5, "heading_deg": 90, "hold_s": 2},
+    {"kind": "hold", "time_s": 5},
+    {"kind": "heading", "heading_deg": -45.5},
+    {"kind": "waypoint", "position_ned_m": [1.5, 2, 3]},
+    {"kind": "surface"},
+]
+
+
+def test_all_kinds_are_read_and_shown_as_given():
+    items = read_items(GOOD)
+    assert [type(item) for item in items] == [SetSpeed, Waypoint, Hold, SetHeading, Waypoint, Surface]
+    assert items[1].position_ned_m == (1.0, 2.0, 3.0)
+    assert items[4].radius_m == 1.0
+    shown = shown_items(items)
+    assert read_items(shown) == items
+    assert shown[4] == {"kind": "waypoint", "position_ned_m": [1.5, 2.0, 3.0]}
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"),
+    [
+        ("up", ["must be a list"]),
+        ({"kind": "surface"}, ["must be a list"]),
+        ([3], ["item 0"]),
+        ([GOOD[0], {"speed_mps": 1}], ["item 1", "kind"]),
+        ([{"kind": "loiter"}], ["item 0", "loiter", "waypoint"]),
+        ([GOOD[0], {"kind": "waypoint"}], ["item 1", "position_ned_m"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2]}], ["item 0", "position_ned_m"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, "x"]}], ["item 0", "position_ned_m"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, math.nan]}], ["item 0", "position_ned_m", "finite"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, math.inf]}], ["item 0", "position_ned_m", "finite"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, 1e9]}], ["item 0", "position_ned_m"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, 3], "radius_m": 0}], ["item 0", "radius_m"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, 3], "speed_mps": -1}], ["item 0", "speed_mps"]),
+        ([{"kind": "waypoint", "position_ned_m": [1, 2, 3], "radius": 1}], ["item 0", "radius", "radius_m"]),
+        ([{"kind": "hold", "time_s": -1}], ["item 0", "time_s"]),
+        ([{"kind": "surface", "depth_m": 1}], ["item 0", "depth_m", "none"]),
+        ([{"kind": "surface"}] * (MAX_ITEMS + 1), [str(MAX_ITEMS)]),
+    ],
+)
+def test_a_fault_is_told_with_its_item_and_key(raw, words):
+    with pytest.raises(Refused) as refused:
+        read_items(raw)
+    for word in words:
+        assert word in refused.value.fault.text
+
+
+def test_a_deep_value_is_refused():
+    deep = []
+    for _ in range(200):
+        deep = [deep]
+    with pytest.raises(Refused):
+        read_items([{"kind": "waypoint", "position_ned_m": deep}])
