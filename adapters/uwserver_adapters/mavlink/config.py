@@ -16,7 +16,7 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
     """Attributes:
     vehicle: that is shown; default: the only one there is. Several vehicles: one table each, with their own `system`.
     links: where to speak: "udpout:host:port" sends there, "udpin:host:port" waits for peers, "tcpin:host:port" listens, "tcpout:host:port"
-        connects, "serial:/dev/ttyS1" is a line or pseudo-terminal, "zenoh:" and an endpoint as "tcp/127.0.0.1:7447" speaks as BlueOS does.
+        connects, "serial:/dev/ttyS1" is a line or pseudo-terminal, "zenoh:tcp/host:port" speaks raw frames as BlueOS does.
     system: number of the vehicle in MAVLink.
     origin_deg: latitude and longitude of the origin of N; without it a ground station may tell it (SET_GPS_GLOBAL_ORIGIN).
     parameters: values that differ from the defaults, by name.

@@ -1,4 +1,4 @@
-"""The links of the table: UDP and TCP (`udp.py`, `tcp.py`), and the serial line."""
+"""The links of the table: UDP, TCP and zenoh (`udp.py`, `tcp.py`, `zenoh_link.py`), and the serial line."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from uwserver_adapters.mavlink.endpoint import READY, Address, BadLink, Link
 from uwserver_adapters.mavlink.hub import Hub
 from uwserver_adapters.mavlink.tcp import TcpIn, TcpOut
 from uwserver_adapters.mavlink.udp import UdpIn, UdpOut
+from uwserver_adapters.mavlink.zenoh_link import ZenohLink
 from uwserver_adapters.serial_port import SerialPort
 
 _log = logging.getLogger(__name__)
@@ -25,11 +26,13 @@ def make(text: str, hub: Hub, stats: AdapterStats) -> Link:
     kind, _, rest = text.partition(":")
     if kind == "serial" and rest:
         return SerialLink(rest, hub, stats)
+    if kind == "zenoh" and "/" in rest:
+        return ZenohLink(rest, hub, stats)
     host, _, number = rest.rpartition(":")
     host = host.strip("[]")
     if kind not in _SOCKETS or not host or not number.isdecimal() or int(number) > 0xFFFF:
         raise BadLink(
-            f'link "{text}": write udpout:host:port, udpin:host:port, tcpin:host:port, tcpout:host:port, or serial:/dev/ttyS1'
+            f'link "{text}": write udpout:host:port, udpin:host:port, tcpin:host:port, tcpout:host:port, serial:/dev/ttyS1, or zenoh:tcp/host:port'
         )
     return _SOCKETS[kind]((host, int(number)), hub, stats)
 

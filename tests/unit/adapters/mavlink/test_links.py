@@ -195,6 +195,35 @@ async def test_a_port_in_use_is_told(serve, make_rov):
             await adapter(make_rov(), f"tcpin:127.0.0.1:{port_of(context)}").run(asyncio.Event())
 
 
+async def test_raw_frames_over_zenoh(serve, make_rov):
+    """As BlueOS has them: we speak on `mavlink_raw/out`, and hear `mavlink_raw/in`."""
+    zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
+    text = '{{listen: {{endpoints: ["tcp/127.0.0.1:{0}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
+    port = free_port(socket.SOCK_STREAM)
+    session = await asyncio.get_running_loop().run_in_executor(
+        None, zenoh.open, zenoh.Config.from_json5(text.format(port))
+    )
+    mav = pymavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    heard: list[bytes] = []
+    try:
+        session.declare_subscriber("mavlink_raw/out", lambda sample: heard.append(sample.payload.to_bytes()))
+        async with serve(adapter(make_rov(), f"zenoh:tcp/127.0.0.1:{port}")):
+            await until(lambda: heard, "a heartbeat")
+            session.put("mavlink_raw/in", pymavlink.MAVLink_command_long_message(1, 1, 520, 0, *(0.0,) * 7).pack(mav))
+            parsed: list[str] = []
+            reader = pymavlink.MAVLink(None)
+
+            def answered() -> bool:
+                while heard:
+                    parsed.extend(m.get_type() for m in reader.parse_buffer(heard.pop(0)) or [])
+                return "COMMAND_ACK" in parsed
+
+            await until(answered, "an answer")
+            assert "HEARTBEAT" in parsed
+    finally:
+        session.close()
+
+
 async def test_the_log_is_read_by_pymavlink(serve, make_rov, tmp_path: Path):
     path = tmp_path / "dive.tlog"
     async with serve(adapter(make_rov(), "tcpin:127.0.0.1:0", tlog=str(path))) as context:
