@@ -13,11 +13,13 @@ RUN test "$(uname -m)" = x86_64 \
     || { apt-get update && apt-get install -y --no-install-recommends g++ python3-dev && rm -rf /var/lib/apt/lists/*; }
 COPY . /src
 RUN python3.11 -m venv /opt/uwserver/venv \
-    && /opt/uwserver/venv/bin/pip install "/src[solid]" "/src/clients/python[msgpack]" \
+    && /opt/uwserver/venv/bin/pip install "/src[solid,mavlink]" "/src/clients/python[msgpack]" \
     && cd /opt/uwserver/venv/lib/python3.11/site-packages \
     # Example models, tests and the installer itself: a third of the size.
     && rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils \
     && rm -rf pip pip-*.dist-info setuptools setuptools-*.dist-info pkg_resources _distutils_hack distutils-precedence.pth \
+    && find pymavlink/dialects -name "*.py" ! -name __init__.py ! -path "*/v20/ardupilotmega.py" ! -path "*/v20/development.py" -delete \
+    && rm -rf pymavlink/generator \
     && find numpy numba llvmlite scipy trimesh -type d -name tests -prune -exec rm -rf {} + \
     && find /opt/uwserver -type d -name __pycache__ -prune -exec rm -rf {} +
 # Compiles the kernels, and writes the byte code of what a server imports; so the run-time stage starts at once from a read-only disk.
@@ -25,6 +27,7 @@ WORKDIR /tmp
 RUN /opt/uwserver/venv/bin/python -m uwserver.physics.warm \
     && /opt/uwserver/venv/bin/uwserver run --port 0 --mode freerun --until 1 \
     && /opt/uwserver/venv/bin/uwclient --help > /dev/null \
+    && /opt/uwserver/venv/bin/python -c "from uwserver_adapters.mavlink.dialect import Dialect; Dialect()" \
     && chmod -R a+rX /opt/uwserver
 
 FROM ${BASE}

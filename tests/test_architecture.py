@@ -57,7 +57,12 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {"uwserver_adapters.nesting", "uwserver_adapters.sil", "uwserver_adapters.values"}
+SHARED_BY_ADAPTERS = {
+    "uwserver_adapters.nesting",
+    "uwserver_adapters.serial_port",
+    "uwserver_adapters.sil",
+    "uwserver_adapters.values",
+}
 """What several protocols need; nothing that knows one of them."""
 
 LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}

@@ -30,6 +30,13 @@ async def _zenoh_transport(context: FakeContext) -> TcpPeer:
     )
 
 
+async def _mavlink_station(context: FakeContext) -> TcpPeer:
+    """A ground station on the link that listens; samples come unasked."""
+    return await TcpPeer.connect(
+        replace(context, stats=AdapterStats(address=context.stats.address.removeprefix("tcpin:")))
+    )
+
+
 def _warm_zenoh() -> None:
     """The first connected sessions of a process start threads and open files that stay for all later ones."""
     zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
@@ -117,6 +124,7 @@ SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
 
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
+    "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
     # Each community is one connection, and so can have one peer.
     "ardupilot_json": ({"port": 0, "truth": True, "silence_s": 1.0}, UdpPeer.connect, SERVO_FRAME),
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
@@ -242,6 +250,8 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     adapter = load_adapter(kind)
     if kind == "zenoh":
         _warm_zenoh()
+    if kind == "mavlink":
+        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
     make_context = _with_truth if kind in NEED_TRUTH else FakeContext
     passed = run(
         lambda: check_adapter(

@@ -32,7 +32,7 @@ def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) 
     assert report["quick"] is True
     assert [row["group"] for row in report["rows"]] == sorted(
         (row["group"] for row in report["rows"]),
-        key=("physics", "solids", "contact", "sensors", "server", "start", "net", "moos").index,
+        key=("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink").index,
     )
     for row in report["rows"]:
         if row["verdict"] == "absent":

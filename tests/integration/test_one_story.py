@@ -1,7 +1,7 @@
 """One seeded run, every transport on: each tells the same samples, and these are what the world itself made.
 
-docs/reference/transports.md says how far a wire may round; a later one (MAVLink) is one more entry of WIRES with its own `expected`. MOOS tells
-no samples but variables, one a component: these are compared one by one.
+docs/reference/transports.md says how far a wire may round. MOOS tells no samples but variables, one a component: these are compared one by one.
+MAVLink tells the newest samples in units of its own: each message is compared with what these units make of them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import json
 import math
 import re
 import socket
+import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ PATIENCE_S = 30
 ROUNDS, TICKS = 8, 60
 """So many rounds of a command for each vehicle and so many steps; few enough steps that no datagram is lost."""
 HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
+HAS_MAVLINK = importlib.util.find_spec("pymavlink") is not None
 
 SCENARIO = """\
 schema = 1
@@ -100,6 +102,12 @@ server = "msgpack"
 listen = ["tcp/127.0.0.1:0"]
 encoding = "msgpack"
 truth = true
+"""
+MAVLINK = """
+[adapters.mavlink]
+kind = "mavlink"
+vehicle = "one"
+links = ["tcpin:127.0.0.1:0"]
 """
 
 Told = tuple[int, int, bool, dict[str, object]]
@@ -191,10 +199,40 @@ class TextTeller:
         self._socket.close()
 
 
+class MavlinkTeller:
+    """A ground station that asks for three messages at 100 Hz; it tells the messages themselves, read by pymavlink."""
+
+    def __init__(self, address: str) -> None:
+        from pymavlink.dialects.v20 import ardupilotmega
+
+        host, _, port = address.removeprefix("tcpin:").rpartition(":")
+        self._socket = socket.create_connection((host, int(port)), PATIENCE_S)
+        self._mav = ardupilotmega.MAVLink(self, srcSystem=255, srcComponent=190)
+        for number in (27, 137, 33):
+            self._mav.command_long_send(1, 1, 511, 0, number, 10_000, 0, 0, 0, 0, 0)
+
+    def write(self, data: bytes) -> None:
+        self._socket.sendall(data)
+
+    def receive(self, timeout_s: float) -> list[tuple[str, Any]]:
+        self._socket.settimeout(timeout_s)
+        data = b""
+        with contextlib.suppress(TimeoutError):
+            data = self._socket.recv(1 << 20)
+        found = [(message.get_type(), message) for message in self._mav.parse_buffer(data) or []]
+        return [pair for pair in found if pair[0] in ("RAW_IMU", "SCALED_PRESSURE2", "GLOBAL_POSITION_INT")]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
 TELLERS: Mapping[str, Callable[[Mapping[str, Any]], Teller]] = {
     "MOOS": lambda adapters: MoosTeller(adapters["moosdb"]["address"]),
     "MOOS text lines": lambda adapters: TextTeller(adapters["moos_text"]["address"]),
 }
+GROUND: Mapping[str, Callable[[Mapping[str, Any]], Teller]] = (
+    {"MAVLink": lambda adapters: MavlinkTeller(adapters["mavlink"]["address"])} if HAS_MAVLINK else {}
+)
 Variables = dict[str, list[tuple[float, float | str]]]
 """Of each variable: simulation time (s) and value, in their order."""
 
@@ -215,7 +253,7 @@ def commands(turn: int) -> dict[str, list[float]]:
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("story") / "story.toml"
-    file.write_text(SCENARIO + (ZENOH if HAS_ZENOH else ""))
+    file.write_text(SCENARIO + (ZENOH if HAS_ZENOH else "") + (MAVLINK if HAS_MAVLINK else ""))
     return file
 
 
@@ -267,7 +305,7 @@ def _everybody(address: str) -> Iterator[tuple[Peer, dict[str, Peer], dict[str, 
             if HAS_ZENOH or "zenoh" not in name:
                 peers[name] = stack.enter_context(contextlib.closing(wire.connect(adapters)))
         tellers: dict[str, Teller] = {}
-        for name, make in TELLERS.items():
+        for name, make in {**TELLERS, **GROUND}.items():
             tellers[name] = stack.enter_context(contextlib.closing(make(adapters)))
         yield driver, peers, tellers
 
@@ -352,6 +390,36 @@ def test_moos_tells_each_number_exactly(heard, made, name):
         # A delayed sample is sent between two ticks; the packet is that of the tick.
         assert all(abs(told - sent) < 1 / 240 for (told, _), (sent, _) in zip(story[key], values, strict=True)), key
     assert any(key.endswith("_VALID") for key in truth)
+
+
+@pytest.mark.skipif(not HAS_MAVLINK, reason="pymavlink is not installed")
+def test_mavlink_tells_the_newest_samples_in_its_units(heard, made):
+    """RAW_IMU in mg and mrad/s, SCALED_PRESSURE2 in hPa and 0.01 degC, the depth of GLOBAL_POSITION_INT in mm, upwards; 16 and 32 bits."""
+    samples, _ = made
+
+    def newest(port: str, t_ns: int) -> Sample | None:
+        """The last that was sent by then."""
+        return next((s for s in reversed(samples) if s.port == port and s.t_sent_ns <= t_ns), None)
+
+    compared = dict.fromkeys(("RAW_IMU", "SCALED_PRESSURE2", "GLOBAL_POSITION_INT"), 0)
+    for name, message in heard.variables["MAVLink"]:
+        # Its time is cut to whole microseconds or milliseconds: no sample is sent within the rest.
+        t_ns = message.time_usec * 1000 + 999 if name == "RAW_IMU" else message.time_boot_ms * 1_000_000 + 999_999
+        imu, pressure, depth = (newest(f"one/{kind}", t_ns) for kind in ("imu", "pressure", "depth"))
+        if name == "RAW_IMU" and imu is not None:
+            f, w, _ = imu.value
+            told = [getattr(message, f"{axis}{kind}") for kind in ("acc", "gyro") for axis in "xyz"]
+            assert told == [round(x / 9.80665 * 1000) for x in f] + [round(x * 1000) for x in w], (name, t_ns)
+        elif name == "SCALED_PRESSURE2" and pressure is not None:
+            value, temperature = pressure.value
+            assert struct.pack("<f", message.press_abs) == struct.pack("<f", value / 100), (name, t_ns)
+            assert message.temperature == round(temperature * 100), (name, t_ns)
+        elif name == "GLOBAL_POSITION_INT" and depth is not None:
+            assert message.alt == message.relative_alt == round(-depth.value[0] * 1000), (name, t_ns)
+        else:
+            continue
+        compared[name] += 1
+    assert min(compared.values()) > 100, compared
 
 
 @pytest.mark.parametrize("name", WIRES)

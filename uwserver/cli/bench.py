@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos")
+PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink")
 
 
 @click.command()
@@ -17,13 +17,14 @@ PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "m
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, solids, contact, sensors, server, start, net and moos (or one PART) on an idle machine; about nine minutes.
+    """Measure physics, solids, contact, sensors, server, start, net, moos and mavlink (or one PART) on an idle machine; about eleven minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,
     the MOOSDB of MOOS-IvP when UWSERVER_MOOS_BIN names its folder.
     """
     from uwserver.bench.contact import bench_contact
+    from uwserver.bench.mavlink import bench_mavlink
     from uwserver.bench.moos import bench_moos
     from uwserver.bench.net import bench_net
     from uwserver.bench.physics import bench_physics
@@ -45,6 +46,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
         "start": bench_start,
         "net": bench_net,
         "moos": bench_moos,
+        "mavlink": bench_mavlink,
     }
     machine, rows = machine_facts(), list[Row]()
     try:

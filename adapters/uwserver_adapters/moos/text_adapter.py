@@ -176,7 +176,7 @@ class MoosTextAdapter:
             while True:
                 self.database.tell()
                 if line is not None:
-                    await line.attend()
+                    line.attend()
                 await asyncio.sleep(TELL_S)
         finally:
             if detach is not None:

@@ -1,0 +1,35 @@
+"""The table of the adapter `mavlink` in a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, field
+
+from uwserver.adapter import AdapterTable
+from uwserver.table import Name
+
+SystemNumber = Annotated[int, Meta(ge=1, le=255)]
+
+
+class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
+    """Attributes:
+    vehicle: that is shown; default: the only one there is. Several vehicles: one table each, with their own `system`.
+    links: where to speak: "udpout:host:port" sends there, "udpin:host:port" waits for peers, "tcpin:host:port" listens, "tcpout:host:port"
+        connects, "serial:/dev/ttyS1" is a line or pseudo-terminal, "zenoh:tcp/host:port" speaks raw frames as BlueOS does.
+    system: number of the vehicle in MAVLink.
+    origin_deg: latitude and longitude of the origin of N; without it a ground station may tell it (SET_GPS_GLOBAL_ORIGIN).
+    parameters: values that differ from the defaults, by name.
+    passphrase: signs all messages, and only signed ones are taken; the same is given to the ground station.
+    tlog: file (.tlog) for all messages of all links; written anew at each start.
+    frames_per_s: taken from one peer; more are dropped and counted.
+    """
+
+    vehicle: Name | None = None
+    links: tuple[Name, ...] = ("udpout:127.0.0.1:14550",)
+    system: SystemNumber = 1
+    origin_deg: tuple[float, float] | None = None
+    parameters: dict[Name, float] = field(default_factory=dict)
+    passphrase: Name | None = None
+    tlog: Name | None = None
+    frames_per_s: Annotated[int, Meta(ge=10)] = 2000

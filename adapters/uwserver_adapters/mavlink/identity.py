@@ -1,0 +1,62 @@
+"""Who we say we are: an ArduSub vehicle of a version that ground stations know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from uwserver_adapters.mavlink.dialect import Fields
+from uwserver_adapters.mavlink.modes import MODES
+
+SUBMARINE = 12
+"""MAV_TYPE."""
+VERSION = (4, 5, 0)
+"""Of ArduSub, whose protocol this is."""
+_OFFICIAL = 255
+MISSION_FLOAT, PARAM_FLOAT, MISSION_INT, COMMAND_INT, FTP = 1, 2, 4, 8, 32
+SET_ATTITUDE, SET_LOCAL, SET_GLOBAL, TERMINATION, MAVLINK2 = 64, 128, 256, 2048, 8192
+CAPABILITIES = (
+    MISSION_FLOAT | PARAM_FLOAT | MISSION_INT | COMMAND_INT | FTP | SET_ATTITUDE | SET_LOCAL | SET_GLOBAL | TERMINATION | MAVLINK2
+)  # fmt: skip
+"""Bits of MAV_PROTOCOL_CAPABILITY; neither fence nor rally points."""
+
+
+class Identity:
+    """Version, capabilities, modes.
+
+    Args:
+        server: name and version of the server, for the banner.
+
+    Attributes:
+        type: MAV_TYPE of the heartbeat.
+    """
+
+    def __init__(self, server: str) -> None:
+        self.type = SUBMARINE
+        self._server = server
+
+    @property
+    def banner(self) -> Sequence[str]:
+        """What ArduSub says when a ground station connects."""
+        return (f"ArduSub V{'.'.join(map(str, VERSION))} ({self._server})", "Frame: VECTORED_6DOF")
+
+    def autopilot_version(self) -> Fields:
+        """Fields of AUTOPILOT_VERSION."""
+        major, minor, patch = VERSION
+        return {
+            "capabilities": CAPABILITIES,
+            "flight_sw_version": major << 24 | minor << 16 | patch << 8 | _OFFICIAL,
+            "flight_custom_version": tuple(b"uwserver"),
+        }
+
+    def available_modes(self) -> Sequence[Fields]:
+        """Fields of AVAILABLE_MODES, one message a mode."""
+        return [
+            {
+                "number_modes": len(MODES),
+                "mode_index": index,
+                "standard_mode": mode.standard,
+                "custom_mode": mode.number,
+                "mode_name": mode.name,
+            }
+            for index, mode in enumerate(MODES, 1)
+        ]
