@@ -370,6 +370,17 @@ async def test_the_world_is_a_client(tank, connect):
         await client.close()
 
 
+async def test_a_vehicle_that_comes_later_is_obeyed(tank, connect, until):
+    async with tank() as context:
+        client = await connect(context.stats.address, "a")
+        port = msgspec.structs.replace(context.ports["auv/propeller"], path="rov/propeller")
+        context.set_ports([*context.ports.values(), port])
+        client.notify(ROV_PROPELLER_U=0.5)
+        await until(lambda: context.commands, "a command")
+        assert [(c.port, c.value) for c in context.commands] == [("rov/propeller", ((0.5,),))]
+        await client.close()
+
+
 async def test_a_type_clash_is_told(tank, connect):
     async with tank() as context:
         client = await connect(context.stats.address, "a")
