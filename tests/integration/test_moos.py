@@ -428,6 +428,49 @@ def test_our_client_in_their_database(run, watch):
         served.wait(PATIENCE_S)
 
 
+FLEET = """
+schema = 1
+[server]
+metrics = false
+[adapters.moos]
+kind = "moos"
+truth = true
+"""
+MEMBER = """
+[vehicles.{name}]
+model = "lauv"
+position_ned_m = [{north}, 0, 5]
+[vehicles.{name}.truth]
+rate_hz = 20
+[adapters.moos.communities.{name}]
+port = {port}
+vehicle = "{name}"
+publish = []
+[adapters.moos.communities.{name}.nav]
+[adapters.moos.communities.{name}.commands]
+{commands}
+"""
+
+
+@needs_moos
+def test_two_vehicles_in_two_communities(run, watch):
+    """Each database has one vehicle's NAV_*, and drives that one alone; the end of one is nothing to the other."""
+    alpha, bravo = free_port(), free_port()
+    served = [database(run, port) for port in (alpha, bravo)]
+    members = (("alpha", 10, alpha), ("bravo", -30, bravo))
+    run.serve(FLEET + "".join(MEMBER.format(name=n, north=y, port=p, commands=HULLS["lauv"]) for n, y, p in members))
+    first, second = watch(alpha, "NAV_Y", "NAV_SPEED"), watch(bravo, "NAV_Y", "NAV_SPEED")
+    for watcher, north in ((first, 10.0), (second, -30.0)):
+        watcher.until(lambda v: "NAV_Y" in v, "samples")
+        assert watcher.values["NAV_Y"] == pytest.approx(north, abs=0.5)
+    second.notify(time.time() + 1.0, DESIRED_THRUST=30.0)
+    second.until(lambda v: first.read() or v.get("NAV_SPEED", 0.0) > 0.2, "bravo moves")
+    assert abs(first.values["NAV_SPEED"]) < 0.05
+    served[0].kill()
+    north = second.values["NAV_Y"]
+    second.until(lambda v: v["NAV_Y"] > north + 0.5, "bravo goes on")
+
+
 @needs_moos
 def test_stopped_for_ten_seconds_and_back(run, watch):
     """A server that was stopped is thrown out by MOOSDB; it joins again, and nothing jumps."""

@@ -10,6 +10,7 @@ import msgspec
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Fault, Port, Progress, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.calls import Answer, Calls
+from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.moos.mixing import CannotServe, Mixer
@@ -58,6 +59,7 @@ class Bridge:
         self._outlets: dict[str, Outlet] = {}
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
         self._seen: dict[str, float] = {}
+        self._passed_over: dict[str, float | None] = {}
         vehicle = self._vehicle()
         ports = context.ports
         self._mixer = Mixer(table.commands, ports, vehicle)
@@ -102,6 +104,7 @@ class Bridge:
 
     def begin(self) -> None:
         """Others can hear now, for the first time or again."""
+        self._passed_over.clear()
         self._post([(MODE, "TRUE")])
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
@@ -155,14 +158,16 @@ class Bridge:
         """
         commanded: dict[str, str] = {}
         for name, value, source, time in written:
-            if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
-                continue
-            self._seen[name] = time
             source = readable(source)
             if isinstance(value, bytes):
                 value = value.decode("utf-8", "replace")
             elif isinstance(value, str):
                 value = readable(value)
+            if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
+                if since - time > CREDIBLE_S:  # else it may have been under way as we came
+                    self._pass_over(name, value, source, time)
+                continue
+            self._seen[name] = time
             try:
                 self._obey(name, value, source, commanded)
             except Refused as refused:
@@ -171,6 +176,14 @@ class Bridge:
                 self._tell(name, value, source, Fault("bad_argument", str(error), name))
         for path, source in commanded.items():
             self._command(path, self._mixer.command(path), source)
+
+    def _pass_over(self, name: str, value: float | str, source: str, time: float) -> None:
+        """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""
+        before = self._passed_over.setdefault(name, time)
+        if before is not None and time != before:
+            self._passed_over[name] = None
+            text = "written by a clock that is far behind: is its MOOSTimeWarp ours? It is not obeyed"
+            self._tell(name, value, source, Fault("bad_argument", text, name))
 
     def _is_state(self, name: str) -> bool:
         return name in self._usm.names and name not in MOMENTARY

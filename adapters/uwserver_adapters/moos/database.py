@@ -66,7 +66,6 @@ class Variable:
         self.written = 0.0
         self.writes = 0
         self.frequency = 0.0
-        self.writers: set[str] = set()
         self.subscribers: dict[str, Subscription] = {}
 
     @property
@@ -78,14 +77,14 @@ class Variable:
         """Forget value and type."""
         self.letter = None
         self.writes, self.written, self.frequency = 0, 0.0, 0.0
-        self.writers.clear()
 
 
 class _Client:
     def __init__(self, deliver: Callable[[Letter], None]) -> None:
         self.deliver = deliver
         self.filters: dict[tuple[str, str], float] = {}
-        self.hears: set[str] = set()
+        self.hears: dict[str, None] = {}
+        self.writes: dict[str, None] = {}
         self.latency = Latency()
 
 
@@ -174,7 +173,7 @@ class Database:
         client = self._clients[name]
         subscription = Subscription(client.deliver, interval if 0.0 < interval < float("inf") else 0.0)
         variable.subscribers[name] = subscription
-        client.hears.add(key)
+        client.hears[key] = None
         if variable.letter is not None:
             subscription.last = self._now()
             client.deliver(variable.letter)
@@ -202,7 +201,7 @@ class Database:
         variable = self.variables.get(key)
         if variable is not None:
             variable.subscribers.pop(name, None)
-            self._clients[name].hears.discard(key)
+            self._clients[name].hears.pop(key, None)
 
     def forget_all(self, name: str, pattern: str, app: str) -> None:
         """A client hears these no more."""
@@ -249,7 +248,9 @@ class Database:
             variable.frequency += _MEAN * (1.0 / elapsed - variable.frequency)
         variable.written = now
         variable.writes += 1
-        variable.writers.add(message.src)
+        writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
+        if writer is not None:
+            writer.writes[message.key] = None
         for subscription in variable.subscribers.values():
             if not subscription.interval:
                 subscription.deliver(letter)
@@ -263,7 +264,7 @@ class Database:
             for (pattern, app), interval in client.filters.items():
                 if name not in variable.subscribers and _fits(key, source, pattern, app):
                     variable.subscribers[name] = Subscription(client.deliver, interval)
-                    client.hears.add(key)
+                    client.hears[key] = None
 
     def _variable(self, client: str, key: str) -> Variable | str:
         """The variable, made if need be, or why there can be none."""
@@ -300,40 +301,27 @@ class Database:
         return "".join(lines)
 
     def _traffic(self) -> str:
-        heard, written = self._by_client()
-        return ",".join(f"{name}={':'.join(heard[name])}&{':'.join(written[name])}" for name in self._clients)
+        return ",".join(f"{name}={':'.join(c.hears)}&{':'.join(c.writes)}" for name, c in self._clients.items())
 
     def _quality(self) -> str:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
-
-    def _by_client(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-        """Variables that each client hears, and those that it writes."""
-        heard: dict[str, list[str]] = {name: [] for name in self._clients}
-        written: dict[str, list[str]] = {name: [] for name in self._clients}
-        for key, variable in self.variables.items():
-            for found, names in ((heard, variable.subscribers), (written, variable.writers)):
-                for name in names:
-                    if name in found:
-                        found[name].append(key)
-        return heard, written
 
     def _answer(self, name: str, request: Message) -> None:
         replies: Iterable[Message]
         if request.key == "ALL":
             replies = [self._listed(key, variable) for key, variable in self.variables.items()]
         elif "PROC_SUMMARY" in request.key:
-            heard, written = self._by_client()
             replies = [
-                self._reply(
-                    "PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', heard[who])},{_list('PUBLISHED=', written[who])}"
-                )
-                for who in self._clients
+                self._reply("PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', c.hears)},{_list('PUBLISHED=', c.writes)}")
+                for who, c in self._clients.items()
             ]
         elif "VAR_SUMMARY" in request.key:
             replies = [self._reply("VAR_SUMMARY", ",".join(self.variables))]
         elif "DB_CLEAR" in request.key:
             for variable in self.variables.values():
                 variable.clear()
+            for client in self._clients.values():
+                client.writes.clear()
             self._kept = 0
             replies = []
         else:
@@ -360,7 +348,7 @@ def _ignore(message: Message) -> None:
     """No log."""
 
 
-def _list(title: str, names: list[str]) -> str:
+def _list(title: str, names: Iterable[str]) -> str:
     return title + "".join(f",{name}" for name in names)
 
 

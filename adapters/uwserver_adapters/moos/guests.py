@@ -179,8 +179,8 @@ class Guest(asyncio.Protocol):
         mail, self._mail = self._mail, []
         self._is_due = False
         batch = last if mail == last.letters else Batch(mail)
-        for packet in batch.packets:
-            self._write(packet, len(mail))
+        for at, packet in zip(range(0, len(mail), TOGETHER), batch.packets, strict=True):
+            self._write(packet, min(TOGETHER, len(mail) - at))
         return batch
 
     def _answer(self) -> None:

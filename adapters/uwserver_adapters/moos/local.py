@@ -52,12 +52,9 @@ class LocalClient:
         self._clock = clock
         self._mail: list[tuple[str, float | str | bytes, str, float]] = []
         self._waking: asyncio.Handle | None = None
+        self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME)
+        # After the bridge: a table that does not fit makes no file at each try.
         self._alog = Alog(table.alog, clock.now, context) if table.alog else None
-        try:
-            self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME)
-        except BaseException:
-            self._end_log()
-            raise
         if self._alog is not None:
             database.log = self._log
         database.join(OWN_NAME, self._deliver)
@@ -96,8 +93,5 @@ class LocalClient:
         if self._waking is not None:
             self._waking.cancel()
         self.bridge.close()
-        self._end_log()
-
-    def _end_log(self) -> None:
         if self._alog is not None:
             self._alog.close()

@@ -385,12 +385,13 @@ async def test_text_that_is_no_utf_8_is_told_and_what_stands_beside_it_is_done(m
             st.floats(),
         ),
         max_size=5,
-    )
+    ),
+    st.sampled_from([-math.inf, 0.0, math.inf]),
 )  # fmt: skip
-def test_whatever_is_written_never_raises(make, written):
+def test_whatever_is_written_never_raises(make, written, since):
     async def write() -> Bench:
         bench = make(commands=COMMANDS, nav=NavTable())
-        bench.bridge.take(written)
+        bench.bridge.take(written, since)
         await asyncio.sleep(0)
         bench.bridge.close()
         return bench
@@ -407,6 +408,23 @@ async def test_history_is_no_command(make):
     )
     assert bench.commands == []
     assert bench.calls == []
+
+
+async def test_commands_by_a_clock_that_is_behind_are_told_once(make):
+    """A program with another MOOSTimeWarp would else be ignored without a word."""
+    bench = make(commands=COMMANDS)
+    for time in (10.0, 10.0, 1e9 - 0.2, 1e9 - 0.1):  # kept, asked for twice, and two that were under way
+        bench.write(since=1e9, time=time, DESIRED_THRUST=40.0)
+    assert bench.errors == []
+    for time in (11.0, 12.0, 13.0):
+        bench.write(since=1e9, time=time, DESIRED_THRUST=40.0)
+    assert bench.commands == []
+    (error,) = bench.errors
+    assert "MOOSTimeWarp" in error["message"]
+    bench.bridge.begin()
+    bench.posts.clear()
+    bench.write(since=1e9, time=14.0, DESIRED_THRUST=40.0)
+    assert bench.errors == []
 
 
 async def test_states_of_before_hold_once(make):

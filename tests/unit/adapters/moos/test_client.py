@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 
+import msgspec
 import pytest
 from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, adapter, link, wire
 from uwserver_adapters.moos.clock import MoosClock
@@ -64,6 +65,18 @@ async def test_samples_out_commands_in(database, join, connect, until):
         helm.notify(DESIRED_THRUST=50.0)
         await until(lambda: context.commands, "a command")
         assert [(c.port, c.value) for c in context.commands] == [("auv/propeller", ((0.5,),))]
+        await helm.close()
+
+
+async def test_a_vehicle_that_comes_later_is_obeyed(database, join, connect, until):
+    async with database() as db, join(port_of(db)) as context:
+        await until(lambda: context.stats.peers == 1, "joined")
+        helm = await connect(db.stats.address, "pHelmIvP")
+        port = msgspec.structs.replace(context.ports["auv/propeller"], path="rov/propeller")
+        context.set_ports([*context.ports.values(), port])
+        helm.notify(ROV_PROPELLER_U=0.5)
+        await until(lambda: context.commands, "a command")
+        assert [(c.port, c.value) for c in context.commands] == [("rov/propeller", ((0.5,),))]
         await helm.close()
 
 

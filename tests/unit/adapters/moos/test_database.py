@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -260,6 +261,20 @@ def test_long_patterns_are_refused(tank):
     assert [text.rpartition("reason=")[2] for _, text in tank.heard("a")] == [
         "a pattern has at most 256 characters"
     ] * 2
+
+
+def test_names_that_writers_claim_are_not_collected(tank):
+    """Anybody can write under any name; only those of clients are told."""
+    tracemalloc.start()
+    try:
+        for k in range(200):
+            tank.write(f"{k}" + "x" * 10_000, "X", 1.0)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 200_000
+    tank.write("a", "X", 1.0)
+    assert "a:SUBSCRIBED=,PUBLISHED=,X" in [m.text for m in tank.ask("b", "PROC_SUMMARY")]
 
 
 texts = st.text(st.characters(exclude_categories=()), max_size=12)

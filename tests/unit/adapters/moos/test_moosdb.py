@@ -13,6 +13,7 @@ from uwserver_adapters.moos import MoosDbAdapter, alog, guests, wire
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.database import Database
 from uwserver_adapters.moos.local import CannotListen
+from uwserver_adapters.moos.mixing import CannotServe
 from uwserver_adapters.moos.wire import Message
 
 from uwserver.ports import Sample
@@ -63,6 +64,27 @@ async def test_what_came_in_one_packet_leaves_in_one(tank, connect):
         a.notify(V1=1.0, V2=2.0, V3=3.0)
         await b.read()
         assert [m.key for m in b.mail] == ["V1", "V2", "V3"]
+        await a.close()
+        await b.close()
+
+
+async def test_much_mail_leaves_in_packets_that_clients_can_hold(tank, connect, monkeypatch):
+    """C++ clients throw away what is more than 2048 unread messages."""
+    monkeypatch.setattr(guests, "TOGETHER", 2)
+    monkeypatch.setattr("uwserver_adapters.moos.moosdb.TELL_S", 60.0)
+    sizes = []
+    pack = wire.packet
+    monkeypatch.setattr(wire, "packet", lambda messages: sizes.append(len(messages)) or pack(messages))
+    async with tank() as context:
+        a, b = await connect(context.stats.address, "a"), await connect(context.stats.address, "b")
+        b.wildcard("V*")
+        a.register("DB_CLIENTS")
+        await a.hear("DB_CLIENTS")
+        before, sizes[:] = context.stats.samples_sent, []
+        a.notify(V1=1.0, V2=2.0, V3=3.0, V4=4.0, V5=5.0)
+        await b.until(lambda c: len(c.mail) == 5)
+        assert sizes == [5, 2, 2, 1]
+        assert context.stats.samples_sent - before == 5
         await a.close()
         await b.close()
 
@@ -348,6 +370,17 @@ async def test_the_world_is_a_client(tank, connect):
         await client.close()
 
 
+async def test_a_vehicle_that_comes_later_is_obeyed(tank, connect, until):
+    async with tank() as context:
+        client = await connect(context.stats.address, "a")
+        port = msgspec.structs.replace(context.ports["auv/propeller"], path="rov/propeller")
+        context.set_ports([*context.ports.values(), port])
+        client.notify(ROV_PROPELLER_U=0.5)
+        await until(lambda: context.commands, "a command")
+        assert [(c.port, c.value) for c in context.commands] == [("rov/propeller", ((0.5,),))]
+        await client.close()
+
+
 async def test_a_type_clash_is_told(tank, connect):
     async with tank() as context:
         client = await connect(context.stats.address, "a")
@@ -410,6 +443,15 @@ async def test_a_full_disk_ends_the_log_alone(tank, connect, until, monkeypatch)
         client.register("X")
         assert len((await client.hear("X")).data) == 100_000
         await client.close()
+
+
+async def test_a_table_that_does_not_fit_makes_no_log(make_auv, tmp_path: Path):
+    """The server tries it again and again."""
+    path = tmp_path / "x.alog"
+    bridge = BridgeTable(alog=str(path), nav=NavTable(position="gps"))
+    with pytest.raises(CannotServe):
+        await MoosDbAdapter(MoosDbConfig(port=0, bridge=bridge), make_auv()).run(asyncio.Event())
+    assert not path.exists()
 
 
 async def test_a_log_that_cannot_be_opened_is_named(make_auv, tmp_path: Path):
