@@ -17,7 +17,7 @@ PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "m
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, solids, contact, sensors, server, start, net and moos (or one PART) on an idle machine; about nine minutes.
+    """Measure physics, solids, contact, sensors, server, start, net and moos (or one PART) on an idle machine; about ten minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder.
