@@ -13,6 +13,7 @@ from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.shapes import Solid
 from uwserver.ports import Call, Command, Event, Field, Json, OnReply, Port, Reply, Sample, Service, Value
 from uwserver.sensors import Instrument, Scope, Sensor
+from uwserver.sensors.instrument import blank
 from uwserver.sensors.wiring import Wiring
 from uwserver.vehicle import Vehicle
 
@@ -59,6 +60,16 @@ class SensorSlot:
     def fields(self) -> tuple[Field, ...]:
         """Of the port."""
         return self.port.fields
+
+    @property
+    def listens(self) -> bool:
+        """Whether the sensor may have to measure between two readings; `is_called` tells when."""
+        return isinstance(self.sensor, Instrument) and self.sensor.listens
+
+    def is_called(self, now: float) -> bool:
+        """Whether it has to measure now (s), whatever its rate."""
+        wake = self.sensor.wake if isinstance(self.sensor, Instrument) else None
+        return wake is not None and wake <= now + 1e-9
 
     def set_interval(self, dt: float) -> None:
         """Tell the sensor and its errors the time (s) from one reading to the next."""
@@ -107,7 +118,7 @@ class SensorSlot:
         else:
             valid, values = self.sensor.measure(scope)
             reading = Measurement(values, valid, self.latency_ns)
-        reading.t_ns = scope.t_ns
+        reading.t_ns = scope.t_ns - reading.since_ns
         for side in self.sides:
             side.take(reading if exact is None or not side.ideal else replace(reading, valid=exact[0], values=exact[1]))
         for modifier in self.modifiers:
@@ -120,7 +131,8 @@ class SensorSlot:
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = list(self.sensor.memory)
-        return twin.measure(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
+        reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
+        return (False, blank(twin.fields)) if reading is None else (reading.valid, reading.values)
 
 
 @dataclass(slots=True)

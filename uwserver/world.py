@@ -87,6 +87,7 @@ class World:
         self._own_carry: dict[str, Carry] = {}
         self._carry: dict[str, Carry] = {}
         self._due: list[tuple[int, list[SensorSlot]]] = []
+        self._listening: list[SensorSlot] = []
         self.pending: list[tuple[int, int, Sample]] = []
         self.pending_order = 0
         self._posted: list[Posted] = []
@@ -178,6 +179,7 @@ class World:
             if slot.active:
                 last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
                 groups.setdefault((last, slot.divisor), []).append(slot)
+        self._listening = [slot for slot in self.sensors.values() if slot.active and slot.listens]
         self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def set_current(self, velocity: Vec3) -> None:
@@ -272,7 +274,8 @@ class World:
         3. watchdogs, after the commands that may feed them;
         4. actuators, bodies and water together in the kernel, from t to t + dt;
         5. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        6. sensors that are due at t + dt, with their errors, from the new state.
+        6. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
+        7. sensors that are due at t + dt, with their errors, from the new state.
         """
         output = TickOutput(self.tick, self.t_ns, [])
         if self.faults.next_tick is not None and self.tick >= self.faults.next_tick:
@@ -289,6 +292,9 @@ class World:
             raise Diverged(self._report(diverged), output)
         if self.pending:
             self._deliver(output.samples)
+        if self._listening:
+            called = [slot for slot in self._listening if slot.is_called(self._seconds())]
+            self._measure(called, output.samples)
         for divisor, slots in self._due:
             if self.tick % divisor == 0:
                 self._measure(slots, output.samples)
@@ -361,7 +367,7 @@ class World:
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
             for sample in slot.samples(scope):
-                if sample.t_sent_ns == t_ns:
+                if sample.t_sent_ns <= t_ns:
                     samples.append(sample)
                 else:
                     self.pending_order += 1

@@ -32,7 +32,7 @@ def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) 
     assert report["quick"] is True
     assert [row["group"] for row in report["rows"]] == sorted(
         (row["group"] for row in report["rows"]),
-        key=("physics", "solids", "contact", "server", "start", "net", "moos").index,
+        key=("physics", "solids", "contact", "sensors", "server", "start", "net", "moos").index,
     )
     for row in report["rows"]:
         if row["verdict"] == "absent":
@@ -48,6 +48,10 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["uwserver, physics + thrusters + sensors: 1 vehicle"] == 100.0
     assert bars["uwserver, physics + thrusters: 10 vehicles"] == 80.0
     assert bars["uwserver, physics + thrusters: 100 vehicles"] == 10.0
+    assert bars["Micron DST ping, 13 x 71 rays, 400 bins over 20 m"] == 700.0
+    assert bars["DVL1000 sample, bottom and water track"] == 50.0
+    assert bars["IMU sample, full error model"] == 10.0
+    assert bars["BlueROV2 Heavy: imu 120, depth 48, dvl 8, gps 5, altimeter 10, sonar 20 Hz"] == 40.0
     assert bars["what the clients add to it"] == 0.3
     assert bars["command, 10 connections: p99"] == 6.0
     assert bars["zenoh: command sent to its force, p99"] == 5.0

@@ -27,8 +27,9 @@ class Measurement:
     Attributes:
         values: one entry per field of the port.
         valid: the sensor could measure.
-        delay_ns: simulated time until the device delivers.
+        delay_ns: simulated time from the instant to which the reading belongs until the device delivers.
         dropped: the reading is lost.
+        since_ns: how long ago that instant was.
         t_ns: simulation time at which it was true.
         stamp_ns: error of the time that the device writes on it.
     """
@@ -37,6 +38,7 @@ class Measurement:
     valid: bool
     delay_ns: int = 0
     dropped: bool = False
+    since_ns: int = 0
     t_ns: int = 0
     stamp_ns: int = 0
 

@@ -291,3 +291,8 @@ class Fitted(NamedTuple):
     weights: Any
     derivatives: Any
     hulls: Any
+
+
+CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
+"""A ray of a fan: unit direction in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the angles that
+its cell covers; the intensity that goes into the cell, times its solid angle."""

@@ -98,6 +98,7 @@ def _sensor(
     if isinstance(sensor, Instrument):
         sensor.dt = float(divisor / world.rate_hz)
         sensor.start(stream_of(world.seed, path))
+        sensor.load_kernels()
     if isinstance(sensor, Compound):
         sensor.join(built)
     kind = str(config.__struct_config__.tag)
@@ -113,6 +114,7 @@ def _sensor(
     if isinstance(sensor, Instrument) and "ideal" in config.__struct_fields__ and any(s.ideal for s in slot.sides):
         twin: Sensor = structs.replace(config, ideal=True).build(mount_of(config, file))
         assert isinstance(twin, Instrument)
+        twin.load_kernels()
         twin.dt, slot.twin = sensor.dt, twin
     return slot
 

@@ -17,6 +17,9 @@ from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 
 _PROVENANCE = ("source", "status")
+_BEACONS = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
+_OF_THE_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS}
+"""Keys that a sensor needs and no device has, as they say where it is used; by kind."""
 
 
 class SensorDevice(Table, kw_only=True, frozen=True):
@@ -64,7 +67,8 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
         place = path if at is None else at
         report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
-    sensor = convert_kind({"rate_hz": 1.0, **keys}, kinds_of(SensorConfig, more), (), placed, more)
+    table = {"rate_hz": 1.0, **_OF_THE_USE.get(device.kind, {}), **keys}
+    sensor = convert_kind(table, kinds_of(SensorConfig, more), (), placed, more)
     return keys if fine and sensor is not None else None
 
 
