@@ -15,6 +15,7 @@ from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.shapes import Solid
 from uwserver.ports import Call, Command, Event, Field, Json, OnReply, Port, Progress, Reply, Sample, Service, Value
 from uwserver.sensors import Instrument, Scope, Sensor
+from uwserver.sensors.instrument import blank
 from uwserver.sensors.wiring import Wiring
 from uwserver.vehicle import Vehicle
 
@@ -132,7 +133,8 @@ class SensorSlot:
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = list(self.sensor.memory)
-        return twin.measure(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
+        reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
+        return (False, blank(twin.fields)) if reading is None else (reading.valid, reading.values)
 
 
 @dataclass(slots=True)

@@ -124,6 +124,7 @@ def _sensor(
     if isinstance(sensor, Instrument) and "ideal" in config.__struct_fields__ and any(s.ideal for s in slot.sides):
         twin: Sensor = structs.replace(config, ideal=True).build(mount_of(config, file))
         assert isinstance(twin, Instrument)
+        twin.load_kernels()
         twin.dt, slot.twin = sensor.dt, twin
     return slot
 

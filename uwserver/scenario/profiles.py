@@ -67,8 +67,8 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
         place = path if at is None else at
         report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
-    use = _OF_THE_USE.get(device.kind, {})
-    sensor = convert_kind({"rate_hz": 1.0, **use, **keys}, kinds_of(SensorConfig, more), (), placed, more)
+    table = {"rate_hz": 1.0, **_OF_THE_USE.get(device.kind, {}), **keys}
+    sensor = convert_kind(table, kinds_of(SensorConfig, more), (), placed, more)
     return keys if fine and sensor is not None else None
 
 
