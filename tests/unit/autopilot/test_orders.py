@@ -312,7 +312,8 @@ def test_an_empty_battery_brings_it_up():
         ("velocity", ("dvl",), "depth_hold", "sensor velocity"),
         ("altitude_hold", ("dvl", "altimeter"), "depth_hold", "sensor altitude"),
         ("depth_hold", ("depth",), "stabilise", "sensor depth"),
-        ("heading_hold", ("ahrs",), "manual", "sensor attitude"),
+        ("heading_hold", ("ahrs",), "stabilise", "sensor heading"),
+        ("heading_hold", ("ahrs", "imu"), "manual", "sensor attitude"),
         ("position_hold", ("depth", "dvl"), "stabilise", "sensor position"),
     ],
 )
