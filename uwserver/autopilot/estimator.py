@@ -84,7 +84,6 @@ class Estimator:
         kinds = [source.kind for source in sources.values()]
         self.has_imu = "imu" in kinds
         self._has_attitude = "attitude" in kinds
-        self._has_compass = self._has_attitude or "motion_capture" in kinds
         self._density = tracks.MEASURED if self.has_imu else tracks.UNMEASURED
         takes: dict[str, Callable[[Estimate, Sample, Source, float], None]] = {
             "imu": self._imu,

@@ -94,6 +94,7 @@ class Orders(Struct):
     """What the autopilot was told, and how far it has come.
 
     Attributes:
+        waits: armed from the start, until the sensors have spoken that the mode needs.
         stick: of the pilot, -1..1 in B.
         pilot: whether somebody steers: "" nobody yet, "on", or "lost".
         depth, altitude, heading, place: set points; nan for none. `place` is p_N of which only north and east count.
@@ -117,6 +118,7 @@ class Orders(Struct):
     gains: Gains
     mode: Mode = "manual"
     armed: bool = False
+    waits: bool = False
     stick: Six = (0.0,) * 6
     pilot: Literal["", "on", "lost"] = ""
     depth: float = NAN
