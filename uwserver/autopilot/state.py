@@ -44,7 +44,7 @@ class Estimate(Struct):
         acceleration: sum of those measured since the last step, m/s2 in N; count: how many.
         bottom: depth of the bottom, m; nan when unknown.
         leak, charge: as the probes say; the charge is nan while unknown.
-        refused: position fixes in a row that were too far off.
+        refused, doubted: position fixes, and velocities, in a row that were too far off.
         imu_ns ... altitude_ns: when each was last valid, ns.
     """
 
@@ -61,6 +61,7 @@ class Estimate(Struct):
     leak: bool = False
     charge: float = NAN
     refused: int = 0
+    doubted: int = 0
     imu_ns: int = NEVER
     attitude_ns: int = NEVER
     heading_ns: int = NEVER
