@@ -157,7 +157,7 @@ def ardusub(folder: Path, server: Server, gcs: Gcs, *options: str, params: str =
 
 
 def place(server: Server) -> tuple[float, float, float]:
-    north, east, down = server.ask("last", port="rov/truth/pose")["value"]["p_NB"]
+    north, east, down = server.last("rov/truth/pose")["p_NB"]
     return north, east, down
 
 
@@ -186,6 +186,7 @@ def test_ardusub_holds_depth_and_position(tmp_path: Path, gcs: Gcs) -> None:
     """The numbers of ArduPilot's own autotests AltitudeHold and PositionHold."""
     text = ardusub_scenario(depth=0.2, clock="max_speed = 3.0", adapter=PACED_BY_US, sensors=SENSORS)
     with serving(tmp_path, text) as server, ardusub(tmp_path, server, gcs):
+        server.follow("rov/truth/pose")
         gcs.until(lambda: gcs.last.get("GLOBAL_POSITION_INT"), "a position", 180)
         gcs.until(
             lambda: gcs.last.get("EKF_STATUS_REPORT") and gcs.last["EKF_STATUS_REPORT"].flags & 0x10,
