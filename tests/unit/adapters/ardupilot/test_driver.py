@@ -90,7 +90,15 @@ class Rig:
         )
         outputs = Outputs({}, PORTS, "rov")
         self.driver = ArduPilotDriver(
-            endpoint, outputs, Scale(), state, readings.see, 1200.0, 3.0, lambda: self.now, self.stats
+            endpoint,
+            outputs,
+            Scale(),
+            state,
+            lambda t_ns, samples: readings.see(samples),
+            1200.0,
+            3.0,
+            lambda: self.now,
+            self.stats,
         )
 
     def tick(self, **values: tuple) -> None:
