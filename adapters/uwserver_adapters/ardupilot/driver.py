@@ -251,7 +251,10 @@ class ArduPilotDriver:
 
     def _commands(self, frame: Frame) -> list[tuple[str, dict[str, object]]]:
         levels = list(map(self._scale.__getitem__, frame.pwm))
-        if not self._scale.outside.isdisjoint(frame.pwm):
-            self._counts["limited"] += 1
+        outside = self._scale.outside
+        if not outside.isdisjoint(frame.pwm):
+            self._counts["limited"] += any(
+                pwm in outside for pwm in map(frame.pwm.__getitem__, self._outputs.channels(len(frame.pwm)))
+            )
         self._stats.commands += 1
         return self._outputs.commands(levels)
