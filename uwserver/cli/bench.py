@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "solids", "contact", "server", "start", "net", "moos")
+PARTS = ("physics", "solids", "contact", "server", "start", "net", "moos", "sil")
 
 
 @click.command()
@@ -17,7 +17,7 @@ PARTS = ("physics", "solids", "contact", "server", "start", "net", "moos")
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, solids, contact, server, start, net and moos (or one PART) on an idle machine; about nine minutes.
+    """Measure physics, solids, contact, server, start, net, moos and sil (or one PART) on an idle machine; about ten minutes.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder.
@@ -31,6 +31,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     from uwserver.bench.report import Report, machine_facts
     from uwserver.bench.rows import Row
     from uwserver.bench.server import bench_server
+    from uwserver.bench.sil import bench_sil
     from uwserver.bench.solids import bench_solids
     from uwserver.bench.start import bench_start
 
@@ -42,6 +43,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
         "start": bench_start,
         "net": bench_net,
         "moos": bench_moos,
+        "sil": bench_sil,
     }
     machine, rows = machine_facts(), list[Row]()
     try:
