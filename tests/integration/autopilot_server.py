@@ -72,6 +72,7 @@ class Server:
         self._wire = socket.create_connection(addresses["tcp"], timeout=PATIENCE_S)
         self._lines = self._wire.makefile("r", encoding="utf-8")
         self._id = 0
+        self._samples: dict[str, dict[str, Any]] = {}
 
     def ask(self, method: str, **params: Any) -> Any:
         self._id += 1
@@ -79,6 +80,8 @@ class Server:
         self._wire.sendall(json.dumps(request).encode() + b"\n")
         while True:
             answer = json.loads(self._lines.readline())
+            if answer.get("method") == "sample":
+                self._samples[answer["params"]["port"]] = answer["params"]["value"]
             if answer.get("id") == self._id:
                 assert "error" not in answer, answer
                 return answer["result"]
@@ -91,6 +94,15 @@ class Server:
 
     def stats(self) -> dict[str, Any]:
         return dict(self.status()["adapters"]["autopilot"])
+
+    def follow(self, port: str) -> None:
+        """Take in a sensor from now on."""
+        self.ask("subscribe", pattern=port, rate_hz=50)
+
+    def last(self, port: str) -> dict[str, Any]:
+        """Newest value of a sensor that is followed."""
+        self.ask("ping")
+        return self._samples[port]
 
     def close(self) -> None:
         self._lines.close()

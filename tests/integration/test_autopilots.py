@@ -208,6 +208,7 @@ def test_px4_hand_made(tmp_path: Path) -> None:
         socket.create_connection(server.addresses["autopilot"], timeout=10) as stream,
     ):
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        server.follow("rov/truth/velocity")
         mav = mavlink.MAVLink(None, 1, 1)
         inbox: list[Any] = []
 
@@ -241,4 +242,4 @@ def test_px4_hand_made(tmp_path: Path) -> None:
             sensor = again
             assert n == 250 or server.process.poll() is None
         assert server.status()["tick"] == tick + 1000
-        assert server.ask("last", port="rov/truth/velocity")["value"]["v_NB_B"][0] > 0.2
+        assert server.last("rov/truth/velocity")["v_NB_B"][0] > 0.2

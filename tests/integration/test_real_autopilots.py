@@ -157,7 +157,7 @@ def ardusub(folder: Path, server: Server, gcs: Gcs, *options: str, params: str =
 
 
 def place(server: Server) -> tuple[float, float, float]:
-    north, east, down = server.ask("last", port="rov/truth/pose")["value"]["p_NB"]
+    north, east, down = server.last("rov/truth/pose")["p_NB"]
     return north, east, down
 
 
@@ -186,6 +186,7 @@ def test_ardusub_holds_depth_and_position(tmp_path: Path, gcs: Gcs) -> None:
     """The numbers of ArduPilot's own autotests AltitudeHold and PositionHold."""
     text = ardusub_scenario(depth=0.2, clock="max_speed = 3.0", adapter=PACED_BY_US, sensors=SENSORS)
     with serving(tmp_path, text) as server, ardusub(tmp_path, server, gcs):
+        server.follow("rov/truth/pose")
         gcs.until(lambda: gcs.last.get("GLOBAL_POSITION_INT"), "a position", 180)
         gcs.until(
             lambda: gcs.last.get("EKF_STATUS_REPORT") and gcs.last["EKF_STATUS_REPORT"].flags & 0x10,
@@ -253,6 +254,60 @@ def test_ardusub_restarts_on_a_living_world(tmp_path: Path, gcs: Gcs) -> None:
                 frames = server.stats()["details"]["frames"]
                 until(lambda: server.stats()["details"]["frames"] > frames + 2000, "frames")  # noqa: B023
         assert server.stats()["details"]["restarts"] == 1
+
+
+@needs_ardusub
+def test_ardusub_as_fast_as_it_goes(tmp_path: Path, gcs: Gcs) -> None:
+    """Free-running with all sensors: how fast is printed; that the autopilot lives, and no frame is lost, is checked."""
+    with (
+        serving(tmp_path, ardusub_scenario(adapter=PACED_BY_US, sensors=SENSORS)) as server,
+        ardusub(tmp_path, server, gcs),
+    ):
+        gcs.until(lambda: gcs.last.get("HEARTBEAT"), "a heartbeat")
+        before, begun = server.stats()["details"]["frames"], time.monotonic()
+        while time.monotonic() < begun + 10.0:
+            gcs.turn()
+        details, took = server.stats()["details"], time.monotonic() - begun
+        print(f"free-running: {(details['frames'] - before) / took:.0f} frames/s, {details}")
+        assert (details["duplicates"], details["lost"]) == (0, 0)
+
+
+WITHOUT_GPS = """
+GPS1_TYPE 0
+VISO_TYPE 1
+EK3_SRC1_POSXY 6
+EK3_SRC1_VELXY 6
+EK3_SRC1_POSZ 1
+EK3_SRC1_VELZ 0
+EK3_SRC1_YAW 1
+"""
+
+
+@needs_ardusub
+def test_ardusub_holds_position_by_the_dvl(tmp_path: Path, gcs: Gcs) -> None:
+    """Without GPS: the simulated DVL is all that it knows of its movement over ground."""
+    seabed = '[seabed]\nkind = "flat"\ndepth_m = 20.0\n'
+    adapter = f'{PACED_BY_US}\n[adapters.autopilot.dvl]\nport = "dvl"\naddress = "tcp:127.0.0.1:5762"'
+    text = ardusub_scenario(depth=2.0, clock="max_speed = 2.0", adapter=adapter, sensors=SENSORS + seabed)
+    with serving(tmp_path, text) as server, ardusub(tmp_path, server, gcs, params=WITHOUT_GPS):
+        server.follow("rov/truth/pose")
+        gcs.until(lambda: gcs.last.get("EKF_STATUS_REPORT"), "an estimator", 180)
+        origin = gcs.mav.set_gps_global_origin_encode(1, 338103130, -1183938670, 0)
+        gcs.until(lambda: any("fusing odometry" in text for text in gcs.texts), "EKF3 is fusing odometry", 180)
+        for _ in range(3):
+            gcs.send(origin)
+            gcs.until(lambda: True, "")
+            gcs.turn()
+        gcs.until(lambda: gcs.last["EKF_STATUS_REPORT"].flags & 0x8, "relative position", 180)
+        gcs.arm()
+        gcs.mode("POSHOLD")
+        gcs.until(lambda: gcs.last.get("GLOBAL_POSITION_INT"), "a position", 60)
+        gcs.hold(5.0, lambda: 0.0)
+        north, east, _ = place(server)
+        gcs.hold(10.0, lambda: 0.0)
+        n, e, _ = place(server)
+        print(f"POSHOLD by DVL: {math.hypot(n - north, e - east):.3f} m in 10 s; {gcs.texts[-4:]}")
+        assert math.hypot(n - north, e - east) < 1.0
 
 
 @needs_px4

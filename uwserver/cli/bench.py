@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink")
+PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink", "sil")
 
 
 @click.command()
@@ -17,7 +17,7 @@ PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "m
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, solids, contact, sensors, server, start, net, moos and mavlink (or one PART) on an idle machine; about eleven minutes.
+    """Measure physics, solids, contact, sensors, server, start, net, moos, mavlink and sil (or one PART) on an idle machine; a quarter of an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,
@@ -34,6 +34,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     from uwserver.bench.rows import Row
     from uwserver.bench.sensors import bench_sensors
     from uwserver.bench.server import bench_server
+    from uwserver.bench.sil import bench_sil
     from uwserver.bench.solids import bench_solids
     from uwserver.bench.start import bench_start
 
@@ -47,6 +48,7 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
         "net": bench_net,
         "moos": bench_moos,
         "mavlink": bench_mavlink,
+        "sil": bench_sil,
     }
     machine, rows = machine_facts(), list[Row]()
     try:

@@ -6,15 +6,17 @@ import asyncio
 import contextlib
 import logging
 import socket
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterContext, AdapterTable
-from uwserver.ports import Refused
+from uwserver.ports import Refused, Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
+from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.readings import Readings
 from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
@@ -42,6 +44,7 @@ class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=T
     low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
     no_time_sync: tell the autopilot not to hold real time itself; the world does, at `[world.clock] max_speed`, or nobody.
     silence_s: wall time after which an autopilot that says nothing counts as gone.
+    dvl: send it as MAVLink messages; default: not. Needs the extra `mavlink`.
     """
 
     bind: Name = "127.0.0.1"
@@ -59,6 +62,7 @@ class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=T
     high_us: PulseWidth = 1900
     no_time_sync: bool = False
     silence_s: Positive = 3.0
+    dvl: DvlTable | None = None
 
 
 class ArduPilotAdapter:
@@ -85,7 +89,8 @@ class ArduPilotAdapter:
         failed, on_reply = failure()
         with contextlib.ExitStack() as stack:
             endpoint = stack.enter_context(self._bound())
-            driver = self._driver(endpoint)
+            link = None if config.dvl is None else MavlinkOut(config.dvl.address)
+            driver = self._driver(endpoint, link)
             stack.callback(context.attach(Deaf()))
             try:
                 stack.callback(context.drive(config.client or context.name, driver, on_reply))
@@ -94,9 +99,13 @@ class ArduPilotAdapter:
             stats.address = "{}:{}".format(*endpoint.getsockname()[:2])
             stats.state = "running"
             ready.set()
+            sending = asyncio.ensure_future(link.run()) if link is not None else None
             try:
                 await failed
             finally:
+                if sending is not None:
+                    sending.cancel()
+                    await asyncio.gather(sending, return_exceptions=True)
                 stats.peers = 0
                 stats.state = "stopped"
 
@@ -113,7 +122,7 @@ class ArduPilotAdapter:
             raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
         return endpoint
 
-    def _driver(self, endpoint: socket.socket) -> ArduPilotDriver:
+    def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
         config, context = self.config, self.context
         if not config.truth:
             raise CannotServe(
@@ -143,14 +152,30 @@ class ArduPilotAdapter:
             )  # fmt: skip
         if rate_hz < LOOP_HZ:
             _log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", rate_hz, LOOP_HZ)
+        movement = None
+        if config.dvl is not None and link is not None:
+            loop, send = asyncio.get_running_loop(), link.send
+            dvl = readings.want("dvl", config.dvl.port, [("v_S", "figure_of_merit")], keeps=False)
+            movement = Movement(config.dvl, dvl, imu, lambda data: _soon(loop, send, data))
+
+        def see(t_ns: int, samples: Sequence[Sample]) -> None:
+            readings.see(samples)
+            if movement is not None:
+                movement.see(t_ns)
+
         return ArduPilotDriver(
             endpoint,
             Outputs(config.outputs, ports, vehicle),
             wire.Scale(config.low_us, config.neutral_us, config.high_us),
             State(pose, velocity, imu, distances, battery, config.no_time_sync),
-            readings.see,
+            see,
             rate_hz,
             config.silence_s,
             asyncio.get_running_loop().time,
             context.stats,
         )
+
+
+def _soon(loop: asyncio.AbstractEventLoop, send: Callable[[bytes], None], data: bytes) -> None:
+    with contextlib.suppress(RuntimeError):  # the server has ended
+        loop.call_soon_threadsafe(send, data)

@@ -83,7 +83,7 @@ class ArduPilotDriver:
         outputs: what servo channels move.
         scale: of their pulse widths.
         state: what is answered.
-        see: takes the samples of a tick.
+        see: takes time and samples of a tick.
         physics_hz: rate of the ticks.
         silence_s: wall time after which the autopilot is said to be gone.
         steady: wall time, s.
@@ -92,7 +92,7 @@ class ArduPilotDriver:
 
     def __init__(
         self, endpoint: socket.socket, outputs: Outputs, scale: Scale, state: State,
-        see: Callable[[Sequence[Sample]], None], physics_hz: float, silence_s: float, steady: Callable[[], float],
+        see: Callable[[int, Sequence[Sample]], None], physics_hz: float, silence_s: float, steady: Callable[[], float],
         stats: AdapterStats,
     ) -> None:  # fmt: skip
         self._endpoint = endpoint
@@ -141,7 +141,7 @@ class ArduPilotDriver:
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
         """Keep what a line will hold."""
-        self._see(samples)
+        self._see(t_ns, samples)
 
     def answer(self, t_ns: int) -> None:
         """Send the state after the tick."""
@@ -251,7 +251,10 @@ class ArduPilotDriver:
 
     def _commands(self, frame: Frame) -> list[tuple[str, dict[str, object]]]:
         levels = list(map(self._scale.__getitem__, frame.pwm))
-        if not self._scale.outside.isdisjoint(frame.pwm):
-            self._counts["limited"] += 1
+        outside = self._scale.outside
+        if not outside.isdisjoint(frame.pwm):
+            self._counts["limited"] += any(
+                pwm in outside for pwm in map(frame.pwm.__getitem__, self._outputs.channels(len(frame.pwm)))
+            )
         self._stats.commands += 1
         return self._outputs.commands(levels)

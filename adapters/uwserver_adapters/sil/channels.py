@@ -39,6 +39,10 @@ class OutputTable(Table, kw_only=True, frozen=True):
 class Output:
     """One field of an actuator, found in the world.
 
+    Attributes:
+        path, field: of it.
+        channels: one for each component, from 0.
+
     Raises:
         CannotServe: it is not there, or the numbers do not fit it.
     """
@@ -61,7 +65,8 @@ class Output:
         for what, count in (("channels", len(channels)), ("full", len(full))):
             if count != field.size:
                 raise CannotServe(f'{where}: {what} has {count} numbers, "{field.name}" has {field.size} components')
-        self._parts = [(channel - 1, scale) for channel, scale in zip(channels, full, strict=True)]
+        self.channels = tuple(channel - 1 for channel in channels)
+        self._parts = list(zip(self.channels, full, strict=True))
 
     def value(self, levels: Sequence[float]) -> float | list[float]:
         """The field for deflections -1 to 1 by channel; a channel that is not among them is neutral."""
@@ -93,6 +98,10 @@ class Outputs:
         for name, table in chosen.items():
             output = Output(name, table, ports, vehicle)
             self._fields.setdefault(output.path, []).append(output)
+
+    def channels(self, n: int) -> list[int]:
+        """Channels that move something, from 0, of the first n."""
+        return sorted({c for outputs in self._fields.values() for output in outputs for c in output.channels if c < n})
 
     def commands(self, levels: Sequence[float]) -> list[tuple[str, dict[str, object]]]:
         """Commands for deflections -1 to 1 by channel."""

@@ -90,7 +90,15 @@ class Rig:
         )
         outputs = Outputs({}, PORTS, "rov")
         self.driver = ArduPilotDriver(
-            endpoint, outputs, Scale(), state, readings.see, 1200.0, 3.0, lambda: self.now, self.stats
+            endpoint,
+            outputs,
+            Scale(),
+            state,
+            lambda t_ns, samples: readings.see(samples),
+            1200.0,
+            3.0,
+            lambda: self.now,
+            self.stats,
         )
 
     def tick(self, **values: tuple) -> None:
@@ -161,6 +169,9 @@ def test_commands_go_to_the_thrusters_by_channel() -> None:
         assert order == Order(1, [("rov/thrusters", {"u": [1.0, -1.0, 0.5, -0.5, 0.0, 0.0, 1.0, -1.0]})])
         assert r.count("limited") == 1
         assert r.stats.commands == 1
+        r.peer.send([1500] * 8 + [5000] * 8, 1)  # outputs that move nothing here
+        assert r.order() is not None
+        assert r.count("limited") == 1
 
 
 def test_thirty_two_channels() -> None:
