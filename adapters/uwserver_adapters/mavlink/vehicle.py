@@ -300,6 +300,7 @@ class Vehicle:
 
     def arm(self, force: bool, done: Done) -> None:
         """Arm, and say so."""
+        self.failsafes.armed()
         self.autopilot.call("arm", {"force": force}, self._announced(done, "Arming motors"))
 
     def disarm(self, done: Done) -> None:

@@ -126,6 +126,16 @@ def test_a_lost_pilot(make_bench):
     assert station.last("HEARTBEAT").system_status in (3, 4)
 
 
+async def test_a_pilot_who_went_before_the_vehicle_was_armed_is_no_loss(bench):
+    station = bench.station()
+    steer(station, x=1000)
+    bench.run(2.0)
+    assert await station.command(400, 1.0) == 0
+    bench.run(5.0)
+    assert bench.rov.state["armed"]
+    assert "Lost manual control" not in station.texts()
+
+
 @pytest.mark.parametrize(("action", "service"), [(1, None), (2, "disarm"), (3, "set_mode"), (4, "set_mode")])
 async def test_a_lost_ground_station(make_bench, action, service):
     bench = make_bench(parameters={"FS_GCS_ENABLE": action, "FS_PILOT_INPUT": 0})
