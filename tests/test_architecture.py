@@ -436,7 +436,7 @@ def _inherited(owner: ast.ClassDef) -> bool:
 
 UNITS = {
     "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^3",
-    "m^2/s^2", "J", "N s", "S/m", "m^2", "ns", "dB",
+    "m^2/s^2", "J", "N s", "S/m", "m^2", "ns", "dB", "N, N m",
 }  # fmt: skip
 
 
@@ -472,7 +472,11 @@ def test_every_vector_has_a_frame(all_ports):
     """Three components without frame are a guess too. A list of things of one kind has none: commands of devices, or a plural name."""
     for path, port in all_ports.items():
         for field in port.fields:
-            is_list = port.kind in ("thrusters", "fins") or (field.name.endswith("s") and field.shape)
+            is_list = (
+                port.kind in ("thrusters", "fins")
+                or (field.name.endswith("s") and field.shape)
+                or (port.kind == "autopilot" and field.shape == (6,))  # of all six axes, in B
+            )
             if field.shape and not is_list:
                 assert field.frame, f"{path}.{field.name} has no frame"
             if not field.shape or is_list:
@@ -486,7 +490,9 @@ def test_names_of_vectors_end_in_their_frame(all_ports):
             if field.frame in ("B", "S"):
                 assert field.name.endswith(f"_{field.frame}"), f"{path}.{field.name} in {field.frame}"
             elif field.frame:
-                assert re.fullmatch(r"(\w+_)?[pqv]_N[BS]", field.name), f"{path}.{field.name} in {field.frame}"
+                # A set point or an estimate of the autopilot is that of B, by its nature.
+                word = r"[pqv](_ref)?_NB?" if port.kind == "autopilot" else r"(\w+_)?[pqv]_N[BS]"
+                assert re.fullmatch(word, field.name), f"{path}.{field.name} in {field.frame}"
 
 
 def test_every_service_and_argument_has_a_text(world):

@@ -15,6 +15,8 @@ from msgspec import NODEFAULT, UNSET
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterTable, installed_adapters
+from uwserver.autopilot.config import AutopilotConfig
+from uwserver.autopilot.gains import Gains
 from uwserver.context import LOOP_SERVICES
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
@@ -59,11 +61,14 @@ def ports_page() -> str:
     component = [
         service for path, service in world.services.items() if path.startswith(("heavy/depth/", "heavy/thrusters/"))
     ]
+    pilot = [s for path, s in world.services.items() if path.startswith("heavy/autopilot/") and path.count("/") == 2]
     own = [service for path, service in world.services.items() if path.startswith("world/")]
     for service in sorted((*LOOP_SERVICES, *CLOCK_SERVICES, *own), key=lambda s: s.path):
         lines.append(_service(service))
     lines += ["", "Each component has services of its own, here of a sensor and of an actuator:", ""]
     lines += ["| service | arguments | what it does |", "|---|---|---|", *(_service(service) for service in component)]
+    lines += ["", "A vehicle with the built-in autopilot has besides:", ""]
+    lines += ["| service | arguments | what it does |", "|---|---|---|", *(_service(service) for service in pilot)]
     return "\n".join(lines) + "\n"
 
 
@@ -101,6 +106,7 @@ def scenario_page() -> str:
     lines += ["## Scenario", "", *_tables(schema, schema.Scenario)]
     lines += ["## Vehicle and device", "", *_tables(vehicle_schema, vehicle_schema.Vehicle)]
     lines += ["## Solid things", "", *_tables(solid_schema, solid_schema.Contact)]
+    lines += ["## Autopilot", "", *_table("vehicles.*.autopilot", AutopilotConfig), *_table("Gains", Gains)]
     lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]
     for title, union in (
         ("Currents", CurrentConfig),

@@ -21,6 +21,10 @@ class Pilots:
         self._ears: dict[str, Autopilot] = {}
         self._gone: list[Autopilot] = []
 
+    def __bool__(self) -> bool:
+        """Whether there is anything to do in a tick."""
+        return bool(self.all or self._gone)
+
     def set_members(self, members: Iterable[Member]) -> None:
         """Let the autopilots of these bodies, and no others, fly. A call that waits for one that went is answered."""
         before = self.all

@@ -286,7 +286,7 @@ class World:
             self._carry_out(output)
         if self.commands.watch is not None and self.tick >= self.commands.watch:
             self.commands.expire(self.tick)
-        if self.pilots.all:
+        if self.pilots:
             output.replies += self.pilots.step(self.tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self.tick += 1
@@ -301,7 +301,7 @@ class World:
                 self._measure(slots, output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
-        if self.pilots.all:
+        if self.pilots:
             self.pilots.hear(output.samples, self.t_ns)
         if self._events:
             output.events, self._events = self._events, []

@@ -1,5 +1,8 @@
 """Which command each actuator gets so that together they make a wrench: pseudo-inverse, limits, and inverted thrust curves.
 
+When the actuators cannot give everything, heave and moments keep their share before surge and sway: a vehicle that turns over or sinks loses more
+than one that is slow.
+
 Closed forms: f = W^-1 B^T (B W^-1 B^T + lambda I)^-1 tau is the least sum of (f_i / limit_i)^2 among all forces that make tau (Fossen 2011,
 section 12.3.2), with a small damping lambda against axes that are almost out of reach.
 """
@@ -10,6 +13,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul
 from typing import Protocol
 
 import numpy as np
@@ -22,8 +26,6 @@ FloatArray = npt.NDArray[np.float64]
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 IMPORTANCE = (HEAVE, YAW, SURGE, SWAY, ROLL, PITCH)
 """Which axes are controlled where there are not enough actuators for all."""
-FIRST = (HEAVE, ROLL, PITCH, YAW)
-"""Axes that keep their share when the actuators cannot give everything: a vehicle that turns over or sinks loses more than one that is slow."""
 DAMPING = 1e-3
 """Square root of lambda over the largest singular value."""
 _OUT_OF_REACH = 0.05
@@ -99,23 +101,24 @@ def inverse(columns: FloatArray, limits: FloatArray, axes: Sequence[int]) -> Flo
     return result
 
 
-def fitted(first: FloatArray, rest: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def fitted(first: Sequence[float], rest: Sequence[float], low: Sequence[float], high: Sequence[float]) -> list[float]:
     """The important forces, scaled down if they alone are too much, and as much of the rest as fits beside them (n each)."""
-    first = first * _share(first, np.zeros_like(first), low, high)
-    return np.asarray(first + rest * _share(rest, first, low, high))
+    a = _share(first, None, low, high)
+    if a < 1.0:
+        first = [a * f for f in first]
+    b = _share(rest, first, low, high)
+    return [f + b * r for f, r in zip(first, rest, strict=True)]
 
 
-def _share(wanted: FloatArray, base: FloatArray, low: FloatArray, high: FloatArray) -> float:
+def _share(wanted: Sequence[float], base: Sequence[float] | None, low: Sequence[float], high: Sequence[float]) -> float:
     """The largest part s <= 1 of `wanted` for which base + s wanted keeps the limits."""
-    total = base + wanted
-    if (total <= high).all() and (total >= low).all():
-        return 1.0
     share = 1.0
-    for w, b, lo, hi in zip(wanted.tolist(), base.tolist(), low.tolist(), high.tolist(), strict=True):
-        if b + w > hi:
-            share = min(share, max(0.0, (hi - b) / w))
-        elif b + w < lo:
-            share = min(share, max(0.0, (lo - b) / w))
+    for k, w in enumerate(wanted):
+        b = 0.0 if base is None else base[k]
+        if w > 0.0 and b + w > high[k]:
+            share = min(share, max(0.0, (high[k] - b) / w))
+        elif w < 0.0 and b + w < low[k]:
+            share = min(share, max(0.0, (low[k] - b) / w))
     return share
 
 
@@ -156,9 +159,8 @@ def reaches(columns: FloatArray, low: FloatArray, high: FloatArray, into: FloatA
         if not f.any():
             values.append(0.0)
             continue
-        zero = np.zeros_like(f)
         scale = min(_largest(f, low, high), _largest(-f, low, high))
-        values.append(scale * float((columns[axis] * f).sum()) if zero.size else 0.0)
+        values.append(scale * float(columns[axis] @ f))
     a, b, c, d, e, g = values
     return (a, b, c, d, e, g)
 
@@ -170,43 +172,43 @@ def _largest(direction: FloatArray, low: FloatArray, high: FloatArray) -> float:
 
 
 class Thrusters:
-    """Thrusters of one or several actuators."""
+    """Thrusters of one or several actuators. At these sizes plain floats are faster than numpy."""
 
     def __init__(self, groups: Sequence[tuple[Sequence[Thrust], bool]]) -> None:
         """Of each actuator its thrusters, and whether it is commanded by force rather than u."""
         thrusts = [thrust for group, _ in groups for thrust in group]
-        self._columns = np.array([thrust.column for thrust in thrusts]).T.copy()
-        self._low = np.array([thrust.curve[0][1] for thrust in thrusts])
-        self._high = np.array([thrust.curve[-1][1] for thrust in thrusts])
-        self.axes = controllable(self._columns)
-        limits = np.minimum(-self._low, self._high)
-        self.inverse = inverse(self._columns, limits, self.axes)
-        self.reach = reaches(self._columns, self._low, self._high, self.inverse)
-        self._rest = [axis for axis in range(6) if axis not in FIRST]
-        self._curves = [Curve(thrust.curve) for thrust in thrusts]
+        columns = np.array([thrust.column for thrust in thrusts]).T.copy()
+        low = np.array([thrust.curve[0][1] for thrust in thrusts])
+        high = np.array([thrust.curve[-1][1] for thrust in thrusts])
+        self.axes = controllable(columns)
+        into = inverse(columns, np.minimum(-low, high), self.axes)
+        self.reach = reaches(columns, low, high, into)
+        self._low, self._high = low.tolist(), high.tolist()
+        self._into = [tuple(row) for row in into.tolist()]
+        self._columns = [tuple(row) for row in columns.tolist()]
+        self._curves = [Curve(thrust.curve).command for thrust in thrusts]
         # (first, last, by force) of each actuator.
         self._slices: list[tuple[int, int, bool]] = []
         start = 0
         for group, by_force in groups:
             self._slices.append((start, start + len(group), by_force))
             start += len(group)
-        self._first = self.inverse.copy()
-        self._first[:, self._rest] = 0.0
-        self._others = self.inverse - self._first
 
     def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
         """See `Allocation`."""
-        wrench = np.array(tau)
-        f = fitted(self._first @ wrench, self._others @ wrench, self._low, self._high)
-        made: Six = tuple((self._columns @ f).tolist())
-        forces: list[float] = f.tolist()
+        x, y, z, k, m, n = tau
+        # Heave, roll, pitch and yaw, which keep their share, then surge and sway.
+        first = [row[2] * z + row[3] * k + row[4] * m + row[5] * n for row in self._into]
+        rest = [row[0] * x + row[1] * y for row in self._into]
+        forces = fitted(first, rest, self._low, self._high)
+        a, b, c, d, e, f = [sum(map(mul, row, forces)) for row in self._columns]
         given: list[Given] = []
-        for first, last, by_force in self._slices:
-            part = forces[first:last]
+        for begin, end, by_force in self._slices:
+            part = forces[begin:end]
             if not by_force:
-                part = [curve.command(force) for curve, force in zip(self._curves[first:last], part, strict=True)]
+                part = [curve(force) for curve, force in zip(self._curves[begin:end], part, strict=True)]
             given.append((tuple(part),))
-        return given, made
+        return given, (a, b, c, d, e, f)
 
 
 class Wrench:

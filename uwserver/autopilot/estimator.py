@@ -19,6 +19,8 @@ from uwserver.units import NANOSECONDS
 
 LEVELLING = 0.5
 """How fast the accelerometer turns tilt to the vertical where no device measures the attitude, 1/s."""
+ALONE_NS = NANOSECONDS // 2
+"""So long after the last attitude of a device the IMU keeps the tilt alone."""
 QUIET = 0.3
 """Part of gravity by which a specific force may differ and still show the vertical."""
 BOTTOM_S = 0.5
@@ -148,7 +150,9 @@ class Estimator:
         e.imu_ns = sample.t_ns
         g = self._place.gravity
         force = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-        if not self._has_attitude:
+        # Nothing measures the attitude, or not any more: the vertical shows the tilt.
+        alone = sample.t_ns - e.heading_ns > ALONE_NS
+        if alone:
             if e.attitude_ns == NEVER and force > 0.0:
                 # Level as the first specific force says, which points up.
                 yaw = rpy_from_quat(e.q)[2]
@@ -158,7 +162,7 @@ class Estimator:
         e.w = w
         if dt > 0.0:
             turn = w
-            if not self._has_attitude and abs(force - g) < QUIET * g:
+            if alone and abs(force - g) < QUIET * g:
                 ux, uy, uz = rotate(conjugate(e.q), (0.0, 0.0, -1.0))
                 k = LEVELLING / force
                 turn = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul
 
 import numpy as np
 
@@ -68,31 +69,32 @@ class FinsAndShaft:
         """Of each actuator its fins; the propeller's actuator comes last."""
         fins = [fin for group in groups for fin in group]
         self.shaft = shaft
-        self._columns = np.array([fin.column for fin in fins]).T.copy()
-        moments = self._columns.copy()
+        columns = np.array([fin.column for fin in fins]).T.copy()
+        moments = columns.copy()
         moments[:3] = 0.0
-        self._limits = np.array([fin.limit for fin in fins])
+        limits = np.array([fin.limit for fin in fins])
         turning = controllable(moments)
         self.axes: tuple[int, ...] = (0, *turning)
-        self.inverse = inverse(moments, self._limits, turning)
-        strongest = [float(np.abs(self._columns[axis]) @ self._limits) if axis in turning else 0.0 for axis in range(6)]
+        into = inverse(moments, limits, turning)
+        strongest = [float(np.abs(columns[axis]) @ limits) if axis in turning else 0.0 for axis in range(6)]
         self.reach: Six = (shaft.thrust(shaft.limit, 0.0), 0.0, 0.0, strongest[ROLL], strongest[PITCH], strongest[YAW])
-        self._first = self.inverse.copy()
-        self._first[:, YAW] = 0.0
-        self._yaw = self.inverse - self._first
+        self._low, self._high = (-limits).tolist(), limits.tolist()
+        self._into = [tuple(row[3:]) for row in into.tolist()]
+        self._columns = [tuple(row) for row in columns[3:].tolist()]
         self._sizes = [len(group) for group in groups]
 
     def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
         """See `Allocation`. Pitch and roll keep their share before yaw: a torpedo that loses its depth is worse off than one off its line."""
         pressure = max(speed, SLOW_MPS) ** 2
-        wrench = np.array(tau) / pressure
-        angles = fitted(self._first @ wrench, self._yaw @ wrench, -self._limits, self._limits)
+        roll, pitch, yaw = (t / pressure for t in tau[3:])
+        first = [row[0] * roll + row[1] * pitch for row in self._into]
+        angles = fitted(first, [row[2] * yaw for row in self._into], self._low, self._high)
         shaft = self.shaft.speed(tau[0], speed)
-        _, _, _, k, m, n = (pressure * (self._columns @ angles)).tolist()
+        k, m, n = [pressure * sum(map(mul, row, angles)) for row in self._columns]
         given: list[Given] = []
-        listed, start = angles.tolist(), 0
+        start = 0
         for size in self._sizes:
-            given.append((tuple(listed[start : start + size]),))
+            given.append((tuple(angles[start : start + size]),))
             start += size
         given.append(((shaft,),))
         return given, (self.shaft.thrust(shaft, speed), 0.0, 0.0, k, m, n)

@@ -8,10 +8,13 @@ from typing import NamedTuple
 from uwserver.autopilot.estimator import Known
 from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
 from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, move_place, wrapped
-from uwserver.frames import Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
+from uwserver.frames import Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 
 _RISE = 0.4
 """Part of the power upwards that brings a vehicle up which does not know its depth."""
+_LEANING_RAD, _LEANT_RAD = 0.2, 0.6
+"""A vehicle that cannot hold its tilt slows down from the first on, to a crawl at the second: heave and surge together lean it over."""
+_CRAWL = 0.15
 _FORGET_S = 5.0
 """Time constant with which a learnt current is forgotten while nobody holds against it, s."""
 
@@ -49,6 +52,7 @@ class Hover:
         self._inertia, self._reach, self._dt = inertia, reach, dt
         self._drag = [(linear, quadratic) for linear, quadratic in zip(*drag, strict=True)]
         self._turns = tuple(1.0 if axis in axes else 0.0 for axis in (3, 4, 5))
+        self._upright = 3 in axes and 4 in axes
 
     def speed(self, e: Estimate, m: Memory, known: Known) -> float:
         """Ahead, m/s; thrusters are taken to give the same at any."""
@@ -69,16 +73,29 @@ class Hover:
         if mode == "acro":
             rates = (o.stick[3] * g.max_rate_radps, o.stick[4] * g.max_rate_radps, o.stick[5] * g.max_yaw_rate_radps)
             return Wish((fx, fy, fz), STILL, (NAN,) * 3, None, rates)
-        vz = self._climb(e, o, known)
-        vx, vy = self._drive(e, o, known)
+        slow = self._caution(e)
+        vz = slow * self._climb(e, o, known)
+        vx, vy = (slow * v for v in self._drive(e, o, known))
         force = (fx if vx != vx else 0.0, fy if vx != vx else 0.0, fz if vz != vz else 0.0)
         if mode == "surface" and not known.depth:
             force = (fx, fy, -_RISE * self._reach[2])
         if o.attitude is not None:
             return Wish(force, STILL, (vx, vy, vz), o.attitude, None)
         turn = move_heading(o, e, self._dt)
-        q = quat_from_rpy(o.stick[3] * g.max_tilt_rad, o.stick[4] * g.max_tilt_rad, o.heading)
+        # Where nothing can be done about a tilt it must not be seen as an error of heading either.
+        roll, pitch, _ = rpy_from_quat(e.q)
+        roll = o.stick[3] * g.max_tilt_rad if self._turns[0] else roll
+        pitch = o.stick[4] * g.max_tilt_rad if self._turns[1] else pitch
+        q = quat_from_rpy(roll, pitch, o.heading)
         return Wish(force, STILL, (vx, vy, vz), q, (0.0, 0.0, turn))
+
+    def _caution(self, e: Estimate) -> float:
+        """By how much to slow down because of a tilt that nothing holds."""
+        if self._upright:
+            return 1.0
+        up = rotate(conjugate(e.q), (0.0, 0.0, 1.0))
+        tilt = math.acos(clamped(up[2], 1.0))
+        return max(_CRAWL, 1.0 - max(0.0, tilt - _LEANING_RAD) / (_LEANT_RAD - _LEANING_RAD))
 
     def _climb(self, e: Estimate, o: Orders, known: Known) -> float:
         """Vertical speed, m/s down; nan where the stick acts on the force."""
@@ -159,7 +176,8 @@ class Hover:
             az = g.climb_p * dz + pz
             pz += g.climb_i * dz * dt
         m.push = (px, py, pz)
-        back = conjugate(e.q)
+        # A vehicle that cannot choose its tilt would drive one axis by another's tilt, and tilt by that the more.
+        back = conjugate(e.q if self._upright else quat_from_rpy(0.0, 0.0, heading_of(e)))
         a, b, c = rotate(back, (ax, ay, az))
         # What the water takes at the wanted speed: the integrals need not learn it on the way, and forget it at the end.
         u, v, w = rotate(back, (0.0 if vx != vx else vx, 0.0 if vx != vx else vy, 0.0 if vz != vz else vz))

@@ -15,7 +15,7 @@ _CRAB_S = 4.0
 """Time constant with which the drift across the heading is learnt, s."""
 _START_S = 3.0
 """Time constant of the speed while it is not measured, s."""
-_NEAR_M = 5.0
+_NEAR_M = 1.0
 """The depth's integral learns within this error."""
 
 
@@ -111,8 +111,9 @@ class Torpedo:
         dp, dq, dr = p - e.w[0], q - e.w[1], r - e.w[2]
         unwind = g.unwind * dt
         _, b, c = m.twist
-        b += g.rate_i * dq * dt - unwind * m.lack[4] / i[4]
-        c += g.yaw_rate_i * dr * dt - unwind * m.lack[5] / i[5]
+        if u > SLOW_MPS:  # slower, the fins do nothing that could be learnt from
+            b += g.rate_i * dq * dt - unwind * m.lack[4] / i[4]
+            c += g.yaw_rate_i * dr * dt - unwind * m.lack[5] / i[5]
         m.twist = (0.0, b, c)
         return i[3] * g.rate_p * dp, i[4] * (g.rate_p * dq + b) + held, i[5] * (g.yaw_rate_p * dr + c)
 

@@ -18,20 +18,19 @@ from uwserver.actuators import (
 )
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.gains import Gains
+from uwserver.scenario.assembly import Draft
 from uwserver.scenario.checks import check_rate
 from uwserver.scenario.convert import Report, convert, fields, silent
 from uwserver.scenario.errors import KeyPath, suggestion
 from uwserver.scenario.schema import WorldTable
 
 
-def check_autopilot(
-    raw: object, actuators: Mapping[str, ActuatorConfig], path: KeyPath, world: WorldTable | None, report: Report
-) -> None:
+def check_autopilot(raw: object, draft: Draft, path: KeyPath, world: WorldTable | None, report: Report) -> None:
     """Rates, names and values of gains, and whether there is something to steer with.
 
     Args:
         raw: the table in the scenario, which may have faults.
-        actuators: of the vehicle, those that could be read.
+        draft: the merged vehicle.
         path: of the table.
         world: of the scenario; None where it has faults.
         report: takes in faults.
@@ -50,7 +49,10 @@ def check_autopilot(
             report(place, f'unknown gain "{name}"{suggestion(name, tuple(types))}')
         else:
             convert(value, types[name], place, report)
-    if not is_steerable(actuators):
+    for table, present in (("sensors", draft.sensors), ("actuators", draft.actuators)):
+        if "autopilot" in present:
+            report(path, f'"autopilot" in {table} would have the path of the built-in one: rename it')
+    if not is_steerable(draft.actuators):
         text = "the vehicle has nothing that the autopilot could steer with: it takes thrusters, a force_torque, or fins and a propeller"
         report(path, text)
 

@@ -135,7 +135,7 @@ class _Load:
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         if "autopilot" in entry:
             place: KeyPath = ("vehicles", name, "autopilot")
-            check_autopilot(entry["autopilot"], draft.actuators, place, self._world, self._report(document))
+            check_autopilot(entry["autopilot"], draft, place, self._world, self._report(document))
         self._solids.read_vehicle(name, merged, self._report(merged), self._warn(merged))
         self._vehicles[name] = vehicle, devices
 

@@ -164,7 +164,7 @@ def _check_names(draft: Draft, report: Report) -> None:
         if name in sensors:
             report(("actuators", name), f'a sensor has the name "{name}" too: both would have one path; rename one')
     for table, names in (("sensors", sensors), ("actuators", actuators)):
-        for name in {"truth", "world", "autopilot"}.intersection(names):
+        for name in {"truth", "world"}.intersection(names):
             report((table, name), f'"{name}" is taken by the server\'s own paths: choose another name')
 
 
