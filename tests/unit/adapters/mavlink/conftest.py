@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as pymavlink
+from uwserver_adapters.mavlink.config import MavlinkConfig
+from uwserver_adapters.mavlink.dialect import Dialect
+from uwserver_adapters.mavlink.hub import Hub
 
-pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason="pymavlink is not installed")
-
-from uwserver_adapters.mavlink.config import MavlinkConfig  # noqa: E402
-from uwserver_adapters.mavlink.dialect import Dialect  # noqa: E402
-from uwserver_adapters.mavlink.hub import Hub  # noqa: E402
-
-from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value  # noqa: E402
-from uwserver.testing import FakeContext  # noqa: E402
+from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value
+from uwserver.testing import FakeContext
 
 NAN = math.nan
 STATE: dict[str, tuple[Any, dict[str, Any]]] = {
