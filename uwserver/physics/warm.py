@@ -151,9 +151,14 @@ def echo_kernels() -> tuple[Any, ...]:
     return hits.meet_level, echoes.intensity, echoes.backscatter, echoes.compress
 
 
+_KEPT = 4
+"""Caches of other versions that stay: another installation or checkout may be at work with them."""
+
+
 def prune(folder: Path) -> list[Path]:
-    """Remove the caches that other versions of the sources left beside `folder`; returns what was removed."""
-    old = [path for path in sorted(folder.parent.glob("kernels-*")) if path != folder]
+    """Remove the oldest caches that other versions of the sources left beside `folder`; returns what was removed."""
+    others = [path for path in folder.parent.glob("kernels-*") if path != folder]
+    old = sorted(others, key=lambda path: path.stat().st_mtime_ns, reverse=True)[_KEPT:]
     for path in old:
         shutil.rmtree(path, ignore_errors=True)
     return [path for path in old if not path.exists()]

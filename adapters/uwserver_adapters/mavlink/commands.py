@@ -234,8 +234,8 @@ class Commands:
         if name not in self._vehicle.telemetry.names:
             return FAILED
         messages = self._vehicle.telemetry.build(name)
-        for fields in messages:
-            self._vehicle.send(name, fields, request.channel)
+        # After the acknowledgement, as with ArduPilot: many scripts wait for the one, then for the other.
+        request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
         return ACCEPTED if messages else FAILED
 
     def _banner(self, _: Request) -> int:

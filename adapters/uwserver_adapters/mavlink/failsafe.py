@@ -38,6 +38,11 @@ class Failsafes:
         self._pilot_at = now
         self.active.pop("pilot", None)
 
+    def armed(self) -> None:
+        """Who steered before the vehicle was armed has not begun to steer it yet."""
+        self._pilot_at = None
+        self.active.pop("pilot", None)
+
     def heard_gcs(self, now: float) -> None:
         """A heartbeat of the ground station that is in charge."""
         self._gcs_at = now
@@ -72,9 +77,9 @@ class Failsafes:
         action = self._value("FS_PILOT_INPUT")
         if action == 0 or self._pilot_at is None or now - self._pilot_at <= self._value("FS_PILOT_TIMEOUT"):
             return
-        if self._begins("pilot", now)[0]:
-            self._pilot_at = None
-            self._vehicle.pilot.neutral()
+        self._pilot_at = None
+        self._vehicle.pilot.neutral()
+        if self._vehicle.readings.state().armed and self._begins("pilot", now)[0]:
             self._vehicle.tell(CRITICAL, "Lost manual control")
             if action == _DISARM:
                 self._disarm()

@@ -23,6 +23,9 @@ class Home:
     Args:
         origin_deg: latitude and longitude of N's origin.
 
+    Raises:
+        ValueError: there is no such place.
+
     Attributes:
         origin: of N, at sea level.
         home: to which relative altitudes refer; the sea above the origin unless set.
@@ -31,6 +34,8 @@ class Home:
     def __init__(self, origin_deg: tuple[float, float] | None) -> None:
         self.origin: Datum | None = None if origin_deg is None else datum(*origin_deg)
         self.home: Place | None = None
+        if origin_deg is not None and self.origin is None:
+            raise ValueError(f"origin_deg = {list(origin_deg)}: write latitude, longitude, in degrees")
         self._home_at_origin()
 
     def _home_at_origin(self) -> None:

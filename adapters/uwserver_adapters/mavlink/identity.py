@@ -14,6 +14,9 @@ VERSION = (4, 5, 0)
 _OFFICIAL = 255
 MISSION_FLOAT, PARAM_FLOAT, MISSION_INT, COMMAND_INT, FTP = 1, 2, 4, 8, 32
 SET_ATTITUDE, SET_LOCAL, SET_GLOBAL, TERMINATION, MAVLINK2 = 64, 128, 256, 2048, 8192
+FRAMES = {6: (1, "VECTORED"), 8: (2, "VECTORED_6DOF")}
+"""FRAME_CONFIG and name of ArduSub's frame with so many thrusters."""
+CUSTOM_FRAME = (7, "CUSTOM")
 CAPABILITIES = (
     MISSION_FLOAT | PARAM_FLOAT | MISSION_INT | COMMAND_INT | FTP | SET_ATTITUDE | SET_LOCAL | SET_GLOBAL | TERMINATION | MAVLINK2
 )  # fmt: skip
@@ -25,19 +28,22 @@ class Identity:
 
     Args:
         server: name and version of the server, for the banner.
+        thrusters: how many the vehicle has.
 
     Attributes:
         type: MAV_TYPE of the heartbeat.
+        frame: FRAME_CONFIG.
     """
 
-    def __init__(self, server: str) -> None:
+    def __init__(self, server: str, thrusters: int) -> None:
         self.type = SUBMARINE
+        self.frame, self._frame_name = FRAMES.get(thrusters, CUSTOM_FRAME)
         self._server = server
 
     @property
     def banner(self) -> Sequence[str]:
         """What ArduSub says when a ground station connects."""
-        return (f"ArduSub V{'.'.join(map(str, VERSION))} ({self._server})", "Frame: VECTORED_6DOF")
+        return (f"ArduSub V{'.'.join(map(str, VERSION))} ({self._server})", f"Frame: {self._frame_name}")
 
     def autopilot_version(self) -> Fields:
         """Fields of AUTOPILOT_VERSION."""

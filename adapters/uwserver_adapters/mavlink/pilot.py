@@ -12,7 +12,7 @@ CHANNELS = 18
 PITCH, ROLL, HEAVE, YAW, SURGE, SWAY = range(6)
 """Channels of a radio, from 0."""
 OVERRIDE_S = 3.0
-"""An override that is not renewed ends."""
+"""Sticks and overrides that are not renewed end."""
 REPEAT_S = 0.1
 """The pilot port wants to hear from us; a ground station need not send as often."""
 _BUTTONS = 32
@@ -104,7 +104,10 @@ class Pilot:
         self._send(now)
 
     def tick(self, now: float) -> None:
-        """End overrides that were not renewed; say again what still holds."""
+        """End sticks and overrides that were not renewed; say again what still holds.
+
+        Sticks are never said again: whoever steers by them sends them ten times a second, and when he is gone the port must notice.
+        """
         if now < self._posted_at:
             self.neutral()  # the time began anew
             self._posted_at = now
@@ -112,17 +115,22 @@ class Pilot:
             if now - since > OVERRIDE_S:
                 del self._overridden[channel]
                 self._set(channel, NEUTRAL_US)
-        if now - self._posted_at >= REPEAT_S and (self._overridden or self._sticks_at is not None):
+                if not self._overridden:
+                    self._send(now)
+        if self._sticks_at is not None and now - self._sticks_at > OVERRIDE_S:
+            self.neutral()
+        if now - self._posted_at >= REPEAT_S and self._overridden:
             self._send(now)
 
     def neutral(self) -> None:
         """Let all sticks go."""
+        was_steered = self._sticks_at is not None or bool(self._overridden)
         self.channels[:6] = [NEUTRAL_US] * 6
         self._overridden.clear()
         self._held = [0] * 6
         self.is_held = False
-        if self._sticks_at is not None:
-            self._sticks_at = None
+        self._sticks_at = None
+        if was_steered:
             self._post(self.deflections)
 
     def _set(self, channel: int, pulse_us: float) -> None:

@@ -82,12 +82,12 @@ class Vehicle:
         self._last_yaw: float | None = None
         self._beat_at = -HEARTBEAT_S
         self._text_id = 0
-        self._hello = str(context.hello().get("server", "uwserver"))
-        self.parameters = Parameters({"MAV_SYSID": config.system, **config.parameters})
+        self.identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name))
+        given = {"MAV_SYSID": config.system, "FRAME_CONFIG": self.identity.frame, **config.parameters}
+        self.parameters = Parameters(given)
         self.readings = Readings(context, name)
         self.autopilot = Autopilot(context, name)
         self.home = Home(config.origin_deg)
-        self.identity = Identity(self._hello)
         self.payload = Payload()
         self.failsafes = Failsafes(self)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: self.tell(INFO, text))
@@ -300,6 +300,7 @@ class Vehicle:
 
     def arm(self, force: bool, done: Done) -> None:
         """Arm, and say so."""
+        self.failsafes.armed()
         self.autopilot.call("arm", {"force": force}, self._announced(done, "Arming motors"))
 
     def disarm(self, done: Done) -> None:
@@ -345,6 +346,14 @@ class Vehicle:
             3: lambda: self.arm(False, failed),
             4: lambda: self.disarm(failed),
         }
+
+
+def _thrusters(context: AdapterContext, vehicle: str) -> int:
+    """How many thrusters a vehicle has, commanded together."""
+    ports = (
+        port for path, port in context.ports.items() if port.kind == "thrusters" and path.startswith(f"{vehicle}/")
+    )
+    return sum(port.fields[0].size for port in ports)
 
 
 def _epoch_ns(context: AdapterContext) -> int:

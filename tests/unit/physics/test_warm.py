@@ -87,9 +87,11 @@ def test_another_cpu_compiles_in_memory_where_nothing_can_be_written(finished: P
     assert sorted(finished.rglob("*")) == files
 
 
-def test_prune_removes_other_versions_only(tmp_path: Path) -> None:
-    for name in ("kernels-a", "kernels-b", "elsewhere"):
+def test_prune_removes_the_oldest_of_other_versions_only(tmp_path: Path) -> None:
+    names = [f"kernels-{letter}" for letter in "abcdefg"]
+    for age, name in enumerate((*names, "elsewhere")):
         (tmp_path / name).mkdir()
-    (tmp_path / "kernels-b" / "file").write_text("")
-    assert prune(tmp_path / "kernels-a") == [tmp_path / "kernels-b"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", "kernels-a"]
+        (tmp_path / name / "file").write_text("")
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    assert prune(tmp_path / "kernels-f") == [tmp_path / "kernels-e", tmp_path / "kernels-g"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", *names[:4], "kernels-f"]

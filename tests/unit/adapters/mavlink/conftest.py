@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as pymavlink
+from uwserver_adapters.mavlink.config import MavlinkConfig
+from uwserver_adapters.mavlink.dialect import Dialect
+from uwserver_adapters.mavlink.hub import Hub
 
-pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason="pymavlink is not installed")
-
-from uwserver_adapters.mavlink.config import MavlinkConfig  # noqa: E402
-from uwserver_adapters.mavlink.dialect import Dialect  # noqa: E402
-from uwserver_adapters.mavlink.hub import Hub  # noqa: E402
-
-from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value  # noqa: E402
-from uwserver.testing import FakeContext  # noqa: E402
+from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value
+from uwserver.testing import FakeContext
 
 NAN = math.nan
 STATE: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -93,7 +91,7 @@ def _fields(values: Mapping[str, Any]) -> tuple[Field, ...]:
 class FakeRov(FakeContext):
     """A world with one vehicle `rov`: values stand as the test sets them, and services change the state as the autopilot does."""
 
-    def __init__(self, has_autopilot: bool = True) -> None:
+    def __init__(self, has_autopilot: bool = True, thrusters: int = 8) -> None:
         self.state: dict[str, Any] = {name: value for name, (value, _) in STATE.items()}
         self.said: dict[str, dict[str, Any]] = {name: dict(values) for name, (_, values) in INSTRUMENTS.items()}
         self.invalid: set[str] = set()
@@ -103,6 +101,7 @@ class FakeRov(FakeContext):
             Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0)
             for name, (kind, values) in INSTRUMENTS.items()
         ]
+        ports.append(Port("rov/thrusters", "actuator", "thrusters", (Field("u", "1", "x", shape=(thrusters,)),), "x"))
         services: list[Service] = []
         if has_autopilot:
             fields = tuple(Field(name, "1", "x", **more) for name, (_, more) in STATE.items())
@@ -269,8 +268,8 @@ class Station:
 class Bench:
     """A hub over a fake world, with a clock that the test moves."""
 
-    def __init__(self, has_autopilot: bool = True, **table: Any) -> None:
-        self.rov = FakeRov(has_autopilot)
+    def __init__(self, has_autopilot: bool = True, thrusters: int = 8, **table: Any) -> None:
+        self.rov = FakeRov(has_autopilot, thrusters)
         self.now = 1000.0
         table.setdefault("origin_deg", (63.44, 10.39))
         config = MavlinkConfig(**table)

@@ -164,6 +164,18 @@ async def test_what_speaks_no_mavlink_hears_nothing(serve, make_rov):
         assert context.stats.peers == 0
 
 
+async def test_too_many_peers_are_refused_and_told(serve, make_rov, monkeypatch):
+    monkeypatch.setattr("uwserver_adapters.mavlink.udp.PEERS", 2)
+    async with serve(adapter(make_rov(), "udpin:127.0.0.1:0")) as context:
+        with contextlib.ExitStack() as stack:
+            for k in range(3):
+                link = stack.enter_context(client(f"udpout:127.0.0.1:{port_of(context)}", 255 - k))
+                link.mav.heartbeat_send(6, 8, 0, 0, 4)
+            await until(lambda: context.stats.dropped, "refused")
+            assert context.stats.peers == 2
+            assert "more than 2 peers" in context.stats.last_error
+
+
 async def test_a_silent_peer_is_forgotten(serve, make_rov, monkeypatch):
     monkeypatch.setattr("uwserver_adapters.mavlink.udp.SILENT_S", 0.3)
     async with serve(adapter(make_rov(), "udpin:127.0.0.1:0")) as context:
@@ -182,6 +194,7 @@ async def test_a_silent_peer_is_forgotten(serve, make_rov, monkeypatch):
         ({"links": ("tcpin:203.0.113.7:0",)}, BadLink, "no such address"),
         ({"vehicle": "auv"}, CannotServe, 'no vehicle "auv"; there are: rov'),
         ({"parameters": {"NO_SUCH": 1.0}}, CannotServe, "NO_SUCH"),
+        ({"origin_deg": (95.0, 0.0)}, CannotServe, "origin_deg"),
     ],
 )
 async def test_a_table_that_cannot_be(make_rov, table, error, match):
@@ -238,4 +251,4 @@ async def test_the_log_is_read_by_pymavlink(serve, make_rov, tmp_path: Path):
             assert message._timestamp > 1_700_000_000
     finally:
         log.close()
-    assert names.index("COMMAND_LONG") < names.index("AUTOPILOT_VERSION") < names.index("COMMAND_ACK")
+    assert names.index("COMMAND_LONG") < names.index("COMMAND_ACK") < names.index("AUTOPILOT_VERSION")

@@ -204,6 +204,11 @@ def test_over_mavlink(bench):
     assert int.from_bytes(answer.data, "little") == len(bench.vehicle.parameters.packed(True))
 
 
+@pytest.mark.parametrize(("thrusters", "frame"), [(6, 1), (8, 2), (3, 7)])
+def test_the_frame_is_that_of_the_vehicle(make_bench, thrusters, frame):
+    assert make_bench(thrusters=thrusters).vehicle.parameters.value("FRAME_CONFIG") == frame
+
+
 def test_the_rates_of_the_streams_are_parameters(make_bench):
     bench = make_bench(parameters={"MAV1_EXTRA1": 20.0})
     station = bench.station()

@@ -126,6 +126,39 @@ def test_a_lost_pilot(make_bench):
     assert station.last("HEARTBEAT").system_status in (3, 4)
 
 
+def test_sticks_are_never_said_again_and_spring_back(make_bench):
+    bench = make_bench(parameters={"FS_PILOT_INPUT": 0})
+    station = bench.station()
+    steer(station, x=1000)
+    bench.run(2.5)
+    assert len(bench.rov.commanded("pilot")) == 1  # the watchdog of the port must see that nobody steers
+    bench.run(1.0)
+    assert [value["u"][0] for value in bench.rov.commanded("pilot")] == pytest.approx([0.5, 0.0], abs=2e-3)
+    assert station.last("RC_CHANNELS").chan5_raw == 1500
+
+
+def test_an_override_that_is_not_renewed_ends(make_bench):
+    bench = make_bench(parameters={"FS_PILOT_INPUT": 0})
+    station = bench.station()
+    station.send("RC_CHANNELS_OVERRIDE", 1, 1, *(65535,) * 4, 1900, *(65535,) * 13)
+    bench.run(4.0)
+    sent = [value["u"][0] for value in bench.rov.commanded("pilot")]
+    assert sent[-1] == 0.0
+    assert 25 < sent.count(1.0) < 35
+    bench.run(1.0)
+    assert len(bench.rov.commanded("pilot")) == len(sent)
+
+
+async def test_a_pilot_who_went_before_the_vehicle_was_armed_is_no_loss(bench):
+    station = bench.station()
+    steer(station, x=1000)
+    bench.run(2.0)
+    assert await station.command(400, 1.0) == 0
+    bench.run(5.0)
+    assert bench.rov.state["armed"]
+    assert "Lost manual control" not in station.texts()
+
+
 @pytest.mark.parametrize(("action", "service"), [(1, None), (2, "disarm"), (3, "set_mode"), (4, "set_mode")])
 async def test_a_lost_ground_station(make_bench, action, service):
     bench = make_bench(parameters={"FS_GCS_ENABLE": action, "FS_PILOT_INPUT": 0})
