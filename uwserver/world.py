@@ -372,7 +372,8 @@ class World:
                 continue
             if not slot.fault or slot.held is None:
                 slot.held = reading.valid, tuple(reading.values)
-            slot.held_ns = true_ns = t_ns - reading.since_ns
+            slot.held_ns = t_ns
+            true_ns = t_ns - reading.since_ns
             sample = Sample(slot.port.path, seq, true_ns, true_ns + reading.delay_ns, *slot.held)
             if sample.t_sent_ns <= t_ns:
                 samples.append(sample)
