@@ -75,6 +75,12 @@ def test_warnings_do_not_fail(folder: Path) -> None:
     assert result.stdout.startswith("ok: light.toml")
 
 
+def test_check_says_which_code_it_ran(folder: Path) -> None:
+    (folder / "mine.py").write_text("SENSORS = ()\n")
+    (folder / "a.toml").write_text('schema = 1\nextensions = ["mine.py"]\n')
+    assert run("check", "a.toml").stdout.endswith("adapters: none; ran mine.py\n")
+
+
 @pytest.mark.parametrize(("option", "key"), [("--scenario", "vehicles"), ("--vehicle", "rigid_body")])
 def test_schema_is_json_of_the_right_file(option: str, key: str) -> None:
     document = json.loads(run("schema", option).stdout)

@@ -149,6 +149,20 @@ def test_faults_of_the_scenario_are_told_with_those_of_its_kinds(tank, monkeypat
     assert told in str(refused.value), str(refused.value)
 
 
+def test_a_component_that_fails_while_it_runs_stops_the_simulation_with_its_place(tank):
+    path = tank.parent / "turbidity.py"
+    path.write_text(
+        path.read_text().replace(
+            "        if depth < 0.0:\n", "        if scope.t > 0.2:\n            1 / 0\n        if depth < 0.0:\n"
+        )
+    )
+    command = [sys.executable, "-m", "uwserver", "run", str(tank), "--mode", "freerun", "--until", "1.5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    line = path.read_text().splitlines().index("            1 / 0") + 1
+    assert f"{path}:{line}: division by zero" in done.stderr
+    assert done.returncode != 0
+
+
 def test_a_recording_wants_the_file_again(tank, tmp_path):
     recording = tmp_path / "x.mcap"
     command = [
