@@ -124,6 +124,7 @@ class Dvl(Instrument):
         self._beams: FloatArray = self._believed @ turn(quat_from_rpy(rad(roll), rad(pitch), rad(yaw))).T
         self._listed: list[list[float]] = self._beams.tolist()
         self._all = tuple(range(n))
+        self._to_S = conjugate(mount.q)
         self._solutions: dict[tuple[int, ...], _Solution] = {}
         self._absorption = Absorption(config.frequency_hz)
         self.fields = _fields(n)
@@ -228,9 +229,8 @@ class Dvl(Instrument):
         """Of the mount over ground and relative to the water, in S."""
         (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = scope.v_NB_B, scope.w_NB_B, self._mount.p
         v_B = (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
-        to_S = conjugate(self._mount.q)
-        v_S = rotate(to_S, v_B)
-        current_S = rotate(to_S, rotate(conjugate(scope.q_NB), scope.water.velocity(p_NS, scope.t)))
+        v_S = rotate(self._to_S, v_B)
+        current_S = rotate(self._to_S, rotate(conjugate(scope.q_NB), scope.water.velocity(p_NS, scope.t)))
         return v_S, (v_S[0] - current_S[0], v_S[1] - current_S[1], v_S[2] - current_S[2])
 
     def _snr(self, scope: Scope, ranges: list[float], hits: Hits, direction: FloatArray, z: float) -> list[float]:
@@ -252,41 +252,46 @@ class Dvl(Instrument):
                 speeds[i] += wrong[i]
 
     def _bottom(self, reading: Measurement, locks: list[bool], speeds: list[float], seen: list[float]) -> None:
-        used = self._all if all(locks) else tuple([i for i in self._all if locks[i]])
-        values = reading.values
-        values[4] = tuple([s if lock else None for s, lock in zip(speeds, locks, strict=True)])
-        values[5] = tuple([s if lock else None for s, lock in zip(seen, locks, strict=True)])
+        used, values = self._all, reading.values
+        if all(locks):
+            values[4], values[5] = tuple(speeds), tuple(seen)
+        else:
+            used = tuple([i for i in self._all if locks[i]])
+            values[4] = tuple([s if lock else None for s, lock in zip(speeds, locks, strict=True)])
+            values[5] = tuple([s if lock else None for s, lock in zip(seen, locks, strict=True)])
+            speeds, seen = [speeds[i] for i in used], [seen[i] for i in used]
         values[6] = tuple(locks)
         if len(used) < 3:
             return
         solution = self._solution(used)
         # 1 / r_i = n . u_i on a plane n . x = 1: the same least squares give its distance along the axis.
-        normal_z = _times(solution.inverse[2:], [1.0 / max(seen[i], 1e-9) for i in used])[0]
+        normal_z = sum(map(mul, solution.inverse[2], [1.0 / max(r, 1e-9) for r in seen]))
         if normal_z <= 0.0:
             return
-        sigma = 0.0 if self._config.ideal else self._config.beam_sigma_mps
         reading.valid = True
-        values[0] = _times(solution.inverse, [speeds[i] for i in used])
+        values[0] = _times(solution.inverse, speeds)
         values[1] = 1.0 / normal_z
-        values[2] = sigma * solution.merit
-        values[3] = tuple([sigma * sigma * s for s in solution.spread])
+        values[2], values[3] = solution.merit, solution.covariance
 
     def _solution(self, used: tuple[int, ...]) -> _Solution:
         """Least squares over some of the beams; kept, as there are few sets of beams."""
         if used not in self._solutions:
             beams = self._believed[list(used)]
             spread = np.linalg.inv(beams.T @ beams)
+            sigma = 0.0 if self._config.ideal else self._config.beam_sigma_mps
             self._solutions[used] = _Solution(
-                (spread @ beams.T).tolist(), spread.ravel().tolist(), math.sqrt(spread.trace())
+                (spread @ beams.T).tolist(),
+                tuple((sigma * sigma * spread).ravel().tolist()),
+                sigma * math.sqrt(spread.trace()),
             )
         return self._solutions[used]
 
 
 class _Solution(NamedTuple):
-    """From beam velocities to v_S: the inverse (3, n); covariance (9) and its root trace for unit variance of the beams."""
+    """From beam velocities to v_S: the inverse (3, n); covariance (9) that the device expects, and the root of its trace."""
 
     inverse: list[list[float]]
-    spread: list[float]
+    covariance: tuple[float, ...]
     merit: float
 
 
