@@ -72,6 +72,8 @@ class Lockstep:
         self._say = say
         self._pause = pause
         self._seats: dict[str, Seat] = {}
+        """Replaced, never changed in place: both threads may come and go."""
+        self._seating = threading.Lock()
         self._waiting_since: int | None = None
         self._told_lost: list[str] = []
         self._woken = 0
@@ -87,17 +89,19 @@ class Lockstep:
         if client not in self.barrier.clients or self._timing.mode != "lockstep":
             names = f'mode = "lockstep" and lockstep_clients = ["{client}"]'
             raise Refused("denied", f'"{client}" sets the pace of the world: give [world.clock] {names}', client)
-        if client in self._seats:
-            raise Refused("busy", f'the world has a driver "{client}" already', client)
         seat = Seat(client, source, driver, on_reply)
-        self.barrier.join(client)
-        self._seats = {**self._seats, client: seat}
+        with self._seating:
+            if client in self._seats:
+                raise Refused("busy", f'the world has a driver "{client}" already', client)
+            self.barrier.join(client)
+            self._seats = {**self._seats, client: seat}
         return lambda: self._leave(seat)
 
     def _leave(self, seat: Seat) -> None:
-        if self._seats.get(seat.client) is seat:
-            self._seats = {name: other for name, other in self._seats.items() if other is not seat}
-            self.barrier.leave(seat.client)
+        with self._seating:
+            if self._seats.get(seat.client) is seat:
+                self._seats = {name: other for name, other in self._seats.items() if other is not seat}
+                self.barrier.leave(seat.client)
         with seat.held:  # at most one look of the simulation thread, which is the last
             pass
 

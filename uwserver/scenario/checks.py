@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from msgspec import UNSET
+
 from uwserver.scenario.assembly import named
 from uwserver.scenario.convert import Report, convert, silent
 from uwserver.scenario.environment_checks import check_density, check_environment
@@ -69,6 +71,8 @@ def _check_time(world: WorldTable, report: Report) -> None:
         report(
             ("world", "clock"), 'mode "lockstep" needs lockstep_clients, the names of the clients that grant each tick'
         )
+    if clock.mode != "lockstep" and clock.max_speed is not UNSET:
+        report(("world", "clock", "max_speed"), f'max_speed is for mode "lockstep"; mode "{clock.mode}" has speed')
     if len(set(clock.lockstep_clients)) < len(clock.lockstep_clients):
         report(("world", "clock", "lockstep_clients"), "a client is named twice")
 

@@ -221,6 +221,7 @@ class ArduPilotDriver:
             self._counts["lost"] += frame.number - self._last - 1
         self._last = frame.number
         self._counts["frames"] += 1
+        self._counts["frame_rate_hz"] = frame.rate_hz
         if frame.rate_hz != self._physics_hz:
             self._compare(frame.rate_hz)
         else:
@@ -242,7 +243,6 @@ class ArduPilotDriver:
         return True
 
     def _compare(self, rate_hz: int) -> None:
-        self._counts["frame_rate_hz"] = rate_hz
         self._odd_frames += 1
         if self._odd_frames == RATE_FRAMES:
             text = f"the autopilot asks for {rate_hz} frames/s, the physics has {self._physics_hz:g} ticks/s"

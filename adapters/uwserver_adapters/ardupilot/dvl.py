@@ -12,8 +12,8 @@ from msgspec import Meta
 
 from uwserver.frames import Vec3
 from uwserver.table import Name, Positive, Table
-from uwserver.units import NANOSECONDS
 from uwserver_adapters.sil.channels import CannotServe
+from uwserver_adapters.sil.codec import nanoseconds, seconds
 from uwserver_adapters.sil.readings import Reading
 
 _log = logging.getLogger(__name__)
@@ -81,7 +81,7 @@ class Movement:
         if step < 0:  # the world was put to another time
             self._last_ns = None
         elif imu is not None:
-            dt = step / NANOSECONDS
+            dt = seconds(step)
             self._angle = [angle + rate * dt for angle, rate in zip(self._angle, imu[0], strict=True)]
         if self._dvl.count != self._seen:
             self._seen = self._dvl.count
@@ -90,8 +90,8 @@ class Movement:
     def _measured(self) -> None:
         velocity, merit = cast("tuple[Vec3, float]", self._dvl.values)
         now, last = self._dvl.t_ns, self._last_ns
-        if last is not None and 0 < now - last <= LONGEST_S * NANOSECONDS:
-            half = (now - last) / NANOSECONDS / 2.0
+        if last is not None and 0 < now - last <= nanoseconds(LONGEST_S):
+            half = seconds(now - last) / 2.0
             shift = [(a + b) * half for a, b in zip(self._velocity, velocity, strict=True)]
             confidence = 100.0 * max(0.0, 1.0 - merit / self._worst)
             message = self._mav.vision_position_delta_encode(

@@ -10,7 +10,7 @@ from typing import Any
 
 from uwserver.adapter import AdapterStats, Order
 from uwserver.ports import Fault, Sample
-from uwserver_adapters.px4 import wire
+from uwserver_adapters.px4 import codec
 from uwserver_adapters.px4.senses import Senses
 from uwserver_adapters.sil.channels import Outputs
 
@@ -30,10 +30,10 @@ class Connection:
 
     def __init__(self, stream: socket.socket) -> None:
         self.stream = stream
-        self.codec = wire.Codec()
+        self.codec = codec.Codec()
         self.unsent = b""
         self.is_greeted = False
-        self.controls: wire.Controls | None = None
+        self.controls: codec.Controls | None = None
         self.is_fresh = False
 
     @property
@@ -163,12 +163,12 @@ class Px4Driver:
             return
         for event in link.codec.receive(data):
             link.is_greeted = True
-            if isinstance(event, wire.Controls):
+            if isinstance(event, codec.Controls):
                 link.controls, link.is_fresh = event, True
                 self._counts["controls"] += 1
                 self._counts["limited"] += event.limited
                 self._counts["is_locked"] = link.is_locked
-            elif isinstance(event, wire.Interval):
+            elif isinstance(event, codec.Interval):
                 self._senses.ask(event)
         if link.codec.bad:
             self._counts["bad"] += link.codec.bad

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.frames import Vec3
 from uwserver.ports import Sample
-from uwserver.units import NANOSECONDS, rad
+from uwserver_adapters.sil.codec import nanoseconds, radians
 from uwserver_adapters.sil.readings import Reading, Readings
 from uwserver_adapters.sil.world import inertial
 
 if TYPE_CHECKING:
-    from uwserver_adapters.px4.wire import Codec, Interval
+    from uwserver_adapters.px4.codec import Codec, Interval
 
 HIL_STATE_QUATERNION = 115
 STATE_S = 0.005
@@ -48,7 +48,7 @@ class Senses:
     ) -> None:  # fmt: skip
         self._readings = readings
         self._roles = roles
-        self._origin = (rad(origin_deg[0]), rad(origin_deg[1]))
+        self._origin = (radians(origin_deg[0]), radians(origin_deg[1]))
         self._odometry_s = odometry_s
         self._sigma = sigma
         self._state_s = STATE_S
@@ -94,7 +94,7 @@ class Senses:
         """The autopilot's clock cannot go back: after a reset of the world it goes on from where it was."""
         now = t_ns + self._shift_ns
         if now <= self._last_ns:
-            self._shift_ns += self._last_ns - now + NANOSECONDS // 1000
+            self._shift_ns += self._last_ns - now + nanoseconds(1e-3)
             now = t_ns + self._shift_ns
         self._last_ns = now
         return now
@@ -103,7 +103,7 @@ class Senses:
         due = self._next.get(what, 0)
         if interval_s <= 0.0 or now < due:
             return False
-        step = round(interval_s * NANOSECONDS)
+        step = nanoseconds(interval_s)
         self._next[what] = due + step if now < due + step else now + step
         return True
 

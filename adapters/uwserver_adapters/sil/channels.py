@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from uwserver.ports import Field, Port
 from uwserver.table import Name, Table
-from uwserver.units import rad
+from uwserver_adapters.sil.codec import radians
 
 Channel = Annotated[int, Meta(ge=1, le=32)]
 
@@ -82,7 +82,7 @@ def _full(where: str, table: OutputTable, field: Field) -> tuple[float, ...]:
     if table.full is not None or field.unit != "rad":
         raise CannotServe(f'{where}: "{field.name}" is in {field.unit}: full_deg is for radians, and not beside full')
     degrees = table.full_deg
-    return (rad(degrees),) * field.size if isinstance(degrees, int | float) else tuple(map(rad, degrees))
+    return (radians(degrees),) * field.size if isinstance(degrees, int | float) else tuple(map(radians, degrees))
 
 
 class Outputs:

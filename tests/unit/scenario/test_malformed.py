@@ -87,6 +87,7 @@ CASES = {
     "epoch in no zone": Case("tank", "", "[world]\nepoch_utc = '2026-01-01T00:00:00.5+24:30'", "tank.toml:11:1: world.epoch_utc", "is no instant"),
     "lockstep": Case("tank", "", "[world.clock]\nmode = 'lockstep'", "tank.toml:10:8: world.clock", "needs lockstep_clients"),
     "lockstep twice": Case("tank", "", "[world.clock]\nlockstep_clients = ['a', 'a']", "tank.toml:11:1: world.clock.lockstep_clients", "named twice"),
+    "max_speed": Case("tank", "", "[world.clock]\nmax_speed = 1.0", "tank.toml:11:1: world.clock.max_speed", "for mode \"lockstep\""),
     # across the tables of a vehicle
     "unknown mount": Case("tank", "", SENSOR + 'mount = "nos"', "tank.toml:13:1: vehicles.rov.sensors.s0.mount", 'no mount "nos" (did you mean "nose"?)'),
     "mount and position": Case("tiny", 'mount = "nose"', 'mount = "nose"\nrpy_deg = [0, 0, 0]', "tiny.toml:43:1: sensors.imu.rpy_deg", "remove one of the two"),

@@ -12,7 +12,7 @@ import pytest
 
 mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
 
-from uwserver_adapters.px4 import wire  # noqa: E402  # needs pymavlink
+from uwserver_adapters.px4 import codec  # noqa: E402  # needs pymavlink
 from uwserver_adapters.px4.driver import COUNTS, Px4Driver  # noqa: E402
 from uwserver_adapters.px4.senses import Roles, Senses  # noqa: E402
 from uwserver_adapters.sil.channels import Outputs  # noqa: E402
@@ -345,7 +345,7 @@ def test_sensor_messages() -> None:
 
 def test_a_barometer_reads_the_depth_back() -> None:
     for depth in (0.0, 5.0, 100.0, 1000.0):
-        kelvin = 288.15 * (wire.air_pressure_hPa(-depth) / 1013.25) ** (1 / 5.2559)
+        kelvin = 288.15 * (codec.air_pressure_hPa(-depth) / 1013.25) ** (1 / 5.2559)
         assert (kelvin - 288.15) / 0.0065 == pytest.approx(depth, abs=1e-6)
 
 

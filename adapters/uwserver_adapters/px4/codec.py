@@ -139,7 +139,7 @@ class Codec:
     ) -> bytes:  # fmt: skip
         """HIL_GPS: angles in rad, height in m, velocity in N in m/s, horizontal and vertical accuracy in m."""
         speed = math.hypot(v_NS[0], v_NS[1])
-        course = round(deg(math.atan2(v_NS[1], v_NS[0])) % 360.0 * 100.0) % 36000 if speed > 0.0 else _UNKNOWN_COURSE
+        course = round(deg(math.atan2(v_NS[1], v_NS[0]) % math.tau) * 100.0) % 36000 if speed > 0.0 else _UNKNOWN_COURSE
         eph, epv = (min(round(accuracy * 100.0), 65535) for accuracy in accuracies)
         north, east, down = (_int16(v * 100.0) for v in v_NS)
         return self._pack(

@@ -1,0 +1,54 @@
+"""What the adapters of autopilots do where they cannot serve."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from uwserver_adapters.ardupilot import ArduPilotAdapter
+from uwserver_adapters.px4 import Px4Adapter
+from uwserver_adapters.sil.channels import CannotServe
+
+from uwserver.testing import FakeContext
+
+
+async def started(adapter_class, context: FakeContext, **table) -> None:
+    ready = asyncio.Event()
+    task = asyncio.ensure_future(adapter_class(adapter_class.Config(**table), context).run(ready))
+    waiting = asyncio.ensure_future(ready.wait())
+    try:
+        await asyncio.wait([task, waiting], timeout=10, return_when=asyncio.FIRST_COMPLETED)
+        if task.done():
+            task.result()
+        assert ready.is_set()
+    finally:
+        for each in (task, waiting):
+            each.cancel()
+        await asyncio.gather(task, waiting, return_exceptions=True)
+
+
+@pytest.mark.parametrize("adapter_class", [ArduPilotAdapter, Px4Adapter])
+def test_a_world_that_is_not_in_lockstep_is_left_alone(adapter_class) -> None:
+    context = FakeContext(scripts={"world/status": lambda _: {"mode": "freerun"}})
+    asyncio.run(started(adapter_class, context))
+    assert 'mode = "lockstep"' in context.stats.last_error
+    assert not context.drivers
+
+
+@pytest.mark.parametrize("adapter_class", [ArduPilotAdapter, Px4Adapter])
+@pytest.mark.parametrize(
+    ("table", "phrase"),
+    [
+        ({"truth": False}, "say truth = true"),
+        ({"truth": True}, 'pose: no sensor "rov/truth/pose"'),
+        ({"truth": True, "imu": "gyro"}, 'imu: no sensor "rov/gyro"; there are: rov/depth, rov/imu|pose: no sensor'),
+        ({"truth": True, "vehicle": "auv"}, "vehicle must be one of rov"),
+        ({"truth": True, "bind": "192.0.2.1"}, "cannot be bound"),
+    ],
+)
+def test_what_does_not_fit_is_told(adapter_class, table, phrase: str) -> None:
+    context = FakeContext()
+    with pytest.raises(CannotServe, match=phrase):
+        asyncio.run(started(adapter_class, context, port=0, **table))
+    assert not context.drivers
+    assert not context.subscribers
