@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("context", "recorder", "replay"),  # what adapters see; sinks
     ("recording",),  # the recorder's file
     ("simulation",),  # the simulation thread
+    ("lockstep",),  # who lets time go on
     ("bus",),  # crossing between thread and loop
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
@@ -56,7 +57,12 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {"uwserver_adapters.values", "uwserver_adapters.nesting", "uwserver_adapters.serial_port"}
+SHARED_BY_ADAPTERS = {
+    "uwserver_adapters.nesting",
+    "uwserver_adapters.serial_port",
+    "uwserver_adapters.sil",
+    "uwserver_adapters.values",
+}
 """What several protocols need; nothing that knows one of them."""
 
 LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}
@@ -350,15 +356,15 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader and what it builds of a sensor's table (files), by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of tables (files), by codecs (wires), and by the report of an oracle's attitude error."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
             # Missions are files too, though a client sends them.
-            missions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
-            assert module.part in ("scenario", "sensors") or module.name in ("uwserver.physics.oracle", *missions), (
+            exceptions = ("uwserver.physics.oracle", "uwserver.autopilot.route", "uwserver.autopilot.services")
+            assert module.part in ("scenario", "sensors", "modifiers") or module.name in exceptions, (
                 f"{module.name} uses {uses}"
             )
     for module in modules("uwserver_adapters"):

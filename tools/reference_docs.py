@@ -1,4 +1,4 @@
-"""Writes docs/reference/ports.md and docs/reference/scenario.md from the code; `--check` only compares (CI)."""
+"""Writes docs/reference/ports.md, scenario.md and sensors/kinds.md from the code; `--check` only compares (CI)."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
-from uwserver.ports import Port, Service
+from uwserver.ports import Field, Port, Service
 from uwserver.scenario import schema, solid_schema, vehicle_schema
 from uwserver.scenario.build import build
+from uwserver.scenario.catalogue import keys_of, sensor_kinds
 from uwserver.scenario.load import load
 from uwserver.sensors import SensorConfig
 from uwserver.simulation import CLOCK_SERVICES
@@ -37,6 +38,14 @@ Sensors and actuators are at `<vehicle>/<component>`, truth at `<vehicle>/truth/
 SCENARIO_INTRODUCTION = """\
 TOML. Unknown keys are errors. Keys end in their unit and name their frame; degrees exist only in files. `uwserver schema` prints the JSON Schema,
 `uwserver check FILE --explain` a scenario with every default, `uwserver new NAME` a commented starter."""
+
+KINDS_INTRODUCTION = """\
+What each kind tells (as `one_of_everything` configures it), the keys of its own beside those that
+[every sensor has](../scenario.md#sensors), and the named devices with source and status of every number; `guess` wants a look before you trust it.
+Every sample has `valid`, `seq`, `t_ns` and `t_sent_ns` too. `ideal = true` switches the errors off; [modifiers](modifiers.md) add more. The same
+list: `uwserver list sensors`. Pictures: `uwserver plot sensor`, drawn by `tools/sensor_plots.py` and `tools/sonar_pictures.py`."""
+MODELS = {"dvl": "dvl", "altimeter": "altimeter", "scanning_sonar": "scanning_sonar", "usbl": "usbl", "lbl": "lbl"}
+"""Pages that are not about navigation."""
 
 
 def ports_page() -> str:
@@ -56,7 +65,7 @@ def ports_page() -> str:
         lines += [f"## {direction.capitalize()}s", ""]
         for port in kinds.values():
             if port.direction == direction:
-                lines += [f"### {port.kind} (as `{port.path}`)", "", port.doc, "", *_fields(port), ""]
+                lines += [f"### {port.kind} (as `{port.path}`)", "", port.doc, "", *_fields(port.fields), ""]
     lines += ["## Services", "", "| service | arguments | what it does |", "|---|---|---|"]
     component = [
         service for path, service in world.services.items() if path.startswith(("heavy/depth/", "heavy/thrusters/"))
@@ -72,10 +81,40 @@ def ports_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _fields(port: Port) -> Iterator[str]:
+def kinds_page() -> str:
+    """Each kind of sensor: what it tells, its keys, what can be set, and its devices with the source of every number."""
+    lines = [HEAD, "# Kinds of sensors", "", KINDS_INTRODUCTION, ""]
+    lines.append(", ".join(f"[{kind}](#{kind})" for kind in sensor_kinds()))
+    lines.append("")
+    for kind in sensor_kinds().values():
+        lines += [f"## {kind.kind}", ""]
+        page = MODELS.get(kind.kind, "navigation")
+        lines += [f"Model, and what it leaves out: [{page}]({page}.md).", ""]
+        lines += [f"![What a sensor of kind {kind.kind} tells](../../images/sensor_{kind.kind}.png)", ""]
+        for output in kind.outputs:
+            lines += [output.doc, "", *_fields(output.fields), ""]
+        settings = [
+            f"`{s.name}`: {s.doc}" + (f" ({s.unit})" if s.unit != "1" else "") for s in kind.outputs[0].settings
+        ]
+        lines += ["Can be set while it runs: " + "; ".join(["`rate_hz`: samples a second (Hz)", *settings]) + ".", ""]
+        own = keys_of(kind.table)
+        if own:
+            meaning = _meaning(kind.table)
+            lines += ["| key | default | |", "|---|---|---|"]
+            lines += [f"| `{key}` | {default} | {meaning.get(key, '')} |" for key, default in own.items()]
+            lines.append("")
+        for device in kind.devices:
+            lines += [f'**`profile = "{device.name}"`**: {device.title}', ""]
+            lines += ["| key | value | status | source |", "|---|---|---|---|"]
+            lines += [f"| `{v.key}` | {v.value} | {v.status} | {v.source} |" for v in device.values]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def _fields(fields: Iterable[Field]) -> Iterator[str]:
     yield "| field | shape | unit | frame | meaning |"
     yield "|---|---|---|---|---|"
-    for field in port.fields:
+    for field in fields:
         shape = "x".join(map(str, field.shape)) or "scalar"
         limits = (
             f", {field.minimum:g} .. {field.maximum:g}"
@@ -138,11 +177,7 @@ def _table(title: str, cls: type) -> Iterator[str]:
     if text.strip():
         yield text.strip()
         yield ""
-    docs: dict[str, str] = {}
-    for base in reversed(cls.__mro__):
-        attributes = inspect.cleandoc((base.__doc__ or "").partition("Attributes:")[2])
-        docs |= re.findall(r"^\s*([\w, ]+): (.+?)(?=^\s*[\w, ]+: |\Z)", attributes, re.S | re.M)
-    meaning = {name.strip(): " ".join(doc.split()) for names, doc in docs.items() for name in names.split(",")}
+    meaning = _meaning(cls)
     rows = list(msgspec.structs.fields(cls))
     if rows:
         yield "| key | type | default | |"
@@ -150,6 +185,15 @@ def _table(title: str, cls: type) -> Iterator[str]:
     for row in rows:
         yield f"| `{row.encode_name}` | {_type(row.type)} | {_default(row)} | {meaning.get(row.name, '')} |"
     yield ""
+
+
+def _meaning(cls: type) -> dict[str, str]:
+    """What its docstring and those of its bases say of each key."""
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        attributes = inspect.cleandoc((base.__doc__ or "").partition("Attributes:")[2])
+        docs |= re.findall(r"^\s*([\w, ]+): (.+?)(?=^\s*[\w, ]+: |\Z)", attributes, re.S | re.M)
+    return {name.strip(): " ".join(doc.split()) for names, doc in docs.items() for name in names.split(",")}
 
 
 def _type(kind: Any) -> str:
@@ -167,7 +211,7 @@ def _default(row: Any) -> str:
     return "**required**" if row.default_factory is NODEFAULT else "empty"
 
 
-PAGES = {"ports.md": ports_page, "scenario.md": scenario_page}
+PAGES = {"ports.md": ports_page, "scenario.md": scenario_page, "sensors/kinds.md": kinds_page}
 
 
 def main() -> int:

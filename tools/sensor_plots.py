@@ -1,4 +1,4 @@
-"""Draws docs/images/sensors_*.png: what the navigation and water sensors put out, from the sensors themselves."""
+"""Draws docs/images/sensors_*.png and sensor_<kind>.png: what the navigation, water and vehicle sensors put out, from the sensors themselves."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
+from uwserver.cli.pictures import picture
 from uwserver.environment.absorption import absorption
 from uwserver.environment.column import ThermoclineColumn, WaterColumn
+from uwserver.ports import Sample
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry, WorldTable
@@ -122,8 +124,75 @@ def vehicle() -> None:
     figure.savefig(IMAGES / "sensors_vehicle.png", dpi=80)
 
 
+_STAGE = """\
+schema = 1
+seed = 5
+[world]
+origin_lat_deg = 63.43
+origin_lon_deg = 10.40
+[environment.water]
+kind = "thermocline"
+surface_temperature_degc = 14
+deep_temperature_degc = 8
+surface_salinity_psu = 30
+deep_salinity_psu = 34.5
+depth_m = 2.5
+thickness_m = 1.5
+[seabed]
+kind = "flat"
+depth_m = 5
+[structures.wall]
+kind = "box"
+size_m = [0.5, 8, 8]
+position_ned_m = [1.5, 0, 2]
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0, 0, -0.05]
+[vehicles.rov.truth]
+rate_hz = 20
+[vehicles.rov.sensors]
+imu = {kind = "imu", profile = "mems_imu", rate_hz = 120}
+pressure = {kind = "pressure", profile = "bar30", rate_hz = 20}
+motion_capture = {kind = "motion_capture", rate_hz = 30, modifiers = {noise = {kind = "white_noise", field = "p_NS", sigma = 0.01}}}
+magnetometer = {kind = "magnetometer", profile = "mems_magnetometer", rate_hz = 20}
+attitude = {kind = "attitude", profile = "mems_ahrs", rate_hz = 60}
+gps = {kind = "gps", profile = "m8_gps", rate_hz = 5, position_frd_m = [0.0, 0.0, -0.3], cold_fix_s = 3, hot_fix_s = 3}
+ctd = {kind = "ctd", profile = "sbe49", rate_hz = 16}
+sound_speed = {kind = "sound_speed", profile = "minisvs", rate_hz = 8}
+range_array = {kind = "range_array", rate_hz = 10, beams = 9, field_of_view_deg = 60, max_range_m = 8, sigma_m = 0.01}
+contact = {kind = "contact", rate_hz = 240}
+battery = {kind = "battery", profile = "lipo_4s_18ah", rate_hz = 20}
+leak = {kind = "leak", rate_hz = 2}
+rpm = {kind = "rpm", rate_hz = 20, members = ["t1", "t5"], sigma_radps = 1.0}
+clock = {kind = "clock", rate_hz = 2, offset_s = 0.02, drift = 2e-5}
+compound = {kind = "compound", rate_hz = 120, members = ["pressure", "attitude"]}
+"""
+_FORWARD = [-0.15, -0.15, 0.15, 0.15]
+
+
+def all_others() -> None:
+    """What each kind tells of one dive: rest at the surface, down, ahead against a wall, a leak, and up again."""
+    path = IMAGES / "stage.toml"
+    path.write_text(_STAGE, encoding="utf-8")
+    world = build(load(path, adapters={}))
+    path.unlink()
+    told: dict[str, list[Sample]] = {port: [] for port in world.ports}
+    for second in range(40):
+        down = 0.0 if second < 6 else 0.5 if second < 10 else 0.08 if second < 24 else -0.4
+        world.command("rov/thrusters", u=[*(_FORWARD if 10 <= second < 24 else [0.0] * 4), *([down] * 4)])
+        if second == 16:
+            world.call("rov/leak/set", area_m2=2e-6)
+        for sample in world.step(240):
+            told[sample.port].append(sample)
+    for port in world.ports.values():
+        if port.direction == "sensor" and not port.is_truth and port.path.removeprefix("rov/") == port.kind:
+            figure = picture(port, told[port.path])
+            figure.savefig(IMAGES / f"sensor_{port.kind}.png", dpi=80, metadata={"Software": None})
+
+
 if __name__ == "__main__":
     water_column()
     imu_grades()
     vehicle()
+    all_others()
     sys.exit(0)

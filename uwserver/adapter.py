@@ -2,7 +2,7 @@
 
 An adapter turns ports into one protocol. It lives on the asyncio loop, never on the simulation thread, and sees the world only through its
 `AdapterContext`. A new adapter is one folder (or one distribution) with an entry point in the group ``uwserver.adapters``; nothing in uwserver
-is edited for it.
+is edited for it. Where a packet of a peer is a tick, the adapter has a `Driver`, which is asked on the simulation thread.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol, runtime_checkable
 
-from uwserver.ports import Event, Json, OnReply, Port, Sample, Service
+from uwserver.ports import Event, Fault, Json, OnReply, Port, Sample, Service
 from uwserver.table import Table
 
 logger = logging.getLogger(__name__)
@@ -73,8 +73,41 @@ class Subscriber(Protocol):
         """Something every client should know."""
 
 
+@dataclass(frozen=True)
+class Order:
+    """What a driver's peer wants next.
+
+    Attributes:
+        ticks: that time may go on, at least 1; the peer is answered after the last.
+        commands: path of an actuator and field -> value, checked like any command, for the first of these ticks.
+    """
+
+    ticks: int
+    commands: Sequence[tuple[str, Mapping[str, object]]]
+
+
+class Driver(Protocol):
+    """The part of an adapter that sets the pace of a lockstep world, for a protocol in which a peer's packet is a tick.
+
+    It is called on the simulation thread, the only part of an adapter that is: the hand-over to the loop and back takes longer than a tick.
+    So it has its own non-blocking or time-limited socket, touches nothing that the loop changes, and never takes longer than it is told.
+    """
+
+    def order(self, wait_s: float) -> Order | None:
+        """The peer's next order, or None when none came within `wait_s` (wall time; at 0 it does not wait)."""
+
+    def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
+        """A tick ended at t_ns, with these samples (truth only if the adapter may serve it). Every tick, also those of no order."""
+
+    def answer(self, t_ns: int) -> None:
+        """The last tick of the order has ended, or the world was put to another time: tell the peer."""
+
+    def refuse(self, fault: Fault) -> None:
+        """A command of the order was not taken; the ticks are."""
+
+
 class AdapterContext(Protocol):
-    """Everything an adapter may use of the server. All on the loop thread.
+    """Everything an adapter may use of the server. All on the loop thread, but for what a `Driver` is asked.
 
     Attributes:
         name: the adapter's table name in the scenario.
@@ -138,6 +171,21 @@ class AdapterContext(Protocol):
 
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there (it counts in a lockstep barrier); the returned function says that it left."""
+
+    def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
+        """Grant the ticks of a lockstep client through a driver, which is called on the simulation thread from now on.
+
+        Args:
+            client: a name in the scenario's `lockstep_clients`.
+            driver: see there.
+            on_reply: gets a Reply with a fault when the driver raised an exception; it is not called any more then.
+
+        Returns:
+            A function that ends it. When it returns, the driver is not called any more, and what it used may be closed.
+
+        Raises:
+            Refused: the world is not in lockstep, does not know the client, or it has a driver already.
+        """
 
 
 @runtime_checkable

@@ -86,8 +86,8 @@ class Bus:
         self._sinks.append(sink)
         return lambda: self._sinks.remove(sink)
 
-    def publish(self, output: TickOutput) -> None:
-        """Hand a tick over. Simulation thread; never waits for the loop."""
+    def publish(self, output: TickOutput, wake: bool = True) -> None:
+        """Hand a tick over. Simulation thread; never waits for the loop. Samples alone may wait there for the next wake-up, or a `flush`."""
         if not (output.samples or output.replies or output.events):
             return
         with self._lock:
@@ -98,7 +98,14 @@ class Bus:
                     return
             self._waiting_ticks += 1
             self._crossing.append(output)
-            self._wake()
+            if wake or output.replies or output.events:
+                self._wake()
+
+    def flush(self) -> None:
+        """Wake the loop if something waits for it. Simulation thread."""
+        with self._lock:
+            if self._crossing:
+                self._wake()
 
     def reply(self, on_reply: OnReply, answer: Reply | Progress) -> None:
         """Hand one answer over. Simulation thread."""

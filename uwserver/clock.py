@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 from uwserver.units import NANOSECONDS
 
@@ -14,6 +15,27 @@ OVERLOAD_NS = NANOSECONDS // 4
 
 _WAKE_NS = NANOSECONDS // 20
 """Longer waits can be cut short; shorter ones use the sharper sleep."""
+
+Mode = Literal["realtime", "freerun", "lockstep"]
+OnLoss = Literal["wait", "continue", "pause"]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How time passes in a simulation; fields as in the scenario's ``[world.clock]``."""
+
+    mode: Mode = "realtime"
+    speed: float = 1.0
+    paused: bool = False
+    lockstep_clients: tuple[str, ...] = ()
+    lockstep_timeout_s: float = 10.0
+    on_loss: OnLoss = "wait"
+    max_speed: float | None = None
+
+    @property
+    def pace(self) -> float | None:
+        """Simulated seconds per second of the wall clock that ticks wait for; None where they wait for none."""
+        return {"realtime": self.speed, "lockstep": self.max_speed, "freerun": None}[self.mode]
 
 
 class Time(Protocol):
@@ -121,6 +143,14 @@ class Barrier:
             self._granted[client] = max(self._granted.get(client, 0), now) + ticks
             self._excused.discard(client)
             return self._granted[client]
+
+    def granted(self, client: str) -> int:
+        """The tick up to which this client lets time go."""
+        return self._granted.get(client, 0)
+
+    def is_excused(self, client: str) -> bool:
+        """Whether time goes on without it."""
+        return client in self._excused
 
     def restart(self, tick: int) -> None:
         """The world went back to a tick: nothing beyond it is granted."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import msgspec
 
 from uwserver import __version__
-from uwserver.adapter import AdapterStats, Subscriber
+from uwserver.adapter import AdapterStats, Driver, Order, Subscriber
 from uwserver.bus import Bus, Mailbox
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
+from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.simulation import CLOCK_SERVICES, Simulation
 
@@ -175,9 +175,15 @@ class Context:
 
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there; the returned function says that it left."""
-        barrier = self._hub.simulation.barrier
+        barrier = self._hub.simulation.lockstep.barrier
         barrier.join(client)
         return lambda: barrier.leave(client)
+
+    def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
+        """See `uwserver.adapter.AdapterContext.drive`."""
+        source = f"{self.name}:{client}"
+        visible = driver if self._truth else _DriverWithoutTruth(driver)
+        return self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
 
 
 def _too_late() -> bool:
@@ -191,9 +197,32 @@ class _WithoutTruth:
         self._subscriber = subscriber
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        visible = [sample for sample in samples if "/truth/" not in sample.port]
+        visible = _without_truth(samples)
         if visible:
             self._subscriber.put_samples(visible)
 
     def put_event(self, event: Event) -> None:
         self._subscriber.put_event(event)
+
+
+class _DriverWithoutTruth:
+    """The same for a driver."""
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
+
+    def order(self, wait_s: float) -> Order | None:
+        return self._driver.order(wait_s)
+
+    def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
+        self._driver.see(t_ns, _without_truth(samples))
+
+    def answer(self, t_ns: int) -> None:
+        self._driver.answer(t_ns)
+
+    def refuse(self, fault: Fault) -> None:
+        self._driver.refuse(fault)
+
+
+def _without_truth(samples: Sequence[Sample]) -> list[Sample]:
+    return [sample for sample in samples if "/truth/" not in sample.port]

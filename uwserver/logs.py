@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
+import traceback
 
 
 class JsonFormatter(logging.Formatter):
@@ -32,3 +33,9 @@ def set_up_logging(level: str, as_json: bool) -> None:
     logging.basicConfig(level=level.upper(), handlers=[output], force=True)
     # numba talks at debug level about every byte-code.
     logging.getLogger("numba").setLevel(logging.WARNING)
+
+
+def place_of(error: BaseException, file: str = "") -> tuple[str, int]:
+    """File and line where an error was raised; with a `file`, the last line of that file on the way there (0 if none)."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if file in ("", frame.filename)]
+    return (frames[-1].filename, frames[-1].lineno or 0) if frames else (file, 0)

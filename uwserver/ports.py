@@ -120,7 +120,7 @@ class Sample(Struct, frozen=True, gc=False):
     Attributes:
         port: path of the port.
         seq: counts what this sensor produced, from 0.
-        t_ns: simulation time at which it was true.
+        t_ns: simulation time at which it was true; by the clock of the device where that drifts.
         t_sent_ns: simulation time at which the device delivers it.
         valid: False when the sensor could not measure.
         value: one entry per field of the port, in its order.

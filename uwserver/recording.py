@@ -22,14 +22,16 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__, clock
+from uwserver.clock import Timing
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.scenario.convert import NO_MORE, More, convert_struct
+from uwserver.scenario.errors import KeyPath, dotted
 from uwserver.scenario.export import tables
 from uwserver.scenario.objects import object_params
 from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.schema import Scenario
 from uwserver.scenario.solid_archive import pack, unpack
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
-from uwserver.simulation import Timing
 
 FORMAT = "uwserver-recording-1"
 METADATA = "uwserver"
@@ -144,8 +146,12 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
     }
 
 
-def head_of(record: Mapping[str, str]) -> Head:
+def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
     """A metadata record read back; adapters stay plain tables.
+
+    Args:
+        record: of a recording.
+        more: kinds of the extensions that its scenario uses; their files are not in the recording.
 
     Raises:
         ValueError: it is of another format, or the scenario in it does not fit this version.
@@ -154,13 +160,16 @@ def head_of(record: Mapping[str, str]) -> Head:
         raise ValueError(f'the recording is of the format "{record.get("format")}", this uwserver reads {FORMAT}')
     try:
         whole = msgspec.json.decode(record["scenario"])
-        scenario = msgspec.convert(whole["scenario"], Scenario)
+        if whole["scenario"].get("extensions") and not more:
+            names = ", ".join(whole["scenario"]["extensions"])
+            raise ValueError(f"its sensors come from {names}: give the file by --extension, if you trust it")
+        scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         vehicles = {
             name: ResolvedVehicle(
                 name,
                 scenario.vehicles[name],
-                msgspec.convert(parts["vehicle"], Vehicle),
+                _typed(parts["vehicle"], Vehicle, more),
                 msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
                 solids.get(f"vehicles/{name}"),
             )
@@ -177,6 +186,16 @@ def head_of(record: Mapping[str, str]) -> Head:
     except (KeyError, TypeError, ValueError) as error:
         text = f"the scenario in the recording (uwserver {record.get('uwserver')}) does not fit uwserver {__version__}: {error}"
         raise ValueError(text) from error
+
+
+def _typed(raw: dict[str, Any], type_: Any, more: More) -> Any:
+    if not more:
+        return msgspec.convert(raw, type_)
+
+    def fail(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        raise ValueError(f"{dotted(path)}: {text}")
+
+    return convert_struct(raw, type_, (), fail, more=more)
 
 
 def _without_secrets(scenario: dict[str, Any]) -> dict[str, Any]:

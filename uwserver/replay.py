@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -13,6 +13,8 @@ import msgspec
 from uwserver import snapshot
 from uwserver.recording import HASHES, METADATA, REQUESTS, Head, Request, StateHash, Versions, head_of, versions_here
 from uwserver.scenario.build import build
+from uwserver.scenario.convert import NO_MORE, More
+from uwserver.scenario.extensions import extension_kinds
 from uwserver.world import Diverged, World
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -72,15 +74,19 @@ class Replayed:
         return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def replay(path: Path) -> Replayed:
+def replay(path: Path, extensions: Sequence[Path] = ()) -> Replayed:
     """Replay a recording as fast as possible. Needs no file but the recording, and no adapter.
+
+    Args:
+        path: of the recording.
+        extensions: the Python files of its scenario, which are not in it; they are run.
 
     Raises:
         OSError: the file cannot be read.
         NotReplayable: it is no recording of ours, damaged, or of a scenario that this version cannot build.
     """
     with path.open("rb") as file:
-        reading = _Reading(path, file)
+        reading = _Reading(path, file, _kinds(extensions))
         run = _Run(path, reading.head)
         for entry in reading.entries():
             run.follow(entry)
@@ -92,6 +98,17 @@ def replay(path: Path) -> Replayed:
         return Replayed(
             run.ticks, run.requests, run.hashes, run.difference, reading.truncated, head.versions, versions_here()
         )
+
+
+def _kinds(extensions: Sequence[Path]) -> More:
+    problems: list[str] = []
+    names = [str(path) for path in extensions]
+    more = extension_kinds(
+        names, Path.cwd(), lambda _, text: problems.append(text), lambda problem: problems.append(str(problem))
+    )
+    if problems:
+        raise NotReplayable("\n".join(problems))
+    return more if extensions else NO_MORE
 
 
 class _Run:
@@ -164,7 +181,7 @@ class _Reading:
         truncated: the file ended without its end mark. Known after the last entry.
     """
 
-    def __init__(self, path: Path, file: IO[bytes]) -> None:
+    def __init__(self, path: Path, file: IO[bytes], more: More) -> None:
         self._path = path
         self._file = file
         self._types: dict[int, Any] = {}
@@ -173,6 +190,7 @@ class _Reading:
             raise NotReplayable(f"{path}: no MCAP file; replay takes what `uwserver run --record FILE` has written")
         file.seek(0)
         self._records = self._checked()
+        self._more = more
         self.head = self._head()
 
     def entries(self) -> Iterator[Request | StateHash]:
@@ -191,7 +209,7 @@ class _Reading:
         for record in self._records:
             if isinstance(record, Metadata) and record.name == METADATA:
                 try:
-                    return head_of(record.metadata)
+                    return head_of(record.metadata, self._more)
                 except ValueError as error:
                     raise NotReplayable(f"{self._path}: {error}") from error
         raise NotReplayable(f"{self._path}: an MCAP file, but not written by `uwserver run --record FILE`")

@@ -57,10 +57,10 @@ def checked_command(port: Port, value: Mapping[str, object]) -> tuple[tuple[floa
 
 def _checked_field(field: Field, value: object) -> tuple[float, ...]:
     flat = _flatten(value, field.shape, field.name)
-    for number in flat:
-        if not math.isfinite(number):
-            raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
-        _check_range(field, number)
+    if not all(map(math.isfinite, flat)):
+        raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
+    _check_range(field, min(flat))
+    _check_range(field, max(flat))
     if field.is_rotation and math.hypot(*flat) < 1e-6:
         raise Refused(
             "out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name
@@ -88,6 +88,8 @@ def _flatten(value: object, shape: Sequence[int], name: str) -> tuple[float, ...
     if not isinstance(value, list | tuple) or len(value) != shape[0]:
         found = f"a list of {len(value)}" if isinstance(value, list | tuple) else _kind(value)
         raise Refused("bad_shape", f'"{name}" must be a list of {shape[0]}, not {found}', name)
+    if len(shape) == 1 and all(type(item) is float for item in value):
+        return tuple(value)
     return tuple(number for item in value for number in _flatten(item, shape[1:], name))
 
 

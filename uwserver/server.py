@@ -14,15 +14,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from msgspec import UNSET
+
 from uwserver.adapter import AdapterStats, load_adapter
 from uwserver.bus import Bus, Mailbox
-from uwserver.clock import SystemTime
+from uwserver.clock import SystemTime, Timing
 from uwserver.context import Context, Hub
 from uwserver.ports import Event, Json
 from uwserver.recorder import Recorder
 from uwserver.scenario.build import build
 from uwserver.scenario.resolved import Resolved
-from uwserver.simulation import Simulation, Timing
+from uwserver.simulation import Simulation
 from uwserver.status import Metrics, Monitor, serve_http
 
 log = logging.getLogger(__name__)
@@ -62,8 +64,9 @@ def timing_of(resolved: Resolved) -> Timing:
     """The scenario's clock."""
     clock = resolved.scenario.world.clock
     return Timing(
-        clock.mode, clock.speed, clock.paused, clock.lockstep_clients, clock.lockstep_timeout_s, clock.on_loss
-    )
+        clock.mode, clock.speed, clock.paused, clock.lockstep_clients, clock.lockstep_timeout_s, clock.on_loss,
+        None if clock.max_speed is UNSET else clock.max_speed,
+    )  # fmt: skip
 
 
 class Server:

@@ -18,6 +18,8 @@ from uwserver.slots import ActuatorSlot, Carry, SensorSlot
 from uwserver.snapshot import Snapshot
 from uwserver.world import World
 
+SENSOR_SERVICES = ("activate", "deactivate", "get", "set")
+"""Names below each sensor that its further streams cannot have."""
 MAX_SNAPSHOTS = 32
 MAX_SNAPSHOT_NAME = 64
 """Characters."""

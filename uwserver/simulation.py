@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from uwserver.bus import MAX_TICKS, Bus, Mailbox
-from uwserver.clock import Barrier, Pace, Time
+from uwserver.clock import Pace, Time, Timing
 from uwserver.lateness import Lateness
+from uwserver.lockstep import Lockstep
+from uwserver.logs import place_of
 from uwserver.ports import Argument, Call, Command, Event, Json, OnReply, Progress, Refused, Reply, Service
 from uwserver.slots import TickOutput
 from uwserver.units import NANOSECONDS
@@ -20,24 +22,9 @@ from uwserver.world import Diverged, World
 
 log = logging.getLogger(__name__)
 
-Mode = Literal["realtime", "freerun", "lockstep"]
-OnLoss = Literal["wait", "continue", "pause"]
-
 _PROGRESS_NS = NANOSECONDS // 10
 _IDLE_S = 0.25
 """How long a paused or waiting world sleeps at most before it looks around; a post wakes it at once."""
-
-
-@dataclass(frozen=True)
-class Timing:
-    """How time passes in a simulation; fields as in the scenario's ``[world.clock]``."""
-
-    mode: Mode = "realtime"
-    speed: float = 1.0
-    paused: bool = False
-    lockstep_clients: tuple[str, ...] = ()
-    lockstep_timeout_s: float = 10.0
-    on_loss: OnLoss = "wait"
 
 
 class Observer(Protocol):
@@ -75,9 +62,9 @@ class Simulation:
         self.timing = timing
         self.bus = bus
         self.mailbox = mailbox
-        self.barrier = Barrier(timing.lockstep_clients)
+        self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
         self.lateness = Lateness()
-        self.pace = Pace(time, timing.speed)
+        self.pace = Pace(time, timing.pace or timing.speed)
         self.paused = timing.paused
         self.failure = ""
         self.until_tick: int | None = None
@@ -85,8 +72,6 @@ class Simulation:
         self._stop = threading.Event()
         self._steering: deque[Callable[[], None]] = deque()
         self._goals: list[Goal] = []
-        self._waiting_since: int | None = None
-        self._told_lost: list[str] = []
         self._next_progress = 0
         self._jumps = world.jumps
         self._observer: Observer | None = None
@@ -138,7 +123,8 @@ class Simulation:
             while not self._is_over():
                 self._turn()
         except Exception as error:
-            self.failure = f"the simulation stopped by an internal fault: {error}"
+            file, line = place_of(error)
+            self.failure = f"the simulation stopped by an internal fault at {file}:{line}: {error}"
             log.exception("the simulation thread failed")
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
         finally:
@@ -176,7 +162,7 @@ class Simulation:
 
     def _is_due(self) -> bool:
         """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
-        if self.timing.mode == "realtime" and not (self._goals and not self._goals[0].paced):
+        if self.timing.pace is not None and not (self._goals and not self._goals[0].paced):
             late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
             if late_ns is None:
                 self.mailbox.wake.clear()  # before `_turn` looks at what came
@@ -202,18 +188,22 @@ class Simulation:
                 self._finish(goal, Refused("internal", self.failure))
             return
         self.lateness.ticks += 1
+        self.lockstep.ticked(output)
         if self._observer is not None:
             self._observer.ticked(self.world)
-        self.bus.publish(output)
+        self.bus.publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
         if self._goals:
             self._check_goals()
 
     def _take_posted(self) -> None:
         for posted in self.mailbox.take():
-            if self._observer is not None:
-                self._observer.requested(posted.item, self.world.tick)
-            self.world.submit(posted.item, posted.on_reply)
+            self._submit(posted.item, posted.on_reply)
+
+    def _submit(self, item: Command | Call, on_reply: OnReply | None) -> None:
+        if self._observer is not None:
+            self._observer.requested(item, self.world.tick)
+        self.world.submit(item, on_reply)
 
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
@@ -222,8 +212,9 @@ class Simulation:
         self._take_posted()
         output: TickOutput = self.world.flush()
         self.bus.publish(output)
+        self.bus.flush()
         self._follow_jump()
-        if not self._steering and not self._stop.is_set():
+        if not self._steering and not self._stop.is_set() and not self.lockstep.asks:
             self.mailbox.wake.wait(_IDLE_S)
 
     def _follow_jump(self) -> None:
@@ -232,7 +223,7 @@ class Simulation:
             return
         self._jumps = self.world.jumps
         self.pace.release()
-        self.barrier.restart(self.world.tick)
+        self.lockstep.restart(self.world.tick, self.world.t_ns)
         if self.failure:
             self.failure = ""
             log.info("the world can run again, from tick %d", self.world.tick)
@@ -242,31 +233,14 @@ class Simulation:
     # -- lockstep -------------------------------------------------------------------------------------------------------------------
 
     def _granted(self) -> bool:
-        missing = self.barrier.missing(self.world.tick)
-        if not missing:
-            self._waiting_since = None
-            self._told_lost = []
-            return True
-        now = self._time.now_ns()
-        if self._waiting_since is None:
-            self._waiting_since = now
-        timeout = self.timing.lockstep_timeout_s
-        if timeout and now - self._waiting_since > timeout * NANOSECONDS:
-            self._lost(missing)
-        return False
+        world = self.world
+        for command in self.lockstep.orders(world.tick, world.ports):
+            self._submit(command, None)
+        return self.lockstep.is_granted(world.tick)
 
-    def _lost(self, missing: list[str]) -> None:
-        if self.timing.on_loss == "continue":
-            self.barrier.excuse(missing)
-            self._say("resumed", f"lockstep goes on without {', '.join(missing)}: no step within the time-out")
-        elif self.timing.on_loss == "pause":
-            self.paused = True
-            self._waiting_since = None
-            late = ", ".join(missing)
-            self._say("paused", f"lockstep: no step from {late} within the time-out; world/resume waits for them again")
-        elif missing != self._told_lost:
-            self._told_lost = missing
-            self._say("paused", f"lockstep waits for {', '.join(missing)}")
+    def _pause_for_loss(self, text: str) -> None:
+        self.paused = True
+        self._say("paused", text)
 
     # -- steering -------------------------------------------------------------------------------------------------------------------
 
@@ -290,13 +264,13 @@ class Simulation:
             raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
         if self.paused:
             self.paused = False
-            self._waiting_since = None
+            self.lockstep.wait_anew()
             for goal in self._goals:  # what was to be a part of the pause goes on with time
                 goal.pause_there, goal.paced = False, True
             self._say("resumed", "world/resume was called")
 
     def _set_speed(self, speed: Json) -> None:
-        if self.timing.mode != "realtime":
+        if self.timing.pace is None:
             raise Refused("denied", f"the clock is in mode {self.timing.mode}: only realtime has a speed", "speed")
         self.pace.speed = float(speed)  # type: ignore[arg-type]  # checked against the argument
         self.pace.release()
@@ -337,11 +311,11 @@ class Simulation:
             return Goal(tick, now, on_reply, self.paused, paced=True)
         n = int(args["n"])  # type: ignore[arg-type]
         if self.timing.mode == "lockstep" and not self.paused:
-            if client not in self.barrier.clients:
-                names = ", ".join(sorted(self.barrier.clients))
+            if client not in self.lockstep.barrier.clients:
+                names = ", ".join(sorted(self.lockstep.barrier.clients))
                 text = f'"{client}" is not in the lockstep barrier of {names}: say hello with one of these names'
                 raise Refused("denied", text)
-            return Goal(self.barrier.grant(client, n, now), now, on_reply, pause_there=False, paced=True)
+            return Goal(self.lockstep.barrier.grant(client, n, now), now, on_reply, pause_there=False, paced=True)
         if not self.paused:
             raise Refused("busy", "the world runs by itself: call world/pause first, then step")
         if self._goals:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import heapq
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,24 +13,29 @@ from msgspec import Struct
 from uwserver.autopilot.state import Saved as SavedPilot
 from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
+from uwserver.modifiers import Modifier
 from uwserver.physics.hydrodynamics import Saved
 from uwserver.ports import Refused, Sample, Value
 from uwserver.sensors import Instrument, Settings
 from uwserver.slots import Member
 from uwserver.world import World
 
+Memories = tuple[tuple[Any, tuple[float, ...]], ...]
+"""Random stream and memory of each modifier of a stream."""
+
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, and those and the settings of an
-    instrument."""
+    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, those and the settings of an
+    instrument, and of each further stream its last reading and its modifiers."""
 
     seq: int
     active: bool
     divisor: int
     held: tuple[bool, tuple[Value, ...]] | None
     held_ns: int
-    modifiers: tuple[tuple[Any, tuple[float, ...]], ...]
+    modifiers: Memories
     instrument: tuple[Any, tuple[float, ...], Settings] | None
+    sides: tuple[tuple[tuple[bool, tuple[Value, ...]] | None, Memories], ...]
 
 
 class ActuatorState(Struct, frozen=True):
@@ -82,6 +88,16 @@ def _drifts(world: World) -> tuple[GaussMarkov, ...]:
     return () if world.water.sea is None else world.water.sea.drifts
 
 
+def _memories(modifiers: Iterable[Modifier]) -> Memories:
+    return tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in modifiers)
+
+
+def _remember(modifiers: Iterable[Modifier], memories: Memories) -> None:
+    for modifier, (stream, memory) in zip(modifiers, memories, strict=True):
+        modifier.stream.rng.bit_generator.state = stream
+        modifier.memory = list(memory)
+
+
 def take(world: World) -> Snapshot:
     """The state of a world now."""
     return Snapshot(
@@ -97,10 +113,11 @@ def take(world: World) -> Snapshot:
                 slot.divisor,
                 slot.held,
                 slot.held_ns,
-                tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in slot.modifiers),
+                _memories(slot.modifiers),
                 (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
                 if isinstance(slot.sensor, Instrument)
                 else None,
+                tuple((side.held, _memories(side.modifiers)) for side in slot.sides),
             )
             for path, slot in world.sensors.items()
         },
@@ -147,9 +164,10 @@ def restore(world: World, snapshot: Snapshot) -> None:
         slot = world.sensors[path]
         slot.seq, slot.active, slot.held, slot.held_ns = sensor.seq, sensor.active, sensor.held, sensor.held_ns
         world.set_divisor(slot, sensor.divisor)
-        for modifier, (stream, memory) in zip(slot.modifiers, sensor.modifiers, strict=True):
-            modifier.stream.rng.bit_generator.state = stream
-            modifier.memory = list(memory)
+        _remember(slot.modifiers, sensor.modifiers)
+        for side, (held, memories) in zip(slot.sides, sensor.sides, strict=True):
+            side.held = held
+            _remember(side.modifiers, memories)
         if isinstance(slot.sensor, Instrument) and sensor.instrument is not None:
             slot.sensor.rng.bit_generator.state, kept, slot.sensor.settings = sensor.instrument
             slot.sensor.memory = list(kept)

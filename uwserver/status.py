@@ -68,7 +68,7 @@ class Monitor:
             "dropped": hub.bus.dropped,
             "vehicles": list(world.vehicles),
             "conflicts": sum(slot.conflicts for slot in world.actuators.values()),
-            "lockstep_waits_for": list(simulation.barrier.missing(world.tick))
+            "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))
             if simulation.timing.mode == "lockstep"
             else [],
             "adapters": {name: dict(vars(stats)) for name, stats in hub.stats.items()},

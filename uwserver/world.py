@@ -23,7 +23,7 @@ from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, R
 from uwserver.requests import checked_args, checked_command, find
 from uwserver.sensors import Compound, Scope
 from uwserver.sensors.base import SEDIMENT
-from uwserver.slots import ActuatorSlot, Carry, Member, Posted, SensorSlot, TickOutput
+from uwserver.slots import ActuatorSlot, Carry, Member, Posted, SensorSlot, SideStream, TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.vehicle import Vehicle
 
@@ -77,6 +77,7 @@ class World:
         self.earth = Earth()
         self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
+        self._double_ns, self._double_rate = 2 * NANOSECONDS * rate_hz.denominator, 2 * rate_hz.numerator
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
         self.ports: Mapping[str, Port] = {}
@@ -90,6 +91,7 @@ class World:
         self._own_carry: dict[str, Carry] = {}
         self._carry: dict[str, Carry] = {}
         self._due: list[tuple[int, list[SensorSlot]]] = []
+        self._listening: list[SensorSlot] = []
         self.pending: list[tuple[int, int, Sample]] = []
         self.pending_order = 0
         self._posted: list[Posted] = []
@@ -125,7 +127,8 @@ class World:
             self.actuators |= {slot.port.path: slot for slot in member.actuators}
             for service, carry in member.services:
                 services[service.path], self._carry[service.path] = service, carry
-        slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
+        slots: list[SensorSlot | SideStream | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
+        slots += [side for slot in self.sensors.values() for side in slot.sides]
         self.ports = {slot.port.path: slot.port for slot in slots}
         self.services = services
         self.pending = [entry for entry in self.pending if entry[2].port in self.ports]
@@ -152,7 +155,8 @@ class World:
             return
         slot.divisor = divisor
         slot.set_interval(float(divisor / self.rate_hz))
-        slot.port = self._replaced(structs.replace(slot.port, rate_hz=float(self.rate_hz / divisor)))
+        for stream in slot.streams():
+            stream.port = self._replaced(structs.replace(stream.port, rate_hz=float(self.rate_hz / divisor)))
         self.schedule()
 
     def set_timeout(self, slot: ActuatorSlot, ticks: int) -> None:
@@ -181,6 +185,7 @@ class World:
             if slot.active:
                 last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
                 groups.setdefault((last, slot.divisor), []).append(slot)
+        self._listening = [slot for slot in self.sensors.values() if slot.active and slot.listens]
         self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def set_current(self, velocity: Vec3) -> None:
@@ -195,8 +200,7 @@ class World:
     def time_of(self, tick: int) -> int:
         """Simulation time of a tick, ns: computed from its number, never accumulated."""
         # In whole numbers (half up), as Fraction arithmetic would cost as much as a sensor.
-        num, den = self._rate
-        return (2 * tick * NANOSECONDS * den + num) // (2 * num)
+        return (tick * self._double_ns + self._rate[0]) // self._double_rate
 
     @property
     def tick(self) -> int:
@@ -277,27 +281,32 @@ class World:
         4. autopilots, after the orders of this tick and with what their sensors had delivered by t;
         5. actuators, bodies and water together in the kernel, from t to t + dt;
         6. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        7. sensors that are due at t + dt, with their errors, from the new state.
+        7. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
+        8. sensors that are due at t + dt, with their errors, from the new state.
         """
-        output = TickOutput(self.tick, self.t_ns, [])
-        if self.faults.next_tick is not None and self.tick >= self.faults.next_tick:
-            self.faults.turn(self.tick)
+        tick = self._tick
+        output = TickOutput(tick, self.t_ns, [])
+        if self.faults.next_tick is not None and tick >= self.faults.next_tick:
+            self.faults.turn(tick)
         if self._posted:
             self._carry_out(output)
-        if self.commands.watch is not None and self.tick >= self.commands.watch:
-            self.commands.expire(self.tick)
+            tick = self._tick  # a restore or reset may have been among it
+        if self.commands.watch is not None and tick >= self.commands.watch:
+            self.commands.expire(tick)
         if self.pilots:
-            output.replies += self.pilots.step(self.tick, self.t_ns)
+            output.replies += self.pilots.step(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
-        self.tick += 1
+        self.tick = tick = tick + 1
         if self.water.sea is not None:
-            self.water.sea.move(self.tick, self._seconds(), self.water.current)
+            self.water.sea.move(tick, self._seconds(), self.water.current)
         if diverged >= 0:
             raise Diverged(self._report(diverged), output)
         if self.pending:
             self._deliver(output.samples)
+        if self._listening:
+            self._measure([slot for slot in self._listening if slot.is_called(self._seconds())], output.samples)
         for divisor, slots in self._due:
-            if self.tick % divisor == 0:
+            if tick % divisor == 0:
                 self._measure(slots, output.samples)
         for sample in output.samples:
             self._last[sample.port] = sample
@@ -305,7 +314,7 @@ class World:
             self.pilots.hear(output.samples, self.t_ns)
         if self._events:
             output.events, self._events = self._events, []
-        output.tick, output.t_ns = self.tick, self.t_ns
+        output.tick, output.t_ns = tick, self.t_ns
         return output
 
     def flush(self) -> TickOutput:
@@ -373,21 +382,12 @@ class World:
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            reading = slot.read(scope)
-            if reading is None:
-                continue
-            seq, slot.seq = slot.seq, slot.seq + 1
-            if reading.dropped:
-                continue
-            if not slot.fault or slot.held is None:
-                slot.held = reading.valid, tuple(reading.values)
-            slot.held_ns = t_ns
-            sample = Sample(slot.port.path, seq, t_ns, t_ns + reading.delay_ns, *slot.held)
-            if reading.delay_ns == 0:
-                samples.append(sample)
-            else:
-                self.pending_order += 1
-                heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
+            for sample in slot.samples(scope):
+                if sample.t_sent_ns <= t_ns:
+                    samples.append(sample)
+                else:
+                    self.pending_order += 1
+                    heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
 
     def _deliver(self, samples: list[Sample]) -> None:
         while self.pending and self.pending[0][0] <= self.t_ns:
@@ -395,6 +395,6 @@ class World:
 
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
-        where = f"tick {self.tick} (t = {self.t_ns / NANOSECONDS:.6f} s)"
-        told = f'body "{vehicle.name}" diverged in {where}: p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
-        return "\n".join([told, *self.commands.newest(vehicle.name)])
+        t = self.t_ns / NANOSECONDS
+        line = f'body "{vehicle.name}" diverged in tick {self.tick} (t = {t:.6f} s): p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
+        return "\n".join([line, *self.commands.newest(vehicle.name)])

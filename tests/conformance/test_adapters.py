@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import socket
+import struct
 import sys
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import replace
@@ -16,8 +17,10 @@ from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
+from uwserver.ports import Field, Port
 from uwserver.testing import FakeContext, TcpPeer, check_adapter
 from uwserver.testing.adapters import CHECKS, Connect
+from uwserver.testing.fake_context import PORTS
 
 
 async def _zenoh_transport(context: FakeContext) -> TcpPeer:
@@ -72,16 +75,66 @@ MOOS_WELCOME = moos.packet([moos.encode(moos.Message(moos.WELCOME, "", 0.0, moos
 MOOS_HELLO = moos.HELLO + moos.packet([moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"peer", kind="S"))])
 MOOS_HEAR_ALL = moos.packet([moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "peer", 0.0, "*"))])
 
+TRUTH_POSE = Port(
+    "rov/truth/pose",
+    "sensor",
+    "truth_pose",
+    (Field("p_NB", "m", "position", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,))),
+    "Pose.",
+    rate_hz=250.0,
+)
+TRUTH_VELOCITY = Port(
+    "rov/truth/velocity",
+    "sensor",
+    "truth_velocity",
+    (Field("v_NB_B", "m/s", "velocity", "B", (3,)), Field("w_NB_B", "rad/s", "rate", "B", (3,))),
+    "Velocity.",
+    rate_hz=250.0,
+)
+
+
+def _with_truth() -> FakeContext:
+    return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY)})
+
+
+class UdpPeer:
+    """A peer of an adapter that listens on UDP."""
+
+    def __init__(self, context: FakeContext) -> None:
+        host, _, port = context.stats.address.rpartition(":")
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.connect((host, int(port)))
+
+    @classmethod
+    async def connect(cls, context: FakeContext) -> UdpPeer:
+        return cls(context)
+
+    async def send(self, data: bytes) -> None:
+        if data:
+            self._socket.send(data)
+
+    async def close(self) -> None:
+        self._socket.close()
+
+
+# MAVLink 2: HEARTBEAT of autopilot 12, as PX4 begins.
+PX4_HEARTBEAT = bytes.fromhex("fd09000000010100000000000000000c00000381d6")
+SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
+
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
     # Each community is one connection, and so can have one peer.
+    "ardupilot_json": ({"port": 0, "truth": True, "silence_s": 1.0}, UdpPeer.connect, SERVO_FRAME),
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
+    "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }
+NEED_TRUTH = {"ardupilot_json", "px4_hil"}
 
 THIRD_PARTY = '''
 """Text lines of samples on TCP: a whole adapter of somebody else."""
@@ -199,7 +252,12 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
         _warm_zenoh()
     if kind == "mavlink":
         pytest.importorskip("pymavlink", reason="pymavlink is not installed")
-    passed = run(lambda: check_adapter(adapter, adapter.Config(**table), connect=connect, greeting=greeting))
+    make_context = _with_truth if kind in NEED_TRUTH else FakeContext
+    passed = run(
+        lambda: check_adapter(
+            adapter, adapter.Config(**table), connect=connect, greeting=greeting, make_context=make_context
+        )
+    )
     assert passed == list(CHECKS)
 
 

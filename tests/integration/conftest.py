@@ -1,4 +1,4 @@
-"""Makes `zenoh_network` importable by the tests beside it."""
+"""Makes `zenoh_network` and `autopilot_server` importable by the tests beside it."""
 
 from __future__ import annotations
 

@@ -94,7 +94,12 @@ GAINS = {
 
 
 def scenario(
-    port: int, kind: str = "moosdb", warp: float = 1.0, depth: float = 5.0, hull: str = "lauv", commands: str = ""
+    port: int,
+    kind: str = "moosdb",
+    warp: float = 1.0,
+    depth: float = 5.0,
+    hull: str = "lauv",
+    commands: str = HULLS["lauv"],
 ) -> str:
     """One vehicle, and MOOS: `moos` joins a MOOSDB, `moosdb` is one."""
     if kind == "moos":
@@ -102,7 +107,7 @@ def scenario(
     else:
         table, settings = "adapters.moos.bridge", f'port = {port}\ncommunity = "alpha"\n[adapters.moos.bridge]'
     return SCENARIO.format(
-        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=commands or HULLS[hull]
+        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=commands
     )
 
 
@@ -240,6 +245,13 @@ def moos_file(folder: Path, port: int, warp: float = 1.0, text: str = "") -> Pat
     return path
 
 
+def log_of(run: Processes, program: str, pattern: str) -> str | None:
+    """What fits a pattern in the output of a program."""
+    text = "".join(path.read_text(errors="replace") for path in sorted(run.folder.glob(f"{program}*.log")))
+    found = re.search(pattern, re.sub(r"\x1b\[[0-9;]*m", "", text))
+    return found[0] if found else None
+
+
 def database(run: Processes, port: int, warp: float = 1.0) -> subprocess.Popen[str]:
     return run.moos(
         "MOOSDB",
@@ -334,6 +346,70 @@ def test_poke_and_query_our_database(run, watch):
 
 
 @needs_moos
+def test_a_call_with_blanks_is_poked_and_its_answer_stays(run, watch):
+    """As docs/how-to/moos.md has it; who comes later finds the answer in the database."""
+    port = free_port()
+    run.serve(scenario(port))
+    mission = moos_file(run.folder, port)
+    call = run.moos("uPokeDB", mission, 'UWSERVER_CALL=7 world/set_current {"velocity_N": [0.2, 0, 0]}')
+    call.wait(PATIENCE_S)
+    reply = json.loads(watch(port, "UWSERVER_REPLY").until(lambda v: v.get("UWSERVER_REPLY"), "the latched answer"))
+    assert (reply["id"], reply["service"], "value" in reply) == ("7", "world/set_current", True), reply
+    query = run.moos("uQueryDB", mission, "--condition=UWSERVER_CALL!=x", "--wait=5")
+    assert query.wait(PATIENCE_S) == 0
+
+
+@needs_moos
+def test_scope_and_reporter_of_our_database(run, watch):
+    """uXMS shows values, sources and types; pNodeReporter makes its report of NAV_*."""
+    port = free_port()
+    run.serve(scenario(port))
+    mission = moos_file(run.folder, port, text="ProcessConfig = pNodeReporter\n{\n platform_type = uuv\n}\n")
+    run.moos("pNodeReporter", mission, "--alias=pNodeReporter")
+    watcher = watch(port, "NODE_REPORT_LOCAL", "NAV_X")
+    report = watcher.until(lambda v: v.get("NODE_REPORT_LOCAL"), "a report")
+    said = dict(part.split("=", 1) for part in report.split(","))
+    assert float(said["DEP"]) == pytest.approx(5.0, abs=0.5), report
+    assert float(said["Y"]) == pytest.approx(-20.0, abs=1.0), report
+    run.moos("uXMS", mission, "NAV_DEPTH", "NODE_REPORT_LOCAL", "--mode=streaming", "--show=source,time")
+    shown = until(
+        lambda: log_of(run, "uXMS", r"NAV_DEPTH\s+uwserver.*\n(.*\n)*?.*NODE_REPORT_LOCAL\s+pNodeReporter"), "uXMS"
+    )
+    assert shown
+
+
+@needs_moos
+def test_the_log_of_a_killed_server_is_read_by_alogcheck(run, watch):
+    port = free_port()
+    server = run.serve(scenario(port).replace("publish =", 'alog = "dive.alog"\npublish ='))
+    watcher = watch(port, "NAV_DEPTH", "TAG")
+    watcher.until(lambda v: "NAV_DEPTH" in v, "samples")
+    watcher.notify(time.time(), TAG="here")
+    watcher.until(lambda v: v.get("TAG") == "here", "the tag")
+    time.sleep(1.5)  # what a kill may cost at most is a second
+    server.kill()
+    for condition in ("TAG = here", "NAV_DEPTH > 4", "NAV_DEPTH > 50"):
+        run.moos("alogcheck", "dive.alog", "--pass", condition).wait(PATIENCE_S)
+    assert (log_of(run, "alogcheck", "(?s).*") or "").split() == ["PASSED", "PASSED", "FAILED"]
+
+
+@needs_moos
+def test_a_type_clash_in_their_database_is_told(run, watch):
+    """MOOSDB drops the write, and says so at its own console only."""
+    port = free_port()
+    database(run, port)
+    first = watch(port, "NAV_X")
+    first.notify(time.time(), NAV_X="east")
+    first.until(lambda v: v.get("NAV_X") == "east", "the text")
+    first.close()
+    run.serve(scenario(port, "moos"))
+    watcher = watch(port, "NAV_X", "NAV_Y")
+    watcher.until(lambda v: "NAV_Y" in v, "samples")
+    until(lambda: log_of(run, Path(sys.executable).name, "has NAV_X with another type"), "the warning")
+    assert watcher.values["NAV_X"] == "east"
+
+
+@needs_moos
 def test_our_client_in_their_database(run, watch):
     """Any start order, a restart of MOOSDB, and back within two seconds."""
     port = free_port()
@@ -350,6 +426,49 @@ def test_our_client_in_their_database(run, watch):
         watcher.until(lambda v: v.get("NAV_SPEED", 0.0) > 0.1 and "UWSERVER_REPLY" in v, "the vehicle moves")
         served.kill()
         served.wait(PATIENCE_S)
+
+
+FLEET = """
+schema = 1
+[server]
+metrics = false
+[adapters.moos]
+kind = "moos"
+truth = true
+"""
+MEMBER = """
+[vehicles.{name}]
+model = "lauv"
+position_ned_m = [{north}, 0, 5]
+[vehicles.{name}.truth]
+rate_hz = 20
+[adapters.moos.communities.{name}]
+port = {port}
+vehicle = "{name}"
+publish = []
+[adapters.moos.communities.{name}.nav]
+[adapters.moos.communities.{name}.commands]
+{commands}
+"""
+
+
+@needs_moos
+def test_two_vehicles_in_two_communities(run, watch):
+    """Each database has one vehicle's NAV_*, and drives that one alone; the end of one is nothing to the other."""
+    alpha, bravo = free_port(), free_port()
+    served = [database(run, port) for port in (alpha, bravo)]
+    members = (("alpha", 10, alpha), ("bravo", -30, bravo))
+    run.serve(FLEET + "".join(MEMBER.format(name=n, north=y, port=p, commands=HULLS["lauv"]) for n, y, p in members))
+    first, second = watch(alpha, "NAV_Y", "NAV_SPEED"), watch(bravo, "NAV_Y", "NAV_SPEED")
+    for watcher, north in ((first, 10.0), (second, -30.0)):
+        watcher.until(lambda v: "NAV_Y" in v, "samples")
+        assert watcher.values["NAV_Y"] == pytest.approx(north, abs=0.5)
+    second.notify(time.time() + 1.0, DESIRED_THRUST=30.0)
+    second.until(lambda v: first.read() or v.get("NAV_SPEED", 0.0) > 0.2, "bravo moves")
+    assert abs(first.values["NAV_SPEED"]) < 0.05
+    served[0].kill()
+    north = second.values["NAV_Y"]
+    second.until(lambda v: v["NAV_Y"] > north + 0.5, "bravo goes on")
 
 
 @needs_moos
@@ -398,35 +517,27 @@ def deploy(run: Processes, watcher: Watcher, mission: Path, *more: str) -> None:
             watcher.read()
 
 
+DIVE_WARP = 20.0
+Fit = tuple[str, str, dict[str, str]]
+FITS: dict[str, Fit] = {
+    "lauv": ("lauv", HULLS["lauv"], {}),
+    "remus100": ("remus100", HULLS["remus100"], {}),
+    "remus100 with its own gains": ("remus100", PERCENT, GAINS),
+}
+"""Hull, its map, and gains of the mission that are changed for it."""
+
 WARPS = [pytest.param(1, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow), 10, 20]
 
 
 @needs_missions
-@pytest.mark.parametrize("hull", HULLS)
+@pytest.mark.parametrize("fit", FITS)
 @pytest.mark.parametrize("kind", ["moosdb", "moos"])
 @pytest.mark.parametrize("warp", WARPS)
-def test_s1_alpha_completes(run, watch, kind, warp, hull):
-    """An unmodified helm and autopilot drive a hydrodynamic hull round five waypoints and back, with the mission's gains."""
-    alpha(run, watch, kind, warp, hull)
-
-
-@needs_missions
-def test_s1_alpha_completes_with_the_gains_of_the_hull(run, watch):
-    alpha(run, watch, "moosdb", 20, "remus100", PERCENT, GAINS)
-
-
-def alpha(
-    run: Processes,
-    watch: Callable[..., Watcher],
-    kind: str,
-    warp: float,
-    hull: str,
-    commands: str = "",
-    gains: dict[str, str] | None = None,
-) -> None:
-    """Play s1_alpha to its end."""
+def test_s1_alpha_completes(run, watch, kind, warp, fit):
+    """An unmodified helm and autopilot drive a hydrodynamic hull round five waypoints and back."""
+    hull, commands, gains = FITS[fit]
     port = free_port()
-    mission = prepared(run, "s1_alpha", "alpha.moos", port, warp, **gains or {})
+    mission = prepared(run, "s1_alpha", "alpha.moos", port, warp, **gains)
     if kind == "moos":
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
     run.serve(scenario(port, kind, warp, 0.0, hull, commands))
@@ -440,19 +551,21 @@ def alpha(
     watcher.until(lambda v: v.get("MISSION") == "complete", "the mission", 1000.0 / warp + 60.0)
     v = watcher.values
     took = v["UWSERVER_TIME"] - begin
-    print(f"s1_alpha, {hull}, {kind}, warp {warp}: {took:.0f} s, end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f})")
+    print(f"s1_alpha, {fit}, {kind}, warp {warp}: {took:.0f} s, end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f})")
     assert (v["NAV_X"] ** 2 + (v["NAV_Y"] + 20.0) ** 2) ** 0.5 < 10.0
 
 
-def dive(run: Processes, watch: Callable[..., Watcher], name: str, warp: float, hull: str, *more: str) -> Watcher:
-    """A mission of a submarine, under way. Its helm and gains are unchanged; simulator and autopilot are today's."""
+def dive(run: Processes, watch: Callable[..., Watcher], name: str, kind: str, fit: Fit, *more: str) -> Watcher:
+    """A mission of a submarine at warp 20, under way. Its helm is unchanged; simulator and autopilot are today's."""
     port = free_port()
-    file = f"{name.partition('_')[2]}.moos"
-    mission = prepared(run, name, file, port, warp)
+    hull, commands, gains = fit
+    mission = prepared(run, name, f"{name.partition('_')[2]}.moos", port, DIVE_WARP, **gains)
     mission.write_text(
         re.sub(r"(?m)^ProcessConfig = pMarinePID\b", "ProcessConfig = pMarinePIDV22", mission.read_text())
     )
-    run.serve(scenario(port, warp=warp, depth=0.0, hull=hull))
+    if kind == "moos":
+        run.moos("MOOSDB", mission, "--moos_suicide_disable")
+    run.serve(scenario(port, kind, DIVE_WARP, 0.0, hull, commands))
     watcher = watch(port, "NAV_DEPTH", "DESIRED_DEPTH", "DESIRED_ELEVATOR", "IVPHELM_STATE", "UWSERVER_TIME")
     watcher.until(lambda v: "UWSERVER_TIME" in v, "the world runs: its kernels may have to be compiled", 120.0)
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):
@@ -462,7 +575,7 @@ def dive(run: Processes, watch: Callable[..., Watcher], name: str, warp: float, 
     return watcher
 
 
-def holds(watcher: Watcher, depth: float, warp: float, hold_s: float) -> None:
+def holds(watcher: Watcher, depth: float, hold_s: float, warp: float = DIVE_WARP) -> None:
     """The helm wants a depth; it is reached, and `hold_s` of simulation later the vehicle is within 1 m of it."""
     watcher.until(lambda v: v.get("DESIRED_DEPTH") == depth, f"the helm wants {depth:g} m", 1000.0 / warp)
     watcher.until(lambda v: abs(v["NAV_DEPTH"] - depth) < 0.5, f"{depth:g} m are reached", 1000.0 / warp)
@@ -481,21 +594,21 @@ def holds(watcher: Watcher, depth: float, warp: float, hold_s: float) -> None:
 
 
 @needs_missions
-@pytest.mark.parametrize("hull", HULLS)
-@pytest.mark.parametrize("warp", [20])
-def test_s10_juliet_holds_its_depths(run, watch, warp, hull):
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("kind", ["moosdb", "moos"])
+def test_s10_juliet_holds_its_depths(run, watch, kind, fit):
     """The mission goes to 40, 30 and 20 m and holds each for 45 or 60 s."""
-    watcher = dive(run, watch, "s10_juliet", warp, hull, "GOTO_DEPTH=true")
+    watcher = dive(run, watch, "s10_juliet", kind, FITS[fit], "GOTO_DEPTH=true")
     for depth in (40.0, 30.0, 20.0):
-        holds(watcher, depth, warp, 40.0)
+        holds(watcher, depth, 40.0)
 
 
 @needs_missions
-@pytest.mark.parametrize("hull", HULLS)
-@pytest.mark.parametrize("warp", [20])
-def test_s4_delta_holds_its_depths(run, watch, warp, hull):
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("kind", ["moosdb", "moos"])
+def test_s4_delta_holds_its_depths(run, watch, kind, fit):
     """It loiters at its greatest depth, 7 m of the 50 that it would like to have, and comes up as if for a GPS fix when it may."""
-    watcher = dive(run, watch, "s4_delta", warp, hull, "PSURFACE=false")
-    holds(watcher, 7.0, warp, 40.0)
+    watcher = dive(run, watch, "s4_delta", kind, FITS[fit], "PSURFACE=false")
+    holds(watcher, 7.0, 40.0)
     run.moos("uPokeDB", run.folder / "delta.moos", "PSURFACE=true")
-    holds(watcher, 0.0, warp, 20.0)
+    holds(watcher, 0.0, 20.0)

@@ -65,7 +65,8 @@ def test_one_of_everything_has_one_of_everything():
     vehicles = [vehicle.vehicle for vehicle in resolved.vehicles.values()]
     sensors = [sensor for vehicle in vehicles for sensor in vehicle.sensors.values()]
     used = {type(sensor) for sensor in sensors} | {type(a) for vehicle in vehicles for a in vehicle.actuators.values()}
-    used |= {type(m) for sensor in sensors for m in sensor.modifiers.values()}
+    streams = [stream for sensor in sensors for stream in (sensor, *sensor.streams.values())]
+    used |= {type(m) for stream in streams for m in stream.modifiers.values()}
     used |= {type(adapter) for adapter in resolved.scenario.adapters.values()}
     every = {*SensorConfig.__args__, *ActuatorConfig.__args__, *ModifierConfig.__args__, *installed_adapters().values()}
     assert every <= used

@@ -27,6 +27,8 @@ BOTTOM_S = 0.5
 """Time constant of the bottom's depth under the vehicle, s."""
 STUBBORN = 8
 """So many unlikely fixes in a row are right after all."""
+JUMP_MPS, FEW = 0.5, 3
+"""A velocity so far from what is expected is a false echo, unless more follow."""
 DEPTH_VARIANCE = 0.01**2
 VELOCITY_VARIANCE = 0.02**2
 COASTING_S = 2.0
@@ -84,7 +86,6 @@ class Estimator:
         kinds = [source.kind for source in sources.values()]
         self.has_imu = "imu" in kinds
         self._has_attitude = "attitude" in kinds
-        self._has_compass = self._has_attitude or "motion_capture" in kinds
         self._density = tracks.MEASURED if self.has_imu else tracks.UNMEASURED
         takes: dict[str, Callable[[Estimate, Sample, Source, float], None]] = {
             "imu": self._imu,
@@ -210,8 +211,14 @@ class Estimator:
 
     def _dvl(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
         v, (wx, wy, wz), (rx, ry, rz) = rotate(source.q, _vector(sample.value[0])), e.w, source.p
-        v_B = (v[0] - wy * rz + wz * ry, v[1] - wz * rx + wx * rz, v[2] - wx * ry + wy * rx)
-        self._see_velocity(e, rotate(e.q, v_B), VELOCITY_VARIANCE)
+        v_N = rotate(e.q, (v[0] - wy * rz + wz * ry, v[1] - wz * rx + wx * rz, v[2] - wx * ry + wy * rx))
+        if e.velocity_ns != NEVER and math.dist(v_N, e.v) > JUMP_MPS and e.doubted < FEW:
+            e.doubted += 1
+            return
+        e.doubted = 0
+        merit = sample.value[2]
+        variance = max(VELOCITY_VARIANCE, merit * merit) if isinstance(merit, float) else VELOCITY_VARIANCE
+        self._see_velocity(e, v_N, variance)
         e.velocity_ns = sample.t_ns
         self._see_bottom(e, sample, source, sample.value[1], late)
 

@@ -65,8 +65,8 @@ class Shaft:
 class FinsAndShaft:
     """The actuators of a torpedo. Its `reach` is that at rest ahead, and at 1 m/s of its fins."""
 
-    def __init__(self, groups: Sequence[Sequence[FinEffect]], shaft: Shaft) -> None:
-        """Of each actuator its fins; the propeller's actuator comes last."""
+    def __init__(self, groups: Sequence[Sequence[FinEffect]], shaft: Shaft, shafts: int = 1) -> None:
+        """Of each actuator its fins; those of the propellers come last. `shaft` stands for all of them together, which turn alike."""
         fins = [fin for group in groups for fin in group]
         self.shaft = shaft
         columns = np.array([fin.column for fin in fins]).T.copy()
@@ -81,6 +81,7 @@ class FinsAndShaft:
         self._low, self._high = (-limits).tolist(), limits.tolist()
         self._into = [tuple(row[3:]) for row in into.tolist()]
         self._columns = [tuple(row) for row in columns[3:].tolist()]
+        self._shafts = shafts
         self._sizes = [len(group) for group in groups]
 
     def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
@@ -96,5 +97,5 @@ class FinsAndShaft:
         for size in self._sizes:
             given.append((tuple(angles[start : start + size]),))
             start += size
-        given.append(((shaft,),))
+        given += [((shaft,),)] * self._shafts
         return given, (self.shaft.thrust(shaft, speed), 0.0, 0.0, k, m, n)

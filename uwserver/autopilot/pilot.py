@@ -118,7 +118,7 @@ class Autopilot:
 
     def begin(self) -> None:
         """Once everything is built."""
-        self.orders.armed = self.craft.armed
+        self.orders.armed = self.orders.waits = self.craft.armed
         self._take_hold()
 
     # -- the step -------------------------------------------------------------------------------------------------------------------
@@ -137,7 +137,9 @@ class Autopilot:
         e, m, o, craft = self.estimate, self.memory, self.orders, self.craft
         now = known(e, o.gains, t_ns)
         craft.estimator.step(e, not now.motion, not now.depth)
-        if not o.armed:
+        if o.waits and not missing(o.mode, now):
+            o.waits = False
+        if not o.armed or o.waits:
             stay(o, e)
             return
         self._watch(now)
@@ -190,7 +192,9 @@ class Autopilot:
         lost = missing(mode, self.known)
         if lost:
             raise Refused("denied", f"{mode} has {REMEDY[lost]}", "mode")
-        self.orders.failsafe = ""
+        # What a leak or an empty battery leads to happens once: then the operator has the last word.
+        if not (self.orders.failsafe == "leak" and self.estimate.leak) and self.orders.failsafe != "battery":
+            self.orders.failsafe = ""
         self._enter(mode, f"mode {mode} was set")
         if mode == "mission" and self.orders.items and self.orders.index < 0:
             o = self.orders
@@ -219,7 +223,7 @@ class Autopilot:
         if self.orders.armed:
             return
         self.memory = Memory()
-        self.orders.armed = True
+        self.orders.armed, self.orders.waits = True, False
         stay(self.orders, self.estimate)
         self._take_hold()
         self._say(f'"{self.craft.path}" armed in mode {self.orders.mode}')

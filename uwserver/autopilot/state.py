@@ -44,7 +44,7 @@ class Estimate(Struct):
         acceleration: sum of those measured since the last step, m/s2 in N; count: how many.
         bottom: depth of the bottom, m; nan when unknown.
         leak, charge: as the probes say; the charge is nan while unknown.
-        refused: position fixes in a row that were too far off.
+        refused, doubted: position fixes, and velocities, in a row that were too far off.
         imu_ns ... altitude_ns: when each was last valid, ns.
     """
 
@@ -61,6 +61,7 @@ class Estimate(Struct):
     leak: bool = False
     charge: float = NAN
     refused: int = 0
+    doubted: int = 0
     imu_ns: int = NEVER
     attitude_ns: int = NEVER
     heading_ns: int = NEVER
@@ -94,6 +95,7 @@ class Orders(Struct):
     """What the autopilot was told, and how far it has come.
 
     Attributes:
+        waits: armed from the start, until the sensors have spoken that the mode needs.
         stick: of the pilot, -1..1 in B.
         pilot: whether somebody steers: "" nobody yet, "on", or "lost".
         depth, altitude, heading, place: set points; nan for none. `place` is p_N of which only north and east count.
@@ -117,6 +119,7 @@ class Orders(Struct):
     gains: Gains
     mode: Mode = "manual"
     armed: bool = False
+    waits: bool = False
     stick: Six = (0.0,) * 6
     pilot: Literal["", "on", "lost"] = ""
     depth: float = NAN

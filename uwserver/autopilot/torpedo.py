@@ -6,7 +6,7 @@ import math
 
 from uwserver.autopilot.estimator import Known
 from uwserver.autopilot.fins import SLOW_MPS, Shaft
-from uwserver.autopilot.state import NAN, NOWHERE, STILL, Estimate, Memory, Orders, Six
+from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
 from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, wrapped
 from uwserver.frames import conjugate, rotate, rpy_from_quat
 
@@ -153,6 +153,8 @@ class Torpedo:
         """Course over ground to the place, rad."""
         dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
         away, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
+        if o.mode != "mission" and math.dist(e.p, o.place) <= o.radius:
+            o.settled = True
         if o.origin[0] != o.origin[0] or o.settled:
             # Clockwise round the place: towards it from afar, square to it on the circle.
             return bearing - 0.5 * math.pi + math.atan2(away - o.gains.orbit_m, 0.5 * o.gains.orbit_m)
@@ -171,8 +173,3 @@ class Torpedo:
         return math.atan2(ly, lx) + math.atan2(
             across, min(o.gains.look_ahead_m, max(along, 0.5 * o.gains.look_ahead_m))
         )
-
-
-def go_round(o: Orders) -> None:
-    """Hold the place by circling it."""
-    o.origin, o.settled, o.astray = NOWHERE, True, False

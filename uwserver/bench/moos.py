@@ -1,9 +1,12 @@
-"""The embedded MOOSDB: throughput, latency of NAV_*, fan-out to many clients, and warp 20, each beside a running vehicle."""
+"""The embedded MOOSDB: throughput, latency of NAV_*, fan-out to many clients, and warp 20, each beside a running vehicle; and throughput of the
+MOOSDB of MOOS-IvP, where the environment variable UWSERVER_MOOS_BIN names its folder."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -13,7 +16,7 @@ from threading import Event
 
 from uwserver.bench.idleness import Bystanders
 from uwserver.bench.net_processes import Traced
-from uwserver.bench.processes import BenchFailed, Served, loading, stop
+from uwserver.bench.processes import START_TIMEOUT_S, BenchFailed, Load, Served, loading, stop
 from uwserver.bench.rows import Row
 from uwserver.bench.server import ADDED_LATENESS_BAR_MS, LATENESS_BAR_MS, STATUS, UNKNOWN, lateness_p99_ms
 from uwserver.clock import SystemTime
@@ -22,6 +25,8 @@ from uwserver.physics.warm import warm
 FLOW_BAR, NAV_P99_BAR_MS, CROWD_BAR, WARP = 20_000.0, 20.0, 20_000.0, 20.0
 CLIENTS, CROWD_PER_S = 50, 20_500.0
 RATE_HZ = 240
+VARIABLE = "UWSERVER_MOOS_BIN"
+NO_MOOSDB = f"not measured: {VARIABLE} names no folder with a MOOSDB"
 _LOAD = "uwserver.bench.moos_load"
 _SETTLE_S = 1.5
 
@@ -87,9 +92,11 @@ def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
                 SystemTime().wait(_SETTLE_S, Event())
                 load.ask("navigation", **place, seconds=max(seconds, 2.0))
                 factors.append(float(traced.served.ask(STATUS)["value"]["real_time_factor"]))
+        theirs = _their_rates(load, repeats, seconds)
     added = tuple(there - without for there, without in zip(late, alone, strict=True))
     return [
         Row("moos", "doubles through the embedded MOOSDB, both ends here", "1/s", tuple(rates), at_least=FLOW_BAR),
+        Row("moos", "the same through the MOOSDB of MOOS-IvP", "1/s", theirs, at_least=FLOW_BAR, note="" if theirs else NO_MOOSDB),
         Row("moos", "NAV_*: end of the tick to the client, p99", "ms", tuple(nav), at_most=NAV_P99_BAR_MS),
         Row("moos", f"notifications to {CLIENTS} clients, of {CROWD_PER_S:g}/s", "1/s", tuple(crowd), at_least=CROWD_BAR),
         Row("moos", f"tick lateness p99 at {RATE_HZ} Hz, no client", "ms", tuple(alone)),
@@ -118,3 +125,38 @@ def _serving(speed: float) -> Iterator[Traced]:
                 yield Traced(addresses, trace, Served(host, int(port), process.pid))
             finally:
                 stop(process)
+
+
+def _their_rates(load: Load, repeats: int, seconds: float) -> tuple[float, ...]:
+    """Doubles a second through a real MOOSDB; none where there is no such program."""
+    folder = os.environ.get(VARIABLE)
+    program = Path(folder).resolve() / "MOOSDB" if folder else None
+    if program is None or not program.is_file():
+        return ()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [str(program), f"--moos_port={port}", "--moos_community=bench", "--moos_suicide_disable"]
+    quiet = subprocess.DEVNULL
+    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as place:
+        with subprocess.Popen(command, cwd=place, stdin=quiet, stdout=quiet, stderr=quiet) as process:
+            try:
+                _await_listener(port, " ".join(command))
+                return tuple(
+                    load.ask("flow", address=f"127.0.0.1:{port}", seconds=seconds)["per_s"] for _ in range(repeats)
+                )
+            finally:
+                stop(process)
+
+
+def _await_listener(port: int, command: str) -> None:
+    clock = SystemTime()
+    deadline = clock.now_ns() + int(START_TIMEOUT_S * 1e9)
+    while clock.now_ns() < deadline:
+        try:
+            socket.create_connection(("127.0.0.1", port), 1.0).close()
+        except OSError:
+            clock.wait(0.1, Event())
+        else:
+            return
+    raise BenchFailed(f"nothing listens after {START_TIMEOUT_S:g} s of {command}")

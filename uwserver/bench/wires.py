@@ -242,13 +242,13 @@ class ZenohPeer:
         self._queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
 
     def send(self, method: str, params: Mapping[str, object], identity: int) -> None:
-        """See `Peer`. Over zenoh `subscribe` is the session's own affair: its reply comes at once."""
+        """See `Peer`. Over zenoh `subscribe` is the session's own affair; with the answer to any question after it the server knows of it."""
         if method == "subscribe":
             key = f"{self._root}/{params['pattern']}"
             self._session.declare_subscriber(
                 key, self._direct(self._on_sample), allowed_origin=self._zenoh.Locality.REMOTE
             )
-            self._queue.put(Message(_clock.now_ns(), {"id": identity, "result": {}}))
+            self._session.get(f"{self._root}/@describe", self._direct(lambda reply: self._on_reply(identity, reply)))
             return
         targets = {"command": (params.get("port"), params.get("value")), "step": ("world/step", params)}
         path, value = targets.get(method, (params.get("service"), params.get("args") or {}))

@@ -16,6 +16,7 @@ _WHERE = {
     "list": "scenario",
     "new": "scenario",
     "replay": "replay",
+    "plot": "plot",
     "validate": "validate",
     "bench": "bench",
     "doctor": "doctor",

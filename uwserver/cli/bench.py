@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-PARTS = ("physics", "solids", "contact", "server", "start", "net", "moos", "mavlink")
+PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink", "sil")
 
 
 @click.command()
@@ -17,10 +17,11 @@ PARTS = ("physics", "solids", "contact", "server", "start", "net", "moos", "mavl
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
 def bench(part: str | None, file: Path | None, quick: bool) -> None:
-    """Measure physics, solids, contact, server, start, net, moos and mavlink (or one PART) on an idle machine; about ten minutes.
+    """Measure physics, solids, contact, sensors, server, start, net, moos, mavlink and sil (or one PART) on an idle machine; a quarter of an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
-    take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder.
+    take part when they are installed: pip install "uwserver[bench]"; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,
+    the MOOSDB of MOOS-IvP when UWSERVER_MOOS_BIN names its folder.
     """
     from uwserver.bench.contact import bench_contact
     from uwserver.bench.mavlink import bench_mavlink
@@ -31,7 +32,9 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
     from uwserver.bench.remus import bench_remus
     from uwserver.bench.report import Report, machine_facts
     from uwserver.bench.rows import Row
+    from uwserver.bench.sensors import bench_sensors
     from uwserver.bench.server import bench_server
+    from uwserver.bench.sil import bench_sil
     from uwserver.bench.solids import bench_solids
     from uwserver.bench.start import bench_start
 
@@ -39,11 +42,13 @@ def bench(part: str | None, file: Path | None, quick: bool) -> None:
         "physics": lambda quick, say: [*bench_physics(quick, say), *bench_remus(quick, say)],
         "solids": bench_solids,
         "contact": bench_contact,
+        "sensors": bench_sensors,
         "server": bench_server,
         "start": bench_start,
         "net": bench_net,
         "moos": bench_moos,
         "mavlink": bench_mavlink,
+        "sil": bench_sil,
     }
     machine, rows = machine_facts(), list[Row]()
     try:

@@ -17,7 +17,14 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-def replay(file: Path, as_json: bool) -> None:
+@click.option(
+    "--extension",
+    "extensions",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Python file that its scenario used; it is run.",
+)
+def replay(file: Path, as_json: bool, extensions: tuple[Path, ...]) -> None:
     """Run the commands and calls of a recording (`uwserver run --record FILE`) again, as fast as possible, and compare all state hashes.
 
     Exits with 0 if all are equal, with 1 at the first difference or if the file cannot be replayed.
@@ -26,7 +33,7 @@ def replay(file: Path, as_json: bool) -> None:
     from uwserver.replay import replay as replay_file
 
     try:
-        result = replay_file(file)
+        result = replay_file(file, extensions)
     except NotReplayable as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:

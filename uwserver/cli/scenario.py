@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import click
+from msgspec import Struct
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, installed_adapters
 from uwserver.modifiers import ModifierConfig
+from uwserver.scenario.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
 from uwserver.scenario.convert import NAME, kinds_of
 from uwserver.scenario.documents import find, read, shipped
 from uwserver.scenario.errors import ScenarioError
@@ -57,6 +58,7 @@ def summary(file: str, resolved: Resolved) -> str:
         for vehicle, v in alike(resolved).items()
         for name, rate in [
             *((name, f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
+            *((f"{name}/{key}", "") for name, sensor in v.vehicle.sensors.items() for key in sensor.streams),
             *((name, "") for name in v.vehicle.actuators),
         ]
     ]
@@ -67,6 +69,7 @@ def summary(file: str, resolved: Resolved) -> str:
     return (
         f"ok: {file}: physics {scenario.world.rate_hz:g} Hz; vehicles: {vehicles}; ports: {', '.join(ports) or 'none'}; "
         f"adapters: {', '.join(adapters) or 'none'}"
+        f"{'; ran ' + ', '.join(scenario.extensions) if scenario.extensions else ''}"
     )
 
 
@@ -83,7 +86,7 @@ def scenario_kind(config: Any) -> str:
 
 @click.command()
 @click.option("--vehicle", "kind", flag_value="vehicle", help="Of vehicle files.")
-@click.option("--device", "kind", flag_value="device", help="Of thruster device files.")
+@click.option("--device", "kind", flag_value="device", help="Of device files: thrusters and sensors.")
 @click.option("--scenario", "kind", flag_value="scenario", default=True, help="Of scenario files (default).")
 def schema(kind: FileKind) -> None:
     """Print the JSON Schema of scenario files, or of vehicle or device files."""
@@ -95,11 +98,11 @@ def _files(folder: str, key: str) -> Callable[[], dict[str, str]]:
 
 
 def _kinds(union: Any) -> Callable[[], dict[str, str]]:
-    return lambda: {kind: first_line(struct) for kind, struct in kinds_of(union).items()}
+    return lambda: {kind: first_sentence(struct) for kind, struct in kinds_of(union).items()}
 
 
 def _adapter_lines() -> dict[str, str]:
-    return {kind: first_line(config) for kind, config in _adapters().items()}
+    return {kind: first_sentence(config) for kind, config in _adapters().items()}
 
 
 _LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
@@ -115,20 +118,53 @@ _LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
 
 @click.command("list")
 @click.argument("what", type=click.Choice(list(_LISTS)), required=False)
-def list_(what: str | None) -> None:
-    """List what is installed: scenarios, vehicles, devices, and the kinds of sensor, actuator, modifier and adapter."""
+@click.argument("kind", required=False)
+def list_(what: str | None, kind: str | None) -> None:
+    """List what is installed: scenarios, vehicles, devices, and the kinds of sensor, actuator, modifier and adapter.
+
+    `uwserver list sensors` also tells what each kind measures, its keys and its device files, `uwserver list sensors dvl` that of one kind;
+    `uwserver list modifiers` the keys of each.
+    """
     for section in [what] if what else list(_LISTS):
         if not what:
             click.echo(f"{section}:")
-        for name, line in _LISTS[section]().items():
-            click.echo(f"{'' if what else '  '}{name:<22} {line}".rstrip())
+        lines = _LISTS[section]()
+        if kind is not None and kind not in lines:
+            raise click.BadParameter(f'"{kind}" is none of: {", ".join(lines)}', param_hint="KIND")
+        details = _DETAILS[section]() if what in _DETAILS else {}
+        for name, line in lines.items():
+            if kind in (None, name):
+                click.echo(f"{'' if what else '  '}{name:<22} {line}".rstrip())
+                for detail in details.get(name, ()):
+                    click.echo(f"    {detail}")
 
 
-def first_line(component: Any) -> str:
-    """First sentence about a component: of its own doc, or of its module's where that only lists keys."""
-    own = inspect.getdoc(component) or ""
-    doc = own if own and not own.startswith("Attributes") else inspect.getdoc(inspect.getmodule(component)) or ""
-    return " ".join(doc.split("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+def _sensor_details() -> dict[str, list[str]]:
+    return {name: list(_of_sensor(kind)) for name, kind in sensor_kinds().items()}
+
+
+def _of_sensor(kind: SensorKind) -> Iterator[str]:
+    for output in kind.outputs:
+        yield output.doc
+        for field in output.fields:
+            shape = "x".join(map(str, field.shape)) or "scalar"
+            yield f"  {field.name:<20} {shape:<7} {field.unit:<8} {field.frame or '-':<3} {field.doc}"
+    yield _keys(kind.table)
+    settings = [setting.name for setting in kind.outputs[0].settings]
+    yield f"set while it runs: {', '.join(['rate_hz', *settings])}"
+    if kind.devices:
+        yield "profiles: " + ", ".join(f"{device.name} ({device.title})" for device in kind.devices)
+
+
+def _keys(table: type[Struct]) -> str:
+    keys = [f"{name} ({default})" for name, default in keys_of(table).items()]
+    return f"keys: {', '.join(keys) or 'none of its own'}"
+
+
+_DETAILS: Mapping[str, Callable[[], Mapping[str, list[str]]]] = {
+    "sensors": _sensor_details,
+    "modifiers": lambda: {name: [_keys(table)] for name, table in modifier_kinds().items()},
+}
 
 
 @click.command()

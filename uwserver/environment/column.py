@@ -172,6 +172,13 @@ class WaterColumn:
         return _interpolated(self._pressure, self._depth, pressure)
 
 
+def surface_density(config: ColumnConfig) -> float:
+    """Density of a column at the surface, kg/m3 (TEOS-10)."""
+    temperature, salinity = config.water_at(np.zeros(1))
+    absolute = gsw.SR_from_SP(salinity)
+    return float(gsw.rho(absolute, gsw.CT_from_t(absolute, temperature, 0.0), 0.0)[0])
+
+
 @lru_cache(maxsize=64)
 def uniform_column(density: float, temperature: float, gravity: float) -> WaterColumn:
     """Water of one density (kg/m3) and temperature (degC) under p = rho g h.

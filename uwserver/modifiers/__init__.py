@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Modifier, Stream
-from uwserver.modifiers.bias import Bias
-from uwserver.modifiers.delivery import Delay, Dropout
-from uwserver.modifiers.noise import GaussMarkov, RandomWalk, WhiteNoise
-from uwserver.modifiers.quantise import Quantise
+from uwserver.modifiers.base import Measurement, Modifier, ModifierTable, Stream
+from uwserver.modifiers.bias import Bias, Scale
+from uwserver.modifiers.delivery import ClockDrift, Delay, Dropout, Reorder
+from uwserver.modifiers.drift import Drift, RandomWalk
+from uwserver.modifiers.misalignment import Misalignment
+from uwserver.modifiers.noise import GaussMarkov, Outlier, WhiteNoise
+from uwserver.modifiers.quantise import Quantise, Saturate
 
-ModifierConfig = WhiteNoise | GaussMarkov | RandomWalk | Bias | Quantise | Delay | Dropout
+ModifierConfig = (
+    WhiteNoise
+    | GaussMarkov
+    | RandomWalk
+    | Drift
+    | Bias
+    | Scale
+    | Misalignment
+    | Outlier
+    | Quantise
+    | Saturate
+    | Delay
+    | Dropout
+    | Reorder
+    | ClockDrift
+)
 
 __all__ = [
-    "Bias", "Delay", "Dropout", "GaussMarkov", "Measurement", "Modifier", "ModifierConfig", "Quantise", "RandomWalk", "Stream", "WhiteNoise",
+    "Bias", "ClockDrift", "Delay", "Drift", "Dropout", "GaussMarkov", "Measurement", "Misalignment", "Modifier", "ModifierConfig", "ModifierTable",
+    "Outlier", "Quantise", "RandomWalk", "Reorder", "Saturate", "Scale", "Stream", "WhiteNoise",
 ]  # fmt: skip

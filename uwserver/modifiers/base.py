@@ -9,6 +9,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from uwserver.ports import Field, Value
+from uwserver.table import Table
+from uwserver.units import NANOSECONDS
+
+NEVER = -1.0
+"""A time (s) before the first reading."""
+
+
+class ModifierTable(Table, tag_field="kind", kw_only=True, frozen=True):
+    """Base of the table of every modifier; each has ``build(stream) -> Modifier``, which raises ValueError for a stream that it does not fit."""
 
 
 @dataclass(slots=True)
@@ -18,14 +27,24 @@ class Measurement:
     Attributes:
         values: one entry per field of the port.
         valid: the sensor could measure.
-        delay_ns: simulated time until the device delivers.
+        delay_ns: simulated time from the instant to which the reading belongs until the device delivers.
         dropped: the reading is lost.
+        t_ns: simulation time at which it was true.
+        stamp_ns: error of the time that the device writes on it.
+        since_ns: how long ago that instant was.
     """
 
     values: list[Value]
     valid: bool
     delay_ns: int = 0
     dropped: bool = False
+    since_ns: int = 0
+    t_ns: int = 0
+    stamp_ns: int = 0
+
+    def since(self, last: float, dt: float) -> float:
+        """Time (s) since a reading at `last` (s), which a device that pings at its own pace, or was off, decides; `dt` where `last` is `NEVER`."""
+        return dt if last < 0.0 else max(0.0, self.t_ns / NANOSECONDS - last)
 
 
 @dataclass(slots=True)
@@ -37,7 +56,7 @@ class Stream:
     rng: np.random.Generator
 
     def index(self, name: str) -> int:
-        """Position of a field that errors may be added to.
+        """Position of a field whose components errors may change.
 
         Raises:
             ValueError: no such field, or it holds no floats, or a rotation, which no error of components leaves one; the text lists those
@@ -47,6 +66,19 @@ class Stream:
         if name not in floats:
             raise ValueError(f'no field "{name}" to modify here, there are: {", ".join(floats)}')
         return next(i for i, field in enumerate(self.fields) if field.name == name)
+
+    def of_each(self, name: str, key: str, value: float | tuple[float, ...]) -> tuple[int, tuple[float, ...]]:
+        """Position of a field as `index`, and the key's value for each of its components, where one number may stand for all.
+
+        Raises:
+            ValueError: as `index`, or another number of values than components.
+        """
+        index = self.index(name)
+        size = self.fields[index].size
+        values = value if isinstance(value, tuple) else (value,) * size
+        if len(values) != size:
+            raise ValueError(f'"{key}" needs one number or {size}, one for each component of "{name}"')
+        return index, values
 
 
 class Modifier(Protocol):

@@ -1,12 +1,12 @@
-"""Constant error, known or drawn once at the start of a run."""
+"""Constant errors, known or drawn once at the start of a run: of the zero, and of the scale."""
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Stream, shifted
-from uwserver.table import Name, NonNegative, Table
+from uwserver.modifiers.base import Measurement, ModifierTable, Stream, mapped, shifted
+from uwserver.table import Name, NonNegative
 
 
-class Bias(Table, tag="bias", tag_field="kind", kw_only=True, frozen=True):
+class Bias(ModifierTable, tag="bias", kw_only=True, frozen=True):
     """Adds `value` (one number for all components, or one a component, field's unit) and a turn-on error drawn once with `sigma`."""
 
     field: Name
@@ -25,13 +25,42 @@ class Bias(Table, tag="bias", tag_field="kind", kw_only=True, frozen=True):
 class _Bias:
     def __init__(self, config: Bias, stream: Stream) -> None:
         self.stream = stream
-        self._index = stream.index(config.field)
-        size = stream.fields[self._index].size
-        value = config.value if isinstance(config.value, tuple) else (config.value,) * size
-        if len(value) != size:
-            raise ValueError(f'"value" needs one number or {size}, one for each component of "{config.field}"')
-        turn_on = stream.rng.normal(0.0, config.sigma, size).tolist()
+        self._index, value = stream.of_each(config.field, "value", config.value)
+        turn_on = stream.rng.normal(0.0, config.sigma, len(value)).tolist()
         self.memory = [v + t for v, t in zip(value, turn_on, strict=True)]
 
     def apply(self, reading: Measurement) -> None:
         reading.values[self._index] = shifted(reading.values[self._index], self.memory)
+
+
+class Scale(ModifierTable, tag="scale", kw_only=True, frozen=True):
+    """Multiplies by `factor` (one number for all components, or one a component; 1.01 shows 1 % too much) plus an error of it drawn once with
+    `sigma` (relative)."""
+
+    field: Name
+    factor: float | tuple[float, ...] = 1.0
+    sigma: NonNegative = 0.0
+
+    def build(self, stream: Stream) -> _Scale:
+        """The modifier.
+
+        Raises:
+            ValueError: unknown field, or `factor` has another number of components than the field.
+        """
+        return _Scale(self, stream)
+
+
+class _Scale:
+    def __init__(self, config: Scale, stream: Stream) -> None:
+        self.stream = stream
+        self._index, factor = stream.of_each(config.field, "factor", config.factor)
+        turn_on = stream.rng.normal(0.0, config.sigma, len(factor)).tolist()
+        self.memory = [f + t for f, t in zip(factor, turn_on, strict=True)]
+
+    def apply(self, reading: Measurement) -> None:
+        value = reading.values[self._index]
+        if isinstance(value, tuple):
+            scaled = (None if v is None else v * f for v, f in zip(value, self.memory, strict=True))
+            reading.values[self._index] = tuple(scaled)
+        else:
+            reading.values[self._index] = mapped(value, lambda v: v * self.memory[0])

@@ -1,13 +1,18 @@
-"""Errors of delivery: latency with jitter, and loss."""
+"""Errors of delivery: latency with jitter, loss, wrong order, and a wrong time stamp."""
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Stream
-from uwserver.table import NonNegative, Probability, Table
+import math
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.modifiers.base import NEVER, Measurement, ModifierTable, Stream
+from uwserver.table import NonNegative, Probability
 from uwserver.units import NANOSECONDS
 
 
-class Delay(Table, tag="delay", tag_field="kind", kw_only=True, frozen=True):
+class Delay(ModifierTable, tag="delay", kw_only=True, frozen=True):
     """The device delivers `latency_s` after it measured, plus a normal error of `jitter_s`, never before. The sample keeps the time at
     which it was true."""
 
@@ -32,7 +37,7 @@ class _Delay:
         reading.delay_ns += round(delay * NANOSECONDS)
 
 
-class Dropout(Table, tag="dropout", tag_field="kind", kw_only=True, frozen=True):
+class Dropout(ModifierTable, tag="dropout", kw_only=True, frozen=True):
     """Each sample is lost with `probability`; its sequence number is not given again, so the receiver sees the gap."""
 
     probability: Probability
@@ -50,3 +55,72 @@ class _Dropout:
     def apply(self, reading: Measurement) -> None:
         if self.stream.rng.random() < self._probability:
             reading.dropped = True
+
+
+class Reorder(ModifierTable, tag="reorder", kw_only=True, frozen=True):
+    """Each sample comes with `probability` too late, behind the next `behind` samples, as over a network with several ways. The sequence number
+    shows it."""
+
+    probability: Probability
+    behind: Annotated[int, Meta(ge=1, le=1000)] = 1
+
+    def build(self, stream: Stream) -> _Reorder:
+        """The modifier."""
+        return _Reorder(self, stream)
+
+
+class _Reorder:
+    """Its memory is the time of the reading before (s)."""
+
+    def __init__(self, config: Reorder, stream: Stream) -> None:
+        self.stream, self.memory = stream, [NEVER]
+        self._config = config
+
+    def apply(self, reading: Measurement) -> None:
+        dt = self.stream.dt
+        interval = max(dt, reading.since(self.memory[0], dt))
+        self.memory = [reading.t_ns / NANOSECONDS]
+        if self.stream.rng.random() < self._config.probability:
+            # Between the last that overtakes it and the next.
+            reading.delay_ns += round((self._config.behind + 0.5) * interval * NANOSECONDS)
+
+
+class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
+    """The device writes the time of its own clock on its samples (`t_ns`); when they come (`t_sent_ns`) stays true.
+
+    Attributes:
+        offset_s: by which the clock is ahead at t = 0.
+        offset_sigma_s: standard deviation of one more offset, drawn once.
+        drift: seconds gained a second (1e-6 is 1 ppm).
+        drift_sigma: standard deviation of more drift, drawn once.
+        walk_sqrts: density of a random walk of the clock, s/sqrt(s).
+    """
+
+    offset_s: float = 0.0
+    offset_sigma_s: NonNegative = 0.0
+    drift: float = 0.0
+    drift_sigma: NonNegative = 0.0
+    walk_sqrts: NonNegative = 0.0
+
+    def build(self, stream: Stream) -> _ClockDrift:
+        """The modifier."""
+        return _ClockDrift(self, stream)
+
+
+class _ClockDrift:
+    """Its memory: time of the reading before (s), offset with the walk (s), drift."""
+
+    def __init__(self, config: ClockDrift, stream: Stream) -> None:
+        self.stream, self._walk = stream, config.walk_sqrts
+        offset, drift = stream.rng.standard_normal(2).tolist()
+        self.memory = [
+            NEVER, config.offset_s + config.offset_sigma_s * offset, config.drift + config.drift_sigma * drift,
+        ]  # fmt: skip
+
+    def apply(self, reading: Measurement) -> None:
+        last, offset, drift = self.memory
+        t = reading.t_ns / NANOSECONDS
+        if self._walk:
+            offset += self._walk * math.sqrt(reading.since(last, self.stream.dt)) * self.stream.rng.standard_normal()
+        self.memory = [t, offset, drift]
+        reading.stamp_ns += round((offset + drift * t) * NANOSECONDS)

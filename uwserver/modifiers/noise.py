@@ -1,14 +1,15 @@
-"""Random errors: white noise, first-order Gauss-Markov noise, random walk."""
+"""Random errors: white noise, first-order Gauss-Markov noise, outliers."""
 
 from __future__ import annotations
 
 import math
 
-from uwserver.modifiers.base import Measurement, Stream, shifted
-from uwserver.table import Name, NonNegative, Positive, Table
+from uwserver.modifiers.base import NEVER, Measurement, ModifierTable, Stream, shifted
+from uwserver.table import Name, NonNegative, Positive, Probability
+from uwserver.units import NANOSECONDS
 
 
-class WhiteNoise(Table, tag="white_noise", tag_field="kind", kw_only=True, frozen=True):
+class WhiteNoise(ModifierTable, tag="white_noise", kw_only=True, frozen=True):
     """Independent normal error of each component. Give `sigma` (per sample, in the field's unit) or `density` (unit/sqrt(Hz), as data sheets
     do; sigma = density sqrt(rate)); with both they add in variance."""
 
@@ -35,7 +36,7 @@ class _White:
         reading.values[self._index] = shifted(reading.values[self._index], draws)
 
 
-class GaussMarkov(Table, tag="gauss_markov", tag_field="kind", kw_only=True, frozen=True):
+class GaussMarkov(ModifierTable, tag="gauss_markov", kw_only=True, frozen=True):
     """Exponentially correlated error: standard deviation `sigma` (field's unit), correlation time `tau_s`. The usual stand-in for bias
     instability. It starts from its stationary distribution."""
 
@@ -49,39 +50,54 @@ class GaussMarkov(Table, tag="gauss_markov", tag_field="kind", kw_only=True, fro
 
 
 class _GaussMarkov:
+    """Its memory: time of the reading before (s), then the error of each component."""
+
     def __init__(self, config: GaussMarkov, stream: Stream) -> None:
         self.stream, self._config = stream, config
         self._index = stream.index(config.field)
-        self.memory: list[float] = stream.rng.normal(0.0, config.sigma, stream.fields[self._index].size).tolist()
+        start = stream.rng.normal(0.0, config.sigma, stream.fields[self._index].size).tolist()
+        self.memory: list[float] = [NEVER, *start]
 
     def apply(self, reading: Measurement) -> None:
-        c = self._config
-        decay = math.exp(-self.stream.dt / c.tau_s)
+        c, (last, *errors) = self._config, self.memory
+        decay = math.exp(-reading.since(last, self.stream.dt) / c.tau_s)
         scale = c.sigma * math.sqrt(1.0 - decay * decay)
-        draws = self.stream.rng.standard_normal(len(self.memory)).tolist()
-        self.memory = [decay * b + scale * n for b, n in zip(self.memory, draws, strict=True)]
-        reading.values[self._index] = shifted(reading.values[self._index], self.memory)
+        draws = self.stream.rng.standard_normal(len(errors)).tolist()
+        errors = [decay * e + scale * d for e, d in zip(errors, draws, strict=True)]
+        self.memory = [reading.t_ns / NANOSECONDS, *errors]
+        reading.values[self._index] = shifted(reading.values[self._index], errors)
 
 
-class RandomWalk(Table, tag="random_walk", tag_field="kind", kw_only=True, frozen=True):
-    """Error that wanders off from zero: variance density**2 t; `density` in unit/sqrt(s)."""
+class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
+    """Now and then a reading is far off.
+
+    Attributes:
+        probability: of each reading.
+        sigma: standard deviation of the error of each component then, field's unit.
+        one_sided: only to more, as an echo by a detour is always late.
+    """
 
     field: Name
-    density: NonNegative
+    probability: Probability
+    sigma: NonNegative
+    one_sided: bool = False
 
-    def build(self, stream: Stream) -> _RandomWalk:
+    def build(self, stream: Stream) -> _Outlier:
         """The modifier; ValueError as `Stream.index`."""
-        return _RandomWalk(self, stream)
+        return _Outlier(self, stream)
 
 
-class _RandomWalk:
-    def __init__(self, config: RandomWalk, stream: Stream) -> None:
-        self.stream, self._config = stream, config
+class _Outlier:
+    def __init__(self, config: Outlier, stream: Stream) -> None:
+        self.stream, self.memory = stream, list[float]()
+        self._config = config
         self._index = stream.index(config.field)
-        self.memory = [0.0] * stream.fields[self._index].size
+        self._size = stream.fields[self._index].size
 
     def apply(self, reading: Measurement) -> None:
-        scale = self._config.density * math.sqrt(self.stream.dt)
-        draws = self.stream.rng.standard_normal(len(self.memory)).tolist()
-        self.memory = [b + scale * n for b, n in zip(self.memory, draws, strict=True)]
-        reading.values[self._index] = shifted(reading.values[self._index], self.memory)
+        c, rng = self._config, self.stream.rng
+        if rng.random() >= c.probability:
+            return
+        draws = rng.normal(0.0, c.sigma, self._size).tolist()
+        errors = [abs(e) for e in draws] if c.one_sided else draws
+        reading.values[self._index] = shifted(reading.values[self._index], errors)

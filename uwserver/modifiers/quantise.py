@@ -1,12 +1,17 @@
-"""Resolution of an analogue-to-digital converter or of a printed figure."""
+"""What a converter does to a value: it has a resolution, and ends."""
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Stream, mapped
-from uwserver.table import Name, Positive, Table
+import math
+
+from msgspec import UNSET, UnsetType
+
+from uwserver.modifiers.base import Measurement, ModifierTable, Stream, mapped
+from uwserver.ports import Value
+from uwserver.table import Name, Positive
 
 
-class Quantise(Table, tag="quantise", tag_field="kind", kw_only=True, frozen=True):
+class Quantise(ModifierTable, tag="quantise", kw_only=True, frozen=True):
     """Rounds each component to a multiple of `step` (field's unit)."""
 
     field: Name
@@ -32,3 +37,43 @@ class _Quantise:
         if self._per_unit:
             return round(value * self._per_unit) / self._per_unit
         return round(value / self._step) * self._step
+
+
+class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
+    """Holds each component between `minimum` and `maximum` (field's unit); at least one is given.
+
+    Attributes:
+        invalid: a reading that had to be held is not valid.
+    """
+
+    field: Name
+    minimum: float | UnsetType = UNSET
+    maximum: float | UnsetType = UNSET
+    invalid: bool = False
+
+    def __post_init__(self) -> None:
+        low, high = self.minimum, self.maximum
+        if isinstance(low, UnsetType) and isinstance(high, UnsetType):
+            raise ValueError("give minimum, maximum or both")
+        if not isinstance(low, UnsetType) and not isinstance(high, UnsetType) and low > high:
+            raise ValueError(f"minimum {low:g} is above maximum {high:g}")
+
+    def build(self, stream: Stream) -> _Saturate:
+        """The modifier; ValueError as `Stream.index`."""
+        return _Saturate(self, stream)
+
+
+class _Saturate:
+    def __init__(self, config: Saturate, stream: Stream) -> None:
+        self.stream, self.memory = stream, list[float]()
+        self._index = stream.index(config.field)
+        self._low = -math.inf if isinstance(config.minimum, UnsetType) else config.minimum
+        self._high = math.inf if isinstance(config.maximum, UnsetType) else config.maximum
+        self._invalid = config.invalid
+
+    def apply(self, reading: Measurement) -> None:
+        value = reading.values[self._index]
+        held: Value = mapped(value, lambda v: min(max(v, self._low), self._high))
+        reading.values[self._index] = held
+        if self._invalid and held != value:
+            reading.valid = False

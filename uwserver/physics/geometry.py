@@ -10,6 +10,10 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+NOTHING = -1
+SURFACE = -2
+"""Id of the sea surface, which is no solid: sensors enter it, as body and as material of a hit."""
+
 
 class Hits(NamedTuple):
     """First thing that each ray meets.
@@ -37,6 +41,9 @@ class Geometry(Protocol):
             origin: (n, 3) starts in N, m.
             direction: (n, 3) unit directions in N.
             max_range: m; farther things are not seen.
+
+        Returns:
+            Arrays that are the caller's to change.
         """
 
 

@@ -206,6 +206,7 @@ class Hydrodynamics:
         fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
         self.fitted = fitted if self.bodies["fitted"].any() else None
         self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+        self._table = layout.addresses((*self.rows, *fitted, self.state, self.flows))
 
     @property
     def currents(self) -> FloatArray:
@@ -226,7 +227,7 @@ class Hydrodynamics:
         return self._advance_free(t)
 
     def _advance_free(self, t: float) -> int:
-        return int(_kernel().advance(self.rows, self.fitted, self.state, self.flows, t, self.dt))
+        return int(_kernel().advance(self._table, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are told in `touching`."""
@@ -250,7 +251,7 @@ class Hydrodynamics:
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
         if self.sea is not None:
             _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
-        _kernel().rates_of_change(self.rows, self.fitted, self.state, self.flows, t, nu_dot, tau)
+        _kernel().rates_of_change(self._table, t, nu_dot, tau)
         if len(self.touched.impulse):
             nu_dot += self.contact_nu_dot
         return nu_dot, tau
@@ -258,7 +259,7 @@ class Hydrodynamics:
     def load_kernels(self) -> None:
         """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
         nothing = Hydrodynamics((), self.dt)
-        # Kernels with and without appendages are compiled apart.
+        # Contact kernels with and without appendages are compiled apart.
         nothing.fitted = self.fitted and layout.Fitted(*(rows[:0] for rows in self.fitted))
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)

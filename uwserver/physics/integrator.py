@@ -15,6 +15,7 @@ import numpy as np
 from uwserver.physics.appendages import appendages
 from uwserver.physics.compiled import compiled, inlined
 from uwserver.physics.fossen import ACTUATED, EXTERNAL, NU_R, PASSIVE, SCRATCH_ROWS, derivative, rotation
+from uwserver.physics.handles import fitted_at, flows_at, is_fitted, rows_at, state_at
 from uwserver.physics.immersion import depth_below, immersion, upward
 from uwserver.physics.layout import FLOW_PLANE, FLOW_V, STATE_SIZE
 from uwserver.physics.linear import solve
@@ -39,7 +40,7 @@ class Scratch(NamedTuple):
         s: (6, 13) rows named above.
         forces: (3, n) lagged thrust of each thruster of a body at the three stage times, N.
         values: (3, n) value of each servo of a body at the three stage times.
-        work: (11, 6) of `fossen.derivative`.
+        work: (13, 6) of `fossen.derivative`.
         R: (3, 3) R_NB.
         M_inv: (6, 6) inverse inertia that holds in the step.
         small: (3, 3).
@@ -312,19 +313,25 @@ def keep_state(s: Array, x: Array) -> bool:
 
 
 @compiled
-def advance(rows: Any, fitted: Any, state: Array, flows: Array, t: float, dt: float) -> int:
+def advance(table: Array, t: float, dt: float) -> int:
     """Carry all bodies from t to t + dt, in place.
 
     Args:
-        rows: `layout.Rows` of the world.
-        fitted: its `layout.Fitted`; None if it has none, which saves a microsecond of each call.
-        state: (n, 13) p_NB, q_NB, nu.
-        flows: (n, FLOW_SIZE) the water near each body, linear in place and time within the tick.
+        table: of the world's rows, states (n, 13) p_NB, q_NB, nu, and flows (`handles`); the water near each body is linear in place and
+            time within the tick.
         t, dt: start and length of the tick, s.
 
     Returns:
         -1, or the row of the first body whose state is not finite or absurdly fast.
     """
+    if is_fitted(table):
+        return _advance(rows_at(table), fitted_at(table), state_at(table), flows_at(table), t, dt)
+    return _advance(rows_at(table), None, state_at(table), flows_at(table), t, dt)
+
+
+@compiled
+def _advance(rows: Any, fitted: Any, state: Array, flows: Array, t: float, dt: float) -> int:
+    """`fitted` is None for a world without appendages, so that the compiler leaves out all that concerns them."""
     thrusters = rows.thrusters
     w = scratch(thrusters.shape[0], servo_count(fitted))
     for k in range(thrusters.shape[0]):
@@ -339,14 +346,22 @@ def advance(rows: Any, fitted: Any, state: Array, flows: Array, t: float, dt: fl
 
 
 @compiled
-def rates_of_change(rows: Any, fitted: Any, state: Array, flows: Array, t: float, nu_dot: Array, tau: Array) -> None:
+def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
     """Acceleration and applied wrench of all bodies at one instant, from the present lag states; changes no state.
 
     Args:
+        table, t: as for `advance`.
         nu_dot: (n, 6) out, derivative of nu in B, m/s2 and rad/s2.
         tau: (n, 6) out, thrust plus prescribed wrench about the origin in B, N and N m.
-        others: as for `advance`.
     """
+    if is_fitted(table):
+        _rates_of_change(rows_at(table), fitted_at(table), state_at(table), flows_at(table), t, nu_dot, tau)
+    else:
+        _rates_of_change(rows_at(table), None, state_at(table), flows_at(table), t, nu_dot, tau)
+
+
+@compiled
+def _rates_of_change(rows: Any, fitted: Any, state: Array, flows: Array, t: float, nu_dot: Array, tau: Array) -> None:
     w = scratch(rows.thrusters.shape[0], servo_count(fitted))
     shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
     s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R

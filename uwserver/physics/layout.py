@@ -6,6 +6,7 @@ Everything is float64 SI in frames N (NED) and B (FRD), about the body origin. R
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -291,3 +292,13 @@ class Fitted(NamedTuple):
     weights: Any
     derivatives: Any
     hulls: Any
+
+
+CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
+"""A ray of a fan: unit direction in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the angles that
+its cell covers; the intensity that goes into the cell, times its solid angle."""
+
+
+def addresses(arrays: Iterable[Any]) -> Any:
+    """(n, 2) address and length of each array, by which a kernel finds them (`handles`). They must be C-contiguous and outlive the table."""
+    return np.array([(array.ctypes.data, len(array)) for array in arrays], dtype=np.int64)

@@ -7,12 +7,17 @@ a contact, as contacts are judged by their own gap.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
-from uwserver.physics.compiled import compiled
+import numpy as np
+from numba import carray
+
+from uwserver.physics.compiled import compiled, inlined
 from uwserver.physics.fossen import rotation
+from uwserver.physics.handles import pointer_at
 from uwserver.physics.layout import NU, P, Q
 from uwserver.physics.linear import dot
+from uwserver.physics.solid_rows import SLOT
 from uwserver.physics.surface import any_triangle_in
 
 Array = Any  # numpy array inside compiled code
@@ -185,15 +190,71 @@ def near_pairs(
     return count
 
 
+class Search(NamedTuple):
+    """What a search works on, in the order of its table.
+
+    Attributes:
+        slots, vertices, triangles, cell_start, cell_triangles: as in `solid_rows.Rows`.
+        others: as `move` and `near_pairs` take them.
+    """
+
+    slots: Any
+    bodies: Any
+    fixed: Any
+    Ps: Any
+    Rs: Any
+    Qs: Any
+    reach: Any
+    low: Any
+    high: Any
+    body_low: Any
+    body_high: Any
+    order: Any
+    company: Any
+    vertices: Any
+    triangles: Any
+    cell_start: Any
+    cell_triangles: Any
+
+
+@inlined
+def _search_at(table: Array) -> Search:
+    n, m = table[0, 1], table[1, 1]
+    return Search(
+        carray(pointer_at(table, 0), (n,), SLOT),
+        carray(pointer_at(table, 1), (m, 3), np.int64),
+        carray(pointer_at(table, 2), (table[2, 1],), np.int64),
+        carray(pointer_at(table, 3), (n, 3), np.float64),
+        carray(pointer_at(table, 4), (n, 3, 3), np.float64),
+        carray(pointer_at(table, 5), (n, 4), np.float64),
+        carray(pointer_at(table, 6), (n,), np.float64),
+        carray(pointer_at(table, 7), (n, 3), np.float64),
+        carray(pointer_at(table, 8), (n, 3), np.float64),
+        carray(pointer_at(table, 9), (m, 3), np.float64),
+        carray(pointer_at(table, 10), (m, 3), np.float64),
+        carray(pointer_at(table, 11), (m,), np.int64),
+        carray(pointer_at(table, 12), (m,), np.bool_),
+        carray(pointer_at(table, 13), (table[13, 1], 3), np.float64),
+        carray(pointer_at(table, 14), (table[14, 1], 3), np.int64),
+        carray(pointer_at(table, 15), (table[15, 1],), np.int64),
+        carray(pointer_at(table, 16), (table[16, 1],), np.int64),
+    )
+
+
 @compiled
-def search(
-    slots: Array, bodies: Array, fixed: Array, state: Array, dt: float, margin: float, Ps: Array, Rs: Array, Qs: Array, reach: Array,
-    low: Array, high: Array, body_low: Array, body_high: Array, order: Array, company: Array, vertices: Array, triangles: Array,
-    cell_start: Array, cell_triangles: Array, gate: bool, pairs: Array,
-) -> int:  # fmt: skip
-    """`move`, then `near_pairs`, in one call from Python: unwrapping the arrays is a good part of the cost."""
-    move(slots, bodies, state, dt, margin, Ps, Rs, Qs, reach, low, high, body_low, body_high)
-    _find_company(body_low, body_high, order, company)
+def search(table: Array, state: Array, dt: float, margin: float, gate: bool, pairs: Array) -> int:
+    """`move`, then `near_pairs`.
+
+    Args:
+        table: addresses (`layout`) of a `Search`.
+        others: as there.
+    """
+    s = _search_at(table)
+    move(
+        s.slots, s.bodies, state, dt, margin, s.Ps, s.Rs, s.Qs, s.reach, s.low, s.high, s.body_low, s.body_high
+    )  # fmt: skip
+    _find_company(s.body_low, s.body_high, s.order, s.company)
     return near_pairs(
-        slots, bodies, fixed, Ps, Rs, low, high, body_low, body_high, company, vertices, triangles, cell_start, cell_triangles, gate, pairs
+        s.slots, s.bodies, s.fixed, s.Ps, s.Rs, s.low, s.high, s.body_low, s.body_high, s.company, s.vertices, s.triangles,
+        s.cell_start, s.cell_triangles, gate, pairs,
     )  # fmt: skip

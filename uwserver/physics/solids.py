@@ -18,6 +18,7 @@ import numpy as np
 
 from uwserver.frames import multiply
 from uwserver.physics.contact import NO_CONTACTS, Contacts, FloatArray
+from uwserver.physics.layout import addresses
 from uwserver.physics.shapes import (
     BadSolid,
     Box,
@@ -217,12 +218,19 @@ class Solids:
         self._low, self._high = np.zeros((n, 3)), np.zeros((n, 3))
         self._order, self._company = np.arange(len(bodies)), np.zeros(len(bodies), np.bool_)
         self._body_low, self._body_high = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
-        if first < n:
-            near, _ = _kernels()
-            for s in range(first, n):
-                slot = self._all.slots[s]
-                near.place(slot, np.zeros(3), np.eye(3), self._P[s], self._R[s])
-                near.bound(slot, self._P[s], self._R[s], 0.0, self._low[s], self._high[s])
+        near, _ = _kernels()
+        every = self._all
+        self._table = addresses(
+            near.Search(
+                every.slots, self._bodies, self._fixed, self._P, self._R, self._Q, self._reach, self._low, self._high,
+                self._body_low, self._body_high, self._order, self._company, every.vertices, every.triangles,
+                every.cell_start, every.cell_triangles,
+            )
+        )  # fmt: skip
+        for s in range(first, n):
+            slot = self._all.slots[s]
+            near.place(slot, np.zeros(3), np.eye(3), self._P[s], self._R[s])
+            near.bound(slot, self._P[s], self._R[s], 0.0, self._low[s], self._high[s])
 
     # -- contacts -------------------------------------------------------------------------------------------------------------------
 
@@ -241,13 +249,8 @@ class Solids:
 
     def _near(self, state: FloatArray, dt: float) -> Any:
         near, _ = _kernels()
-        every = self._all
         while True:
-            count = near.search(
-                every.slots, self._bodies, self._fixed, state, dt, MARGIN, self._P, self._R, self._Q, self._reach,
-                self._low, self._high, self._body_low, self._body_high, self._order, self._company, every.vertices, every.triangles,
-                every.cell_start, every.cell_triangles, self._gate, self._pairs,
-            )  # fmt: skip
+            count = near.search(self._table, state, dt, MARGIN, self._gate, self._pairs)
             if count <= len(self._pairs):
                 return self._pairs[:count]
             self._pairs = np.zeros((2 * count, 2), np.int64)

@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.physics import layout
 from uwserver.physics.appended import Appendages, PropellerParams, ServoParams
 from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.compiled import cache_state
 from uwserver.physics.contact import Contacts, FloatArray
+from uwserver.physics.geometry import SURFACE, no_hits
 from uwserver.physics.hydrodynamics import Hydrodynamics
 from uwserver.physics.lag import Lag
 from uwserver.physics.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
@@ -72,7 +74,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
     if gentle.advance(0.0) >= 0 or point.any():
         raise RuntimeError("the kernels gave a sea that moves without waves: reinstall numpy and numba")
-    say("kernels: solid things")
+    say("kernels: solid things and echoes")
     kernels: tuple[Any, ...] = (
         integrator.advance,
         integrator.rates_of_change,
@@ -81,6 +83,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         flow.fill_flows,
         flow.water_at,
         *solid_kernels(),
+        *echo_kernels(),
     )
     return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
 
@@ -123,9 +126,29 @@ def solid_kernels() -> tuple[Any, ...]:
         if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
             raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
     return (
-        near.search, near.place, near.bound, touch.collect, surface.fill_cells, hits.settle, hits.passing,
-        hits.meet_plane,
+        near.search, near.place, near.bound, touch.collect, surface.fill_cells, hits.look, hits.enter, hits.settle,
     )  # fmt: skip
+
+
+@cache
+def echo_kernels() -> tuple[Any, ...]:
+    """Those of echo sounders, run once so that no reading waits for them.
+
+    Raises:
+        RuntimeError: they hear nothing of a bottom.
+    """
+    from uwserver.physics import echoes, hits
+
+    down, answer, cells = np.array([[0.0, 0.0, 1.0]]), no_hits(1), np.zeros(1, layout.CELL)
+    cells["direction"], cells["emitted"], counts = down, 1.0, np.zeros(8, np.int64)
+    hits.meet_level(5.5, -down, 10.0, SURFACE, *answer)
+    picture, mu = np.empty(8), np.ones(1)
+    echoes.intensity(cells, np.eye(3), *answer, mu, 1.0, 1.0, 0.01, 0.01, picture)
+    echoes.backscatter(down, answer.normal, answer.body, answer.material, mu, 1.0, np.empty(1))
+    echoes.compress(picture, 1.0, 30.0, 0.01, 60.0, 100.0, 1.0, 255.0, counts)
+    if answer.distance[0] != 5.5 or not 0 < counts[5] < 255:
+        raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
+    return hits.meet_level, echoes.intensity, echoes.backscatter, echoes.compress
 
 
 def prune(folder: Path) -> list[Path]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.scenario.appendage_schema import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
-from uwserver.scenario.convert import convert, fields, silent
+from uwserver.scenario.convert import NO_MORE, More, convert, fields, silent
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath, Problem, Severity
 from uwserver.scenario.vehicle_schema import (
@@ -105,7 +105,7 @@ def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: D
     return MergedFile(scenario, file, name, raw)
 
 
-def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice]) -> Draft:
+def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice], more: More = NO_MORE) -> Draft:
     """All tables that are free of faults; says nothing about the others."""
     types = {info.name: info.type for info in fields(Vehicle)}
     parts: dict[str, Any] = {}
@@ -114,7 +114,7 @@ def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice]) -> Dr
     for table in ("thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors"):
         parts[table] = {}
         for name, value in named(raw, table).items():
-            converted = convert({name: value}, types[table], (), silent)
+            converted = convert({name: value}, types[table], (), silent, more)
             parts[table].update(converted or {})
     return Draft(raw=raw, devices=devices, **parts)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import msgspec
@@ -295,9 +295,11 @@ def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, Actuato
         [_fin(params, f"fins.{name}") for name in names]
         for _, names in _devices(file, (FinConfig, FinsConfig), tuple(file.fins), actuators, hands)
     ]
-    key, propeller = next((k, c) for k, c in file.actuators.items() if isinstance(c, PropellerConfig))
-    hands.held.append(actuators[key])
-    return FinsAndShaft(groups, _shaft(params, f"propellers.{propeller.member}"))
+    propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
+    hands.held += [actuators[key] for key in propellers]
+    shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
+    shaft = replace(shaft, strength=len(propellers) * shaft.strength)
+    return FinsAndShaft(groups, shaft, len(propellers))
 
 
 def _fin(params: BodyParams, servo: str) -> FinEffect:

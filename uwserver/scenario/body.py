@@ -60,14 +60,14 @@ def matrices(vehicle: Vehicle) -> Matrices:
 def buoyancy_and_weight(vehicle: Vehicle, environment: Environment) -> tuple[float, float]:
     """Buoyancy fully submerged, and weight, N."""
     g = environment.gravity_mps2
-    return environment.density_kgpm3 * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
+    return environment.density * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
 
 
 def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
     """Kernel parameters of a checked vehicle: M_A and damping scaled to the water's density, M_A made symmetric where the file says so."""
     M = matrices(vehicle)
-    M_A = 0.5 * (M.M_A + M.M_A.T) * (environment.density_kgpm3 / vehicle.added_mass.reference_density_kgpm3)
-    scale = environment.density_kgpm3 / vehicle.damping.reference_density_kgpm3
+    M_A = 0.5 * (M.M_A + M.M_A.T) * (environment.density / vehicle.added_mass.reference_density_kgpm3)
+    scale = environment.density / vehicle.damping.reference_density_kgpm3
     buoyancy, weight = buoyancy_and_weight(vehicle, environment)
     return BodyParams(
         M_RB=M.M_RB,
@@ -80,7 +80,7 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
         r_g=vehicle.rigid_body.center_of_mass_frd_m,
         r_b=vehicle.buoyancy.center_frd_m,
         shapes=_shapes(vehicle.buoyancy),
-        displaced=environment.density_kgpm3 * vehicle.buoyancy.volume_m3,
+        displaced=environment.density * vehicle.buoyancy.volume_m3,
         thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
         appendages=appendages(vehicle, environment),
     )

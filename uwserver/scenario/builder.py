@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.convert import Report, check_name, convert, convert_kind, kinds_of
+from uwserver.scenario.convert import NO_MORE, More, Report, check_name, convert, convert_kind, kinds_of
 from uwserver.scenario.documents import from_tables
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, did_you_mean
+from uwserver.scenario.extensions import extension_kinds
 from uwserver.scenario.load import scenario_from
 from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, VehicleEntry, WorldTable
 from uwserver.scenario.solid_schema import ObjectEntry, Seabed, Structure
-from uwserver.sensors import SensorConfig
+from uwserver.sensors import SensorConfig, StreamTable
 from uwserver.sensors.truth import Truth
 
 
@@ -39,7 +41,24 @@ class ScenarioBuilder:
         """
         self._raw: dict[str, Any] = {"schema": 1, "title": title, "seed": seed}
         self._installed = adapters
+        self._more: More = NO_MORE
         self.world(rate_hz=rate_hz)
+
+    def extension(self, file: str | Path) -> ScenarioBuilder:
+        """A Python file with further kinds of sensor and modifier for the verbs that follow; it is run."""
+        path = str(Path(file).resolve())
+        files, problems = [*self._raw.get("extensions", []), path], list[Problem]()
+        label = self._raw["title"] or "scenario"
+        more = extension_kinds(
+            files,
+            Path.cwd(),
+            lambda _, text: problems.append(Problem(label, 0, 0, "extensions", text)),
+            problems.append,
+        )
+        if problems:
+            raise ScenarioError(problems)
+        self._more, self._raw["extensions"] = more, files
+        return self
 
     def world(self, **keys: Any) -> ScenarioBuilder:
         """Keys of `[world]`."""
@@ -95,14 +114,18 @@ class ScenarioBuilder:
         self._known(vehicle)
         return self._update(("vehicles", vehicle, "sensors", name), SensorConfig, {"kind": kind, **keys})
 
-    def modifier(self, vehicle: str, sensor: str, name: str, kind: str, **keys: Any) -> ScenarioBuilder:
-        """An error of a sensor's stream: of one added before, else of the sensor of that name in the vehicle file."""
-        entry = self._known(vehicle)
+    def stream(self, vehicle: str, sensor: str, name: str, **keys: Any) -> ScenarioBuilder:
+        """One more stream of a sensor: of one added before, else of the sensor of that name in the vehicle file."""
+        return self._update((*self._sensor(vehicle, sensor), "streams", name), StreamTable, keys)
+
+    def modifier(
+        self, vehicle: str, sensor: str, name: str, kind: str, *, stream: str | None = None, **keys: Any
+    ) -> ScenarioBuilder:
+        """An error of a sensor as for `stream`, or of one of its further streams."""
         raw = {"kind": kind, **_plain(keys)}
-        path: KeyPath = ("vehicles", vehicle, "sensors", sensor, "modifiers", name)
-        if sensor not in entry.get("sensors", {}):
-            path = ("vehicles", vehicle, "override", *path[2:])
-        self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig), path, report))
+        path = self._sensor(vehicle, sensor)
+        path = (*path, "modifiers", name) if stream is None else (*path, "streams", stream, "modifiers", name)
+        self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig, self._more), path, report))
         self._put(path, raw)
         return self
 
@@ -124,9 +147,14 @@ class ScenarioBuilder:
 
     def build(self) -> Scenario:
         """The scenario; the builder may be used further."""
-        scenario = self._checked(lambda report: scenario_from(self._raw, self._installed or {}, report))
+        scenario = self._checked(lambda report: scenario_from(self._raw, self._installed or {}, report, self._more))
         assert isinstance(scenario, Scenario)
         return scenario
+
+    def _sensor(self, vehicle: str, sensor: str) -> KeyPath:
+        """Where a sensor's table stands: in the scenario, or what overrides the vehicle file."""
+        added = sensor in self._known(vehicle).get("sensors", {})
+        return ("vehicles", vehicle, *(() if added else ("override",)), "sensors", sensor)
 
     def _known(self, vehicle: str) -> dict[str, Any]:
         vehicles: dict[str, dict[str, Any]] = self._raw.get("vehicles", {})
@@ -137,7 +165,7 @@ class ScenarioBuilder:
 
     def _update(self, path: KeyPath, type_: Any, keys: Mapping[str, Any]) -> ScenarioBuilder:
         raw = {**self._at(path), **_plain(keys)}
-        self._checked(lambda report: check_name(path, report) and convert(raw, type_, path, report))
+        self._checked(lambda report: check_name(path, report) and convert(raw, type_, path, report, self._more))
         self._put(path, raw)
         return self
 

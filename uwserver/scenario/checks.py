@@ -8,7 +8,7 @@ from typing import Any
 
 from uwserver.scenario.assembly import named
 from uwserver.scenario.convert import Report, convert, silent
-from uwserver.scenario.environment_checks import check_environment
+from uwserver.scenario.environment_checks import check_density, check_environment
 from uwserver.scenario.epoch import instant
 from uwserver.scenario.errors import KeyPath
 from uwserver.scenario.schema import Scenario, WorldTable
@@ -37,6 +37,7 @@ def check_scenario(
             ("vehicles", "world"), '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
         )
     check_environment(named(raw, "environment"), report, warn)
+    check_density(raw, report, warn)
     if scenario is not None:
         _check_ports(scenario, warn)
 

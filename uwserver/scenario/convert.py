@@ -29,7 +29,12 @@ def silent(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
     """A `Report` for a second look at what has been reported already."""
 
 
-def convert(raw: object, type_: Any, path: KeyPath, report: Report) -> Any:
+More = Mapping[type, Mapping[str, Any]]
+"""Kinds beside those of a union: for all unions whose members derive from a base, Structs by their `kind`."""
+NO_MORE: More = {}
+
+
+def convert(raw: object, type_: Any, path: KeyPath, report: Report, more: More = NO_MORE) -> Any:
     """The typed value, or None after at least one report.
 
     Args:
@@ -37,26 +42,27 @@ def convert(raw: object, type_: Any, path: KeyPath, report: Report) -> Any:
         type_: a Struct, a union of Structs tagged by `kind`, a dict of names to either, or anything that msgspec converts.
         path: where `raw` stands.
         report: gets every fault.
+        more: kinds of an extension.
     """
     if type_ is Any:
         return raw
     members = _members(type_)
     if all(_is_struct(member) for member in members):
-        return _convert_table(raw, members, path, report)
+        return _convert_table(raw, members, path, report, more)
     if len(members) > 1:  # numbers or arrays of them: what stands there says which is meant
         fitting = [member for member in members if _is_array(member) == isinstance(raw, (list, tuple))]
         if len(fitting) == 1:
-            return convert(raw, fitting[0], path, report)
+            return convert(raw, fitting[0], path, report, more)
         return _leaf(raw, type_, path, report)
     (only,) = members
     if get_origin(_strip(only)) is dict:
-        return _convert_names(raw, get_args(_strip(only))[1], path, report)
+        return _convert_names(raw, get_args(_strip(only))[1], path, report, more)
     if _is_array(only) and isinstance(raw, (list, tuple)):
-        return _convert_array(raw, only, path, report)
+        return _convert_array(raw, only, path, report, more)
     return _leaf(raw, only, path, report)
 
 
-def convert_kind(raw: object, kinds: Mapping[str, Any], path: KeyPath, report: Report) -> Any:
+def convert_kind(raw: object, kinds: Mapping[str, Any], path: KeyPath, report: Report, more: More = NO_MORE) -> Any:
     """The typed table of the Struct that the table's `kind` names, or None after at least one report."""
     if not isinstance(raw, dict):
         return report(path, f"expected a table, found {found(raw)}")
@@ -72,10 +78,12 @@ def convert_kind(raw: object, kinds: Mapping[str, Any], path: KeyPath, report: R
     if kind not in kinds:
         hint = did_you_mean(kind, list(kinds))
         return report((*path, "kind"), f'unknown kind "{kind}"{hint}; allowed: {", ".join(kinds) or "none"}')
-    return convert_struct(raw, kinds[kind], path, report, tag="kind")
+    return convert_struct(raw, kinds[kind], path, report, "kind", more)
 
 
-def convert_struct(raw: object, struct: Any, path: KeyPath, report: Report, tag: str | None = None) -> Any:
+def convert_struct(
+    raw: object, struct: Any, path: KeyPath, report: Report, tag: str | None = None, more: More = NO_MORE
+) -> Any:
     """The Struct, or None after at least one report; `tag` is the key that chose the Struct."""
     if not isinstance(raw, dict):
         return report(path, f"expected a table, found {found(raw)}")
@@ -89,7 +97,7 @@ def convert_struct(raw: object, struct: Any, path: KeyPath, report: Report, tag:
     values: dict[str, Any] = {}
     for info in infos:
         if info.encode_name in raw:
-            values[info.name] = convert(raw[info.encode_name], info.type, (*path, info.encode_name), report)
+            values[info.name] = convert(raw[info.encode_name], info.type, (*path, info.encode_name), report, more)
             faulty |= values[info.name] is None
         elif info.required:
             faulty = True
@@ -121,35 +129,40 @@ def fields(struct: Any) -> tuple[FieldInfo, ...]:
     return msgspec.structs.fields(struct)
 
 
-def kinds_of(type_: Any) -> dict[str, Any]:
+def kinds_of(type_: Any, more: More = NO_MORE) -> dict[str, Any]:
     """Structs of a tagged union by their `kind`."""
-    return {str(member.__struct_config__.tag): member for member in _members(type_)}
+    members = _members(type_)
+    kinds = {str(member.__struct_config__.tag): member for member in members}
+    for base, further in more.items():
+        if all(issubclass(member, base) for member in members):
+            kinds |= further
+    return kinds
 
 
-def _convert_table(raw: object, members: Sequence[Any], path: KeyPath, report: Report) -> Any:
+def _convert_table(raw: object, members: Sequence[Any], path: KeyPath, report: Report, more: More) -> Any:
     if len(members) == 1 and members[0].__struct_config__.tag is None:
-        return convert_struct(raw, members[0], path, report)
-    return convert_kind(raw, {str(member.__struct_config__.tag): member for member in members}, path, report)
+        return convert_struct(raw, members[0], path, report, None, more)
+    return convert_kind(raw, kinds_of(Union[tuple(members)], more), path, report, more)  # noqa: UP007  # at run time
 
 
-def _convert_names(raw: object, type_: Any, path: KeyPath, report: Report) -> Any:
+def _convert_names(raw: object, type_: Any, path: KeyPath, report: Report, more: More) -> Any:
     if not isinstance(raw, dict):
         return report(path, f"expected a table, found {found(raw)}")
     values: dict[str, Any] = {}
     for name, value in raw.items():
-        values[name] = convert(value, type_, (*path, name), report)
+        values[name] = convert(value, type_, (*path, name), report, more)
         if type_ is not Any and not check_name((*path, name), report):
             values[name] = None
     return None if any(value is None for value in values.values()) else values
 
 
-def _convert_array(raw: Sequence[object], type_: Any, path: KeyPath, report: Report) -> Any:
+def _convert_array(raw: Sequence[object], type_: Any, path: KeyPath, report: Report, more: More) -> Any:
     arguments = get_args(_strip(type_))
     fixed = get_origin(_strip(type_)) is tuple and arguments[-1:] != (...,)
     if fixed and len(arguments) != len(raw):
         return report(path, f"expected {expected(type_)}, found {found(raw)}")
     items = arguments if fixed else (arguments[0],) * len(raw)
-    values = [convert(item, t, (*path, k), report) for k, (item, t) in enumerate(zip(raw, items, strict=True))]
+    values = [convert(item, t, (*path, k), report, more) for k, (item, t) in enumerate(zip(raw, items, strict=True))]
     return None if any(value is None for value in values) else _leaf(values, type_, path, report)
 
 

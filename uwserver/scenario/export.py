@@ -27,6 +27,7 @@ def explain(resolved: Resolved) -> str:
     device files of its thrusters. To be read, not to be loaded. Warnings come first, as comments.
     """
     whole = tables(resolved.scenario, defaults=True)
+    whole["environment"]["density_kgpm3"] = resolved.scenario.environment.density
     whole["vehicles"] = {name: _vehicle(vehicle) for name, vehicle in resolved.vehicles.items()}
     comments = [f"# {problem}\n" for problem in resolved.warnings]
     return "".join(comments) + _toml(whole)

@@ -34,7 +34,7 @@ def _targets(raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environmen
     thrusters: dict[str, tuple[str, ...]] = {}
     sensors: list[str] = []
     hulls: dict[str, Hull] = {}
-    water = environment.density_kgpm3 * environment.gravity_mps2
+    water = environment.density * environment.gravity_mps2
     for table, name, _ in raw_places(raw, "vehicles"):
         vehicle = vehicles[table]
         for key, actuator in vehicle.actuators.items():

@@ -12,12 +12,13 @@ import msgspec
 from uwserver.scenario.assembly import Draft, MergedFile, drafted, merged_file, named
 from uwserver.scenario.autopilot_checks import check_autopilot
 from uwserver.scenario.checks import check_scenario
-from uwserver.scenario.convert import check_name, convert, convert_kind, convert_struct, silent
+from uwserver.scenario.convert import NO_MORE, More, check_name, convert, convert_kind, convert_struct, silent
 from uwserver.scenario.copies import check_names, entries, raw_places
 from uwserver.scenario.device_checks import check_device
 from uwserver.scenario.documents import Document, find, from_tables, read
 from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, suggestion
 from uwserver.scenario.export import tables
+from uwserver.scenario.extensions import extension_kinds
 from uwserver.scenario.fault_checks import check_faults
 from uwserver.scenario.profiles import check_profile, expanded
 from uwserver.scenario.resolved import Resolved, ResolvedVehicle
@@ -41,9 +42,11 @@ def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Reso
     return _Load(_open(source), adapters).result()
 
 
-def scenario_from(raw: dict[str, Any], adapters: Mapping[str, type], report: Callable[..., None]) -> Scenario | None:
+def scenario_from(
+    raw: dict[str, Any], adapters: Mapping[str, type], report: Callable[..., None], more: More = NO_MORE
+) -> Scenario | None:
     """The typed scenario, its adapters too; None after at least one report."""
-    scenario = convert_struct(raw, Scenario, (), report)
+    scenario = convert_struct(raw, Scenario, (), report, more=more)
     typed = {
         name: convert_kind(table, adapters, ("adapters", name), report)
         for name, table in named(raw, "adapters").items()
@@ -78,8 +81,11 @@ class _Load:
         self._files: dict[Path, Document | None] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
         self._profiles: dict[Path, Mapping[str, Any] | None] = {}
+        beside = document.path.parent if document.path else Path.cwd()
+        given, report = document.raw.get("extensions"), self._report(document)
+        self._more = extension_kinds(given, beside, report, self._problems.append)
         self._document = document = self._with_profiles(document)
-        self._scenario = scenario_from(document.raw, adapters, self._report(document))
+        self._scenario = scenario_from(document.raw, adapters, self._report(document), self._more)
         self._world = _quietly(document.raw, "world", WorldTable)
         self._environment = _quietly(document.raw, "environment", Environment)
         self._vehicles: dict[str, tuple[Vehicle | None, Mapping[str, ThrusterDevice]]] = {}
@@ -128,9 +134,9 @@ class _Load:
         if file is None:
             return
         merged = merged_file(document, name, entry, self._with_profiles(file))
-        vehicle = convert_struct(merged.raw, Vehicle, (), self._report(merged))
+        vehicle = convert_struct(merged.raw, Vehicle, (), self._report(merged), more=self._more)
         devices = self._thruster_devices(merged)
-        draft: Draft = drafted(merged.raw, devices)
+        draft: Draft = drafted(merged.raw, devices, self._more)
         self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         if "autopilot" in entry:
@@ -188,7 +194,7 @@ class _Load:
             path = find(reference, "devices", beside, lambda text: report(place, text))
             if path is not None and path not in self._profiles:
                 file = self._read(path)
-                self._profiles[path] = None if file is None else check_profile(file.raw, self._report(file))
+                self._profiles[path] = None if file is None else check_profile(file.raw, self._report(file), self._more)
             return None if path is None else self._profiles[path]
 
         return expanded(document, keys_of, report)

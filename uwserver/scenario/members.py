@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
 import numpy as np
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, UnsetType, structs
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.frames import quat_from_rpy
-from uwserver.modifiers import Modifier, Stream
+from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.physics.bodies import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.autopilot import build_autopilot
@@ -20,7 +20,7 @@ from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor,
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.services import component_services
-from uwserver.slots import ActuatorSlot, Member, SensorSlot
+from uwserver.slots import ActuatorSlot, Member, SensorSlot, SideStream
 from uwserver.units import NANOSECONDS, rad
 from uwserver.vehicle import Vehicle
 from uwserver.world import World
@@ -108,15 +108,33 @@ def _sensor(
     if isinstance(sensor, Instrument):
         sensor.dt = float(divisor / world.rate_hz)
         sensor.start(stream_of(world.seed, path))
+        sensor.load_kernels()
     if isinstance(sensor, Compound):
         sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
-    modifiers: list[Modifier] = [
-        modifier.build(Stream(sensor.fields, float(divisor / world.rate_hz), stream_of(world.seed, f"{path}/{key}")))
-        for key, modifier in config.modifiers.items()
-    ]
-    return SensorSlot(port, row, sensor, tuple(modifiers), divisor, round(config.latency_s * NANOSECONDS))
+    slot = SensorSlot(
+        port, row, sensor, _modifiers(world, port, config.modifiers), divisor, round(config.latency_s * NANOSECONDS)
+    )
+    sides = {name: structs.replace(port, path=f"{path}/{name}") for name in config.streams}
+    slot.sides = tuple(
+        SideStream(sides[name], stream.ideal, _modifiers(world, sides[name], stream.modifiers))
+        for name, stream in config.streams.items()
+    )
+    if isinstance(sensor, Instrument) and "ideal" in config.__struct_fields__ and any(s.ideal for s in slot.sides):
+        twin: Sensor = structs.replace(config, ideal=True).build(mount_of(config, file))
+        assert isinstance(twin, Instrument)
+        twin.load_kernels()
+        twin.dt, slot.twin = sensor.dt, twin
+    return slot
+
+
+def _modifiers(world: World, port: Port, tables: Mapping[str, ModifierConfig]) -> tuple[Modifier, ...]:
+    assert port.rate_hz is not None
+    return tuple(
+        table.build(Stream(port.fields, 1.0 / port.rate_hz, stream_of(world.seed, f"{port.path}/{name}")))
+        for name, table in tables.items()
+    )
 
 
 def stream_of(seed: int, path: str) -> np.random.Generator:

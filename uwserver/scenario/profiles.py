@@ -10,13 +10,16 @@ from msgspec import field
 
 from uwserver.scenario.appendage_schema import Sourced
 from uwserver.scenario.assembly import merged, named
-from uwserver.scenario.convert import Report, convert_kind, convert_struct, kinds_of
+from uwserver.scenario.convert import NO_MORE, More, Report, convert_kind, convert_struct, kinds_of
 from uwserver.scenario.documents import Document
 from uwserver.scenario.errors import KeyPath
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 
 _PROVENANCE = ("source", "status")
+_BEACONS = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
+_OF_THE_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS}
+"""Keys that a sensor needs and no device has, as they say where it is used; by kind."""
 
 
 class SensorDevice(Table, kw_only=True, frozen=True):
@@ -35,7 +38,7 @@ class SensorDevice(Table, kw_only=True, frozen=True):
     properties: dict[str, Any] = field(default_factory=dict)
 
 
-def check_profile(raw: Mapping[str, Any], report: Report) -> dict[str, Any] | None:
+def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) -> dict[str, Any] | None:
     """The keys of the sensor's table that a device file gives, with its `kind`; None after at least one report."""
     device: SensorDevice | None = convert_struct(dict(raw), SensorDevice, (), report)
     if device is None:
@@ -64,7 +67,8 @@ def check_profile(raw: Mapping[str, Any], report: Report) -> dict[str, Any] | No
         place = path if at is None else at
         report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
-    sensor = convert_kind({"rate_hz": 1.0, **keys}, kinds_of(SensorConfig), (), placed)
+    table = {"rate_hz": 1.0, **_OF_THE_USE.get(device.kind, {}), **keys}
+    sensor = convert_kind(table, kinds_of(SensorConfig, more), (), placed, more)
     return keys if fine and sensor is not None else None
 
 

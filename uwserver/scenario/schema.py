@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.environment.column import ColumnConfig
+from uwserver.environment.column import ColumnConfig, surface_density
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.faults import FaultConfig
@@ -28,6 +28,7 @@ class Clock(Table, kw_only=True, frozen=True):
     Attributes:
         mode: realtime (paced by the wall clock), freerun (as fast as possible) or lockstep (as far as the named clients allow).
         speed: simulated seconds per second in realtime.
+        max_speed: in lockstep, no faster than this; default: as fast as the clients let it.
         paused: start paused.
         lockstep_clients: names that must all grant a tick.
         lockstep_timeout_s: wall time that the barrier waits for the slowest client; 0 waits for ever.
@@ -36,6 +37,7 @@ class Clock(Table, kw_only=True, frozen=True):
 
     mode: Literal["realtime", "freerun", "lockstep"] = "realtime"
     speed: Positive = 1.0
+    max_speed: Positive | UnsetType = UNSET
     paused: bool = False
     lockstep_clients: tuple[Name, ...] = ()
     lockstep_timeout_s: NonNegative = 10.0
@@ -56,6 +58,10 @@ class WorldTable(Table, kw_only=True, frozen=True):
     clock: Clock = Clock()
 
 
+SEA_WATER_KGPM3 = 1025.0
+"""Density where nobody says what the water is like."""
+
+
 class Current(Table, kw_only=True, frozen=True):
     """Uniform, steady current; `velocity_ned_mps` is the water's velocity in N."""
 
@@ -66,7 +72,7 @@ class Environment(Table, kw_only=True, frozen=True):
     """Water and gravity. The sea surface at rest is the plane z = 0 of N.
 
     Attributes:
-        density_kgpm3: which forces act with.
+        density_kgpm3: which forces act with, at every depth; default: that of `water` at the surface, or 1025.
         surface_level_m: of the still surface above z = 0, as the tide has it.
         water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
             default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
@@ -75,7 +81,7 @@ class Environment(Table, kw_only=True, frozen=True):
         waves: of the surface; default: none.
     """
 
-    density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] = 1025.0
+    density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] | UnsetType = UNSET
     gravity_mps2: Annotated[float, Meta(ge=0, le=30)] = 9.81
     temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
@@ -84,6 +90,15 @@ class Environment(Table, kw_only=True, frozen=True):
     water: ColumnConfig | UnsetType = UNSET
     currents: dict[str, CurrentConfig] = field(default_factory=dict)
     waves: WavesConfig | UnsetType = UNSET
+
+    @property
+    def density(self) -> float:
+        """`density_kgpm3` or its default, kg/m3."""
+        if not isinstance(self.density_kgpm3, UnsetType):
+            return self.density_kgpm3
+        if isinstance(self.water, UnsetType) or self.water.hydrostatics == "uniform":
+            return SEA_WATER_KGPM3
+        return surface_density(self.water)
 
 
 class Copies(Table, kw_only=True, frozen=True):
@@ -141,10 +156,15 @@ class Server(Table, kw_only=True, frozen=True):
 
 
 class Scenario(Table, kw_only=True, frozen=True):
-    """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`."""
+    """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`.
+
+    Attributes:
+        extensions: Python files, beside this one, with further kinds of sensor and modifier. They are run: do not load what you do not trust.
+    """
 
     schema: Literal[1]
     title: str = ""
+    extensions: tuple[Name, ...] = ()
     seed: Annotated[int, Meta(ge=0)] = 0
     world: WorldTable = WorldTable()
     environment: Environment = Environment()

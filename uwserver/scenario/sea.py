@@ -28,7 +28,7 @@ def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Wate
     steady = [environment.current.velocity_ned_mps]
     steady += [c.velocity_ned_mps for c in environment.currents.values() if isinstance(c, UniformConfig)]
     north, east, down = (sum(components) for components in zip(*steady, strict=True))
-    density, gravity, column = environment.density_kgpm3, environment.gravity_mps2, environment.water
+    density, gravity, column = environment.density, environment.gravity_mps2, environment.water
     return Water(
         density=density,
         gravity=gravity,

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from msgspec import UNSET, Struct
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
+from uwserver.logs import place_of
 from uwserver.modifiers import ModifierConfig, Stream
+from uwserver.ports import Field
 from uwserver.scenario.appendage_checks import check_appendages
 from uwserver.scenario.assembly import Draft, named
 from uwserver.scenario.body import buoyancy_and_weight, matrices
 from uwserver.scenario.checks import check_rate
 from uwserver.scenario.convert import Report
+from uwserver.scenario.documents import label_of
 from uwserver.scenario.epoch import instant, year_of
 from uwserver.scenario.errors import KeyPath, suggestion
 from uwserver.scenario.magnetic import WMM_YEARS
 from uwserver.scenario.schema import Environment, WorldTable
 from uwserver.scenario.vehicle_schema import Damping, Vehicle
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig
+from uwserver.services import SENSOR_SERVICES
 
 _ROUNDING = 1e-9
 _TRIM = 0.05
@@ -192,8 +197,17 @@ def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTab
                     (*path, key),
                     f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two',
                 )
+    ports = _fields(sensor, path, report)
+    if ports is None:
+        return
     for modifier_name, modifier in sensor.modifiers.items():
-        _check_modifier(sensor, modifier, (*path, "modifiers", modifier_name), report)
+        _check_modifier(sensor, ports, modifier, (*path, "modifiers", modifier_name), report)
+    for stream_name, stream in sensor.streams.items():
+        place: KeyPath = (*path, "streams", stream_name)
+        if stream_name in SENSOR_SERVICES:
+            report(place, f'"{stream_name}" is the name of a service of the sensor: choose another name')
+        for modifier_name, modifier in stream.modifiers.items():
+            _check_modifier(sensor, ports, modifier, (*place, "modifiers", modifier_name), report)
 
 
 def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:
@@ -226,11 +240,32 @@ def _check_parts(draft: Draft, sensor: SensorConfig, path: KeyPath, report: Repo
             report(place, f'"{member}" is named twice')
 
 
-def _check_modifier(sensor: SensorConfig, modifier: ModifierConfig, path: KeyPath, report: Report) -> None:
-    stream = Stream(sensor.build(Pose()).fields, 1.0 / sensor.rate_hz, np.random.default_rng(0))
+def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field, ...] | None:
+    """Of the sensor's port; None after a report, which only a kind of an extension needs."""
+    try:
+        built = sensor.build(Pose())
+        _check_fields(built.fields)
+    except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+        report(path, _failed(sensor, error))
+        return None
+    return built.fields
+
+
+def _check_fields(fields: object) -> None:
+    """ValueError unless these can be the fields of a port."""
+    if not isinstance(fields, tuple) or not fields or not all(isinstance(field, Field) for field in fields):
+        raise ValueError("its fields must be a tuple of uwserver.ports.Field")
+    if len({field.name for field in fields}) < len(fields):
+        raise ValueError("two of its fields have one name")
+
+
+def _check_modifier(
+    sensor: SensorConfig, fields: tuple[Field, ...], modifier: ModifierConfig, path: KeyPath, report: Report
+) -> None:
+    stream = Stream(fields, 1.0 / sensor.rate_hz, np.random.default_rng(0))
     target = getattr(modifier, "field", None)
     try:
-        if target is not None:
+        if isinstance(target, str):
             stream.index(target)
     except ValueError as error:
         report((*path, "field"), str(error))
@@ -239,3 +274,13 @@ def _check_modifier(sensor: SensorConfig, modifier: ModifierConfig, path: KeyPat
         modifier.build(stream)
     except ValueError as error:
         report(path, str(error))
+    except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+        report(path, _failed(modifier, error))
+
+
+def _failed(table: Struct, error: Exception) -> str:
+    file, line = place_of(error)
+    kind = table.__struct_config__.tag
+    return (
+        f'a component of kind "{kind}" cannot be built ({label_of(Path(file))}:{line}): {type(error).__name__}: {error}'
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from uwserver.sensors.altimeter import AltimeterConfig
 from uwserver.sensors.attitude import AttitudeConfig
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, StreamTable
 from uwserver.sensors.battery import BatteryConfig
 from uwserver.sensors.clock import ClockConfig
 from uwserver.sensors.compound import Compound, CompoundConfig
@@ -53,5 +53,5 @@ __all__ = [
     "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "Compound", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "ImuConfig", "Instrument", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
-    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "UsblConfig", "carriers",
+    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
 ]  # fmt: skip

@@ -10,10 +10,10 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.geometry import NOTHING, FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.echo import MU_SEDIMENT, NOTHING, Absorption, cast, scattering, submergence, turn
+from uwserver.sensors.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
 from uwserver.sensors.instrument import Instrument, Settings, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
@@ -90,6 +90,7 @@ class Altimeter(Instrument):
         Field("range", "m", "distance of the first echo"),
         Field("confidence", "1", "how far the echo stands out of the noise, 0 to 1"),
     )
+    paces = True
     settings: AltimeterSettings
 
     def __init__(self, mount: Pose, config: AltimeterConfig) -> None:
@@ -105,6 +106,10 @@ class Altimeter(Instrument):
         )  # fmt: skip
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
         super().__init__(AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
+
+    def load_kernels(self) -> None:
+        """Those of echoes."""
+        load_kernels()
 
     def turn_on(self) -> list[float]:
         """Ready at once."""
@@ -147,7 +152,7 @@ class Altimeter(Instrument):
         R = turn(scope.attitude(self._mount.q))
         direction = self._cone @ R.T
         hits = cast(scope, p_NS, direction, _BEYOND * config.max_range_m)
-        bodies = {int(body) for body in hits.body if body != NOTHING}
+        bodies = sorted({*hits.body.tolist()} - {NOTHING})
         if config.ideal:
             ranges = [self._nearest(scope, p_NS, R, direction, hits, body) for body in bodies]
             nearest = min(ranges, default=math.inf)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -20,6 +21,18 @@ from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS
 
 
+class StreamTable(Table, kw_only=True, frozen=True):
+    """One more stream of a sensor, at ``<vehicle>/<sensor>/<stream>``: the same measurements, with their numbers and times, and errors of its own.
+
+    Attributes:
+        ideal: what the device would have read without errors of its own, at the same instants and settings.
+        modifiers: errors of this stream alone; those of the sensor's table are not in it.
+    """
+
+    ideal: bool = False
+    modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
+
+
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """What the table of any sensor may hold.
 
@@ -30,6 +43,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         latency_s: from the measurement to its delivery.
         enabled: False takes the sensor out.
         modifiers: errors, applied in the order of the file; each name is part of its random stream.
+        streams: the same measurements once more, with other errors or none.
     """
 
     rate_hz: Positive
@@ -40,6 +54,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     latency_s: NonNegative = 0.0
     enabled: bool = True
     modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
+    streams: dict[str, StreamTable] = msgspec.field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +75,10 @@ class Place(Protocol):
     @property
     def q_NB(self) -> Quat:
         """Its attitude."""
+
+    @property
+    def nu(self) -> tuple[float, ...]:
+        """Its velocity, v_NB_B (m/s) and w_NB_B (rad/s)."""
 
 
 _OPEN_WATER = OpenWater()
@@ -138,6 +157,17 @@ class Scope:
         )
         g = rotate(conjugate(self.q_NB), (0.0, 0.0, self.water.gravity))
         return rotate(conjugate(mount.q), (a_B[0] - g[0], a_B[1] - g[1], a_B[2] - g[2]))
+
+
+def earlier(p: Vec3, q: Quat, nu: Sequence[float], ago: float) -> tuple[Vec3, Quat]:
+    """Where something was a little while ago (s, about a tick): p (m, N), attitude q and velocity nu in B, taken as constant in N and B."""
+    vx, vy, vz = rotate(q, (nu[0], nu[1], nu[2]))
+    rate = math.hypot(nu[3], nu[4], nu[5])
+    if rate > 0.0:
+        half = -0.5 * rate * ago
+        along = math.sin(half) / rate
+        q = multiply(q, (math.cos(half), along * nu[3], along * nu[4], along * nu[5]))
+    return (p[0] - vx * ago, p[1] - vy * ago, p[2] - vz * ago), q
 
 
 class Sensor(Protocol):

@@ -14,7 +14,7 @@ from uwserver.sensors.instrument import Instrument, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
 _CHARGE, _ENERGY, _BIAS = range(3)
-"""Places in the memory: charge (A s), energy delivered (J), constant error of the current meter (A)."""
+"""Places in the memory: charge (A s), energy delivered (J), constant error of the current meter over its standard deviation."""
 _LEAST = 0.2
 """Part of the open-circuit voltage below which it does not sag: force tables end somewhere above."""
 
@@ -67,6 +67,7 @@ class Battery(Instrument):
         Field("energy", "J", "delivered since the start"),
         Field("charge", "1", "what is left, part of the capacity"),
     )
+    paces = True
     settings: BatterySettings
 
     def __init__(self, config: BatteryConfig) -> None:
@@ -84,7 +85,7 @@ class Battery(Instrument):
 
     def turn_on(self) -> list[float]:
         """The charge at the start."""
-        return [self._config.charge * self._capacity, 0.0, self._meter[0] * float(self.rng.standard_normal())]
+        return [self._config.charge * self._capacity, 0.0, float(self.rng.standard_normal())]
 
     def sense(self, scope: Scope) -> Measurement:
         """Always valid; an empty battery reads 0 V."""
@@ -98,7 +99,7 @@ class Battery(Instrument):
         if wiring is not None:
             wiring.supply(voltage)
         draws = self.rng.standard_normal(2).tolist()
-        shown = current + m[_BIAS] + self._meter[1] * draws[0]
+        shown = current + self._meter[0] * m[_BIAS] + self._meter[1] * draws[0]
         volts = voltage + self._meter[2] * draws[1]
         return Measurement([volts, shown, volts * shown, m[_ENERGY], m[_CHARGE] / self._capacity], True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import mul
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -10,10 +11,10 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.geometry import SURFACE, FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.echo import MU_SEDIMENT, SURFACE, Absorption, cast, scattering_of_each, submergence, turn
+from uwserver.sensors.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
 from uwserver.sensors.instrument import Instrument, Settings, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
@@ -107,6 +108,7 @@ class Dvl(Instrument):
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
         "altitude along the axis, and what each beam saw."
     )
+    paces = True
     settings: DvlSettings
 
     def __init__(self, mount: Pose, config: DvlConfig) -> None:
@@ -121,12 +123,18 @@ class Dvl(Instrument):
         roll, pitch, yaw = (0.0, 0.0, 0.0) if config.ideal else config.misalignment_rpy_deg
         self._beams: FloatArray = self._believed @ turn(quat_from_rpy(rad(roll), rad(pitch), rad(yaw))).T
         self._listed: list[list[float]] = self._beams.tolist()
+        self._all = tuple(range(n))
         self._solutions: dict[tuple[int, ...], _Solution] = {}
         self._absorption = Absorption(config.frequency_hz)
         self.fields = _fields(n)
+        self._blank = blank(self.fields)
         self.arguments = _arguments(config)
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
         super().__init__(DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
+
+    def load_kernels(self) -> None:
+        """Those of echoes."""
+        load_kernels()
 
     def turn_on(self) -> list[float]:
         """Ready at once, in the first mode, with the scale error of this run."""
@@ -148,7 +156,7 @@ class Dvl(Instrument):
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
         delay = 2.0 * high / self._cosine / c
-        reading = Measurement(blank(self.fields), False)
+        reading = Measurement(self._blank.copy(), False)
         if submergence(scope, p_NS) > 0.0:
             echo = self._ping(scope, p_NS, c, low, high, reading)
             delay = 2.0 * echo / c if reading.valid else delay
@@ -182,9 +190,9 @@ class Dvl(Instrument):
 
     def _ping(self, scope: Scope, p_NS: Vec3, c: float, low: float, high: float, reading: Measurement) -> float:
         """Fill in a reading; returns the longest range (m) of a beam in lock."""
-        config, ideal = self._config, self._config.ideal
+        config, ideal, cosine = self._config, self._config.ideal, self._cosine
         direction = self._beams @ turn(scope.attitude(self._mount.q)).T
-        hits = cast(scope, p_NS, direction, 1.05 * high / self._cosine)
+        hits = cast(scope, p_NS, direction, 1.05 * high / cosine)
         ranges: list[float] = hits.distance.tolist()
         v_S, v_water_S = self._velocities(scope, p_NS)
         n = len(ranges)
@@ -193,28 +201,28 @@ class Dvl(Instrument):
         gain = stretch * (1.0 if ideal else 1.0 + self.memory[_SCALE])
         if self.settings.tracking != "water":
             snr = [math.inf] * n if ideal else self._snr(scope, ranges, hits, direction, p_NS[2])
-            moving = [v_water_S if body == SURFACE else v_S for body in hits.body.tolist()]
-            speeds = [_dot(u, v) for u, v in zip(self._listed, moving, strict=True)]
-            locks = [
-                low <= r * self._cosine <= high and abs(speed) <= config.max_speed_mps and s >= THRESHOLD
-                for r, speed, s in zip(ranges, speeds, snr, strict=True)
-            ]
-            # An echo near the noise counts for less.
-            speeds = [
-                gain * speed + config.beam_sigma_mps * (1.0 + 1.0 / max(s, THRESHOLD)) * e
-                for speed, s, e in zip(speeds, snr, noise[0], strict=True)
-            ]
-            seen = [stretch * r + config.range_sigma_m * e for r, e in zip(ranges, noise[1], strict=True)]
+            locks, speeds, seen = [], [], []
+            for (ux, uy, uz), r, body, s, e, f in zip(
+                self._listed, ranges, hits.body.tolist(), snr, noise[0], noise[1], strict=True
+            ):
+                vx, vy, vz = v_water_S if body == SURFACE else v_S
+                speed = ux * vx + uy * vy + uz * vz
+                locks.append(low <= r * cosine <= high and abs(speed) <= config.max_speed_mps and s >= THRESHOLD)
+                # An echo near the noise counts for less.
+                speeds.append(gain * speed + config.beam_sigma_mps * (1.0 + 1.0 / max(s, THRESHOLD)) * e)
+                seen.append(stretch * r + config.range_sigma_m * f)
             if config.false_echo_probability > 0.0 and not ideal:
-                self._mistake(locks, speeds, seen, low / self._cosine)
+                self._mistake(locks, speeds, seen, low / cosine)
             self._bottom(reading, locks, speeds, seen)
-        if self.settings.tracking != "bottom" and config.water_far_m <= _CLEAR * min(ranges) * self._cosine:
+        if self.settings.tracking != "bottom" and config.water_far_m <= _CLEAR * min(ranges) * cosine:
+            sigma, (vx, vy, vz) = config.water_sigma_mps, v_water_S
             drawn = [
-                gain * _dot(u, v_water_S) + config.water_sigma_mps * e
-                for u, e in zip(self._listed, noise[2], strict=True)
+                gain * (ux * vx + uy * vy + uz * vz) + sigma * e
+                for (ux, uy, uz), e in zip(self._listed, noise[2], strict=True)
             ]
-            reading.values[7] = _times(self._solution(tuple(range(n))).inverse, drawn)
-        return max((r for r in ranges if r < math.inf), default=0.0)
+            reading.values[7] = _times(self._solution(self._all).inverse, drawn)
+        heard = [r for r in ranges if r < math.inf]
+        return max(heard) if heard else 0.0
 
     def _velocities(self, scope: Scope, p_NS: Vec3) -> tuple[Vec3, Vec3]:
         """Of the mount over ground and relative to the water, in S."""
@@ -228,11 +236,11 @@ class Dvl(Instrument):
     def _snr(self, scope: Scope, ranges: list[float], hits: Hits, direction: FloatArray, z: float) -> list[float]:
         """Signal over noise of each beam: an extended bottom loses 20 lg r + 2 alpha r; at the largest altitude sediment is just seen."""
         reach = self._config.max_altitude_m / self._cosine
-        loss = 0.2 * self._absorption.at(scope, z)
-        scale = THRESHOLD / (MU_SEDIMENT * self._cosine**2)
+        decay = 0.2 * math.log(10.0) * self._absorption.at(scope, z)
+        scale = THRESHOLD / (MU_SEDIMENT * self._cosine**2) * reach * reach
         return [
-            scale * back * (reach / max(r, 1e-3)) ** 2 * 10.0 ** (loss * (reach - r)) if r < math.inf else 0.0
-            for r, back in zip(ranges, scattering_of_each(scope, hits, direction), strict=True)
+            scale * back / (r * r + 1e-6) * math.exp(decay * (reach - r)) if r < math.inf else 0.0
+            for r, back in zip(ranges, scattering(scope, hits, direction).tolist(), strict=True)
         ]
 
     def _mistake(self, locks: list[bool], speeds: list[float], seen: list[float], nearest: float) -> None:
@@ -244,10 +252,10 @@ class Dvl(Instrument):
                 speeds[i] += wrong[i]
 
     def _bottom(self, reading: Measurement, locks: list[bool], speeds: list[float], seen: list[float]) -> None:
-        used = tuple(i for i, lock in enumerate(locks) if lock)
+        used = self._all if all(locks) else tuple([i for i in self._all if locks[i]])
         values = reading.values
-        values[4] = tuple(s if lock else None for s, lock in zip(speeds, locks, strict=True))
-        values[5] = tuple(s if lock else None for s, lock in zip(seen, locks, strict=True))
+        values[4] = tuple([s if lock else None for s, lock in zip(speeds, locks, strict=True)])
+        values[5] = tuple([s if lock else None for s, lock in zip(seen, locks, strict=True)])
         values[6] = tuple(locks)
         if len(used) < 3:
             return
@@ -283,11 +291,7 @@ class _Solution(NamedTuple):
 
 
 def _times(matrix: list[list[float]], vector: list[float]) -> tuple[float, ...]:
-    return tuple([sum([a * b for a, b in zip(row, vector, strict=True)]) for row in matrix])
-
-
-def _dot(a: list[float], b: Vec3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return tuple([sum(map(mul, row, vector)) for row in matrix])
 
 
 def _fields(n: int) -> tuple[Field, ...]:

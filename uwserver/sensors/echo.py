@@ -5,21 +5,33 @@ The sea surface is a function, not a mesh: seen from below it reflects like a ve
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
+
 import numpy as np
 
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
 from uwserver.frames import Quat, Vec3
-from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.geometry import SURFACE, FloatArray, Hits
 from uwserver.sensors.base import Scope
-
-NOTHING = -1
-SURFACE = -2
-"""Id of the sea surface, as `body` and as `material` of a hit."""
 
 MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
 MU_SEDIMENT = 10.0 ** (0.1 * SEDIMENT_DB)
-_LEAST_GRAZING = 0.01
-"""Sine below which backscatter falls no further: no bottom is that flat."""
+
+
+@cache
+def kernels() -> tuple[ModuleType, ModuleType]:
+    """`echoes` and `hits` of physics. Imported when they are needed, as numba takes half a second."""
+    from uwserver.physics import echoes, hits
+
+    return echoes, hits
+
+
+def load_kernels() -> None:
+    """Load them, or compile them, now rather than in the first reading."""
+    from uwserver.physics.warm import echo_kernels
+
+    echo_kernels()
 
 
 def turn(q_NS: Quat) -> FloatArray:
@@ -52,55 +64,22 @@ def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) ->
     """
     origins = np.empty(direction.shape)
     origins[:] = origin
-    hits = scope.geometry.raycast(origins, direction, max_range)
-    up = direction[:, 2]
-    if up.min() >= 0.0:
-        return hits
-    with np.errstate(divide="ignore"):
-        to_surface = np.where(up < 0.0, -submergence(scope, origin) / up, np.inf)
-    nearer = (to_surface < hits.distance) & (to_surface <= max_range)
-    if not nearer.any():
-        return hits
-    return Hits(
-        np.where(nearer, to_surface, hits.distance),
-        np.where(nearer[:, None], (0.0, 0.0, 1.0), hits.normal),
-        np.where(nearer, SURFACE, hits.body),
-        np.where(nearer, SURFACE, hits.material),
-    )
+    found = scope.geometry.raycast(origins, direction, max_range)
+    kernels()[1].meet_level(submergence(scope, origin), direction, max_range, SURFACE, *found)
+    return found
 
 
-def scattering(scope: Scope, hits: Hits, direction: FloatArray) -> FloatArray:
+def scattering(scope: Scope, found: Hits, direction: FloatArray) -> FloatArray:
     """(n) intensity that a square metre of what each ray hits scatters back at 1 m, per unit of incident intensity: Lambert's law.
 
     Args:
         scope: knows the materials.
-        hits: of the rays; nothing comes back from a miss.
+        found: hits of the rays; nothing comes back from a miss.
         direction: (n, 3) of the rays.
     """
-    sine = np.abs(np.einsum("ij,ij->i", hits.normal, direction))
-    result: FloatArray = lambert_of(scope, hits) * np.maximum(sine, _LEAST_GRAZING) ** 2
-    return result
-
-
-def lambert_of(scope: Scope, hits: Hits) -> FloatArray:
-    """(n) Lambert's parameter of what each ray hits, linear; 0 for a miss."""
-    # A material that nobody named is taken for the last one: a sensor is no place to fail.
-    mu = scope.lambert[np.minimum(np.maximum(hits.material, 0), len(scope.lambert) - 1)]
-    mu[hits.body == SURFACE] = MU_SURFACE
-    mu[hits.body == NOTHING] = 0.0
-    return mu
-
-
-def scattering_of_each(scope: Scope, hits: Hits, direction: FloatArray) -> list[float]:
-    """`scattering` for a handful of rays, without the price of arrays."""
-    found = []
-    for (nx, ny, nz), (dx, dy, dz), k in zip(
-        hits.normal.tolist(), direction.tolist(), hits.material.tolist(), strict=True
-    ):
-        sine = max(abs(nx * dx + ny * dy + nz * dz), _LEAST_GRAZING)
-        mu = MU_SURFACE if k == SURFACE else float(scope.lambert[min(max(k, 0), len(scope.lambert) - 1)])
-        found.append(mu * sine * sine)
-    return found
+    out = np.empty(len(direction))
+    kernels()[0].backscatter(direction, found.normal, found.body, found.material, scope.lambert, MU_SURFACE, out)
+    return out
 
 
 class Absorption:

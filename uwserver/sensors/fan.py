@@ -1,8 +1,4 @@
-"""The picture that a fan of rays gives: energy of echoes over range, independent of how many rays there are.
-
-A ray stands for a small solid angle. What it hits is taken as flat across that angle, so its echo covers an interval of ranges, not a point:
-neither gaps nor moire appear where a bottom is seen at grazing incidence, and the energy stays the same whatever the number of rays.
-"""
+"""A fan of rays: cells of equal angles about the axis of a transducer, and the picture of the paper."""
 
 from __future__ import annotations
 
@@ -11,11 +7,7 @@ import math
 import numpy as np
 
 from uwserver.physics.geometry import FloatArray, Hits
-
-_LEAST_COSINE = 0.01
-"""Of incidence: nothing is so flat that a ray along it meets only one piece."""
-_LONGEST = 0.25
-"""Largest q of `Fan.incidence`."""
+from uwserver.physics.layout import CELL
 
 
 class Fan:
@@ -23,8 +15,8 @@ class Fan:
 
     Attributes:
         direction: (n, 3) unit, in the transducer's frame.
-        solid_angle: (n) of the cells, sr.
-        pattern: (n) two-way beam pattern, as a ratio of intensities: that of a line array in each direction, 1 on the axis.
+        cells: (n) of CELL; `emitted` is the two-way beam pattern, that of a line array in each direction and 1 on the axis, times the solid
+            angle (sr).
     """
 
     def __init__(self, width: float, height: float, columns: int, rows: int, cover: float) -> None:
@@ -35,48 +27,26 @@ class Fan:
             columns, rows: number of rays.
             cover: part of these angles that the rays fill; beyond 1 are the flanks of the pattern.
         """
-        azimuth, self._da = _cells(cover * width, columns)
-        elevation, self._de = _cells(cover * height, rows)
+        azimuth, da = _cells(cover * width, columns)
+        elevation, de = _cells(cover * height, rows)
         az, el = (grid.ravel() for grid in np.meshgrid(azimuth, elevation))
         self.direction: FloatArray = np.stack((np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)), axis=1)
-        self._across: FloatArray = np.stack((-np.sin(az), np.cos(az), np.zeros(az.shape)), axis=1)
-        self._along: FloatArray = np.stack((-np.sin(el) * np.cos(az), -np.sin(el) * np.sin(az), np.cos(el)), axis=1)
-        self._cosine = np.cos(el)
-        self.solid_angle: FloatArray = self._da * (
-            np.sin(el + self._de / 2) - np.sin(el - self._de / 2)
-        )  # exact on the sphere
+        self.cells = np.empty(len(az), CELL)
+        self.cells["direction"] = self.direction
+        across = np.stack((-np.sin(az), np.cos(az), np.zeros(az.shape)), axis=1)
+        self.cells["across"] = across * (da * np.cos(el))[:, None]
+        along = np.stack((-np.sin(el) * np.cos(az), -np.sin(el) * np.sin(az), np.cos(el)), axis=1)
+        self.cells["along"] = along * de
+        solid_angle = da * (np.sin(el + de / 2) - np.sin(el - de / 2))  # exact on the sphere
         one_way = _line_array(az, width) * _line_array(el, height)
-        self.pattern: FloatArray = one_way * one_way
-
-    def incidence(self, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n) cosine of incidence, and (n) the part q by which it changes to the edges of the cell: what a ray meets at range r reaches from
-        r / (1 + q) to r / (1 - q). Normals (n, 3) are in the transducer's frame."""
-        cosine = np.maximum(np.abs(np.einsum("ij,ij->i", normal, self.direction)), _LEAST_COSINE)
-        across = np.einsum("ij,ij->i", normal, self._across) * (self._da * self._cosine)
-        along = np.einsum("ij,ij->i", normal, self._along) * self._de
-        q = np.minimum(0.5 * np.sqrt(across * across + along * along) / cosine, _LONGEST)
-        return cosine, q
+        self.cells["emitted"] = one_way * one_way * solid_angle
 
 
-def energy_per_bin(start: FloatArray, stop: FloatArray, energy: FloatArray, bins: int) -> FloatArray:
-    """(bins) energy of echoes that each spread evenly from start to stop (n, in bins, not negative); what lies behind the last bin is lost."""
-    slope = energy / (stop - start)
-    edges = np.concatenate((start, stop))
-    np.minimum(edges, bins + 1.0, out=edges)
-    whole = edges.astype(np.int64)
-    part = edges - whole
-    slopes = np.concatenate((slope, -slope))
-    # The energy before an edge is a ramp: its second difference is two numbers, and one running sum of all of them gives the bins.
-    second = np.bincount(whole, slopes * (1.0 - part), bins + 3) + np.bincount(whole + 1, slopes * part, bins + 3)
-    result: FloatArray = np.maximum(np.cumsum(second)[:bins], 0.0)
-    return result
-
-
-def dot_products(fan: Fan, hits: Hits, normal: FloatArray, reach: float, bins: int) -> FloatArray:
+def dot_products(fan: Fan, hits: Hits, R: FloatArray, reach: float, bins: int) -> FloatArray:
     """(bins) the picture of the paper (UW-MORSE, section IV-B): the cosine of incidence of each ray, summed over the bin of its range; 1 if
-    all rays hit at right angles."""
+    all rays hit at right angles. R is the attitude of the fan in N."""
     found = hits.distance <= reach
-    cosine = np.abs(np.einsum("ij,ij->i", normal, fan.direction))[found]
+    cosine = np.abs(np.einsum("ij,ij->i", hits.normal @ R, fan.direction))[found]
     place = np.minimum((hits.distance[found] * (bins / reach)).astype(np.int64), bins - 1)
     result: FloatArray = np.bincount(place, cosine, bins) / len(found)
     return result

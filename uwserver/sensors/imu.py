@@ -44,6 +44,7 @@ class Imu(Instrument):
         self._to_S = conjugate(mount.q)
         self._gyroscope = Triad(TriadErrors() if config.ideal else config.gyroscope)
         self._accelerometer = Triad(TriadErrors() if config.ideal else config.accelerometer)
+        self._draws = self._gyroscope.draws + self._accelerometer.draws
         super().__init__(Settings())
 
     def turn_on(self) -> list[float]:
@@ -53,8 +54,9 @@ class Imu(Instrument):
     def sense(self, scope: Scope) -> Measurement:
         """Always valid."""
         f_S, w_S = scope.specific_force(self._mount), rotate(self._to_S, scope.w_NB_B)
+        draws: list[float] = self.rng.standard_normal(self._draws).tolist() if self._draws else []
         if not self._gyroscope.exact:
-            w_S = self._gyroscope.read(w_S, self.memory, 0, self.dt, self.rng)
+            w_S = self._gyroscope.disturbed(w_S, self.memory, 0, self.dt, draws)
         if not self._accelerometer.exact:
-            f_S = self._accelerometer.read(f_S, self.memory, Triad.SIZE, self.dt, self.rng)
+            f_S = self._accelerometer.disturbed(f_S, self.memory, Triad.SIZE, self.dt, draws, self._gyroscope.draws)
         return Measurement([f_S, w_S, scope.water.temperature_at(scope.p_NB[2])], True)

@@ -28,13 +28,17 @@ class Instrument(ABC):
         memory: plain numbers that it keeps from reading to reading.
         rng: random numbers of its own path.
         dt: time between readings, s.
+        paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
+        listens: it waits for something that comes between two readings, as told by `wake`.
     """
 
     fields: tuple[Field, ...]
     doc: str
     needs_rates = False
+    paces = False
     arguments: tuple[Argument, ...] = ()
     dt = 1.0
+    listens = False
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -49,9 +53,17 @@ class Instrument(ABC):
         """The memory at the start of a run."""
         return []
 
+    def load_kernels(self) -> None:  # noqa: B027 - most have none
+        """Load what is compiled for the readings now, so that no tick waits for it."""
+
     @abstractmethod
     def sense(self, scope: Scope) -> Measurement | None:
         """The next reading, with the delay of sound and processing; None when the instrument is not ready for one."""
+
+    @property
+    def wake(self) -> float | None:
+        """When (s) it has to be asked, whatever its rate: at the first tick that is not earlier; None while it waits for nothing."""
+        return None
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """As a plain sensor: no timing; missing values while it is not ready."""

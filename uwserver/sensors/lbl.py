@@ -31,15 +31,15 @@ class Lbl(Interrogator):
     )
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """An exchange with the next beacon; None while the last one is not over."""
-        if not self.is_ready(scope):
+        """None until the exchange under way is over."""
+        over = self.exchange(scope)
+        if over is None:
             return None
-        p_NS = scope.position(self._mount.p)
-        name, answer, wait = self.ask(scope, p_NS)
+        answer, delay_ns, since_ns = over.answer, round(over.wait * NANOSECONDS), scope.t_ns - over.asked_ns
         if answer is None:
-            return Measurement([name, None, None], False, round(wait * NANOSECONDS))
+            return Measurement([over.name, None, None], False, delay_ns, since_ns=since_ns)
         if self._table.ideal:
             reach = answer.distance
         else:
-            reach = 0.5 * self.believed(scope.water.sound_speed(p_NS[2])) * answer.travel_time
-        return Measurement([name, reach, answer.travel_time], True, round(wait * NANOSECONDS))
+            reach = 0.5 * self.believed(scope.water.sound_speed(answer.p_NS[2])) * answer.travel_time
+        return Measurement([over.name, reach, answer.travel_time], True, delay_ns, since_ns=since_ns)

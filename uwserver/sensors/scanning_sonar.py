@@ -13,8 +13,8 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.geometry import FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.echo import Absorption, cast, lambert_of, submergence, turn
-from uwserver.sensors.fan import Fan, directivity, dot_products, energy_per_bin
+from uwserver.sensors.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn
+from uwserver.sensors.fan import Fan, directivity, dot_products
 from uwserver.sensors.instrument import Instrument, Settings, blank
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS, rad
@@ -25,9 +25,7 @@ _FLANKS = 2.0
 """The rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
 _BEYOND = 1.3
 """Rays look so much farther than the last bin: what they hit behind it may reach into it."""
-_FULL_SCALE = 255
-_LEAST_EXTENT = 0.05
-"""Bins; an echo covers at least that."""
+_FULL_SCALE = 255.0
 
 
 class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, frozen=True):
@@ -109,6 +107,7 @@ class ScanningSonar(Instrument):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
+    paces = True
     settings: SonarSettings
 
     def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
@@ -117,7 +116,7 @@ class ScanningSonar(Instrument):
         cover = 1.0 if config.model == "paper" else _FLANKS
         self._fan = Fan(width, height, config.rays_horizontal, config.rays_vertical, cover)
         level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
-        self._emitted = level * self._fan.pattern * self._fan.solid_angle
+        self._fan.cells["emitted"] *= level
         self._noise = 10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(width, height)
         self._absorption = Absorption(config.frequency_hz)
         counts = config.output == "counts"
@@ -139,6 +138,10 @@ class ScanningSonar(Instrument):
                 2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg),
             )
         )
+
+    def load_kernels(self) -> None:
+        """Those of echoes."""
+        load_kernels()
 
     def turn_on(self) -> list[float]:
         """Ready at once, at the first step."""
@@ -184,60 +187,44 @@ class ScanningSonar(Instrument):
         config, reach = self._config, self.settings.range
         R = turn(scope.attitude(self._mount.q)) @ _about_z(angle)
         hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
-        normal = hits.normal @ R
         if config.model == "paper":
-            picture = dot_products(self._fan, hits, normal, reach, config.bins)
-            return _plain(picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture), config.output)
-        intensity = self.intensity(scope, hits, normal, p_NS[2], stretch)
+            picture = dot_products(self._fan, hits, R, reach, config.bins)
+            return tuple(
+                (picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)).tolist()
+            )
+        alpha = self._absorption.at(scope, p_NS[2])
+        intensity = self._intensity(scope, hits, R, p_NS[2], stretch, alpha)
         if not config.ideal:
             intensity += self._noise
             # Many scatterers with random phases: the amplitude is Rayleigh, the intensity exponential; so is the noise.
             intensity *= self.rng.standard_exponential(config.bins)
         if config.output == "pressure":
-            return _plain(1e-6 * np.sqrt(intensity), config.output)
-        return _plain(self._compressed(intensity, self._absorption.at(scope, p_NS[2])), config.output)
+            return tuple((1e-6 * np.sqrt(intensity)).tolist())
+        counts = np.empty(config.bins, np.int64)
+        kernels()[0].compress(
+            intensity, reach / config.bins, config.tvg_spreading, alpha, config.tvg_limit_db,
+            self.settings.gain - config.floor_db, _FULL_SCALE / config.dynamic_range_db, _FULL_SCALE, counts,
+        )  # fmt: skip
+        return tuple(counts.tolist())
 
-    def intensity(self, scope: Scope, hits: Hits, normal: FloatArray, z: float, stretch: float) -> FloatArray:
+    def _intensity(self, scope: Scope, hits: Hits, R: FloatArray, z: float, stretch: float, alpha: float) -> FloatArray:
         """(bins) mean intensity of the echoes, uPa^2, in a cell of the pulse's resolution.
 
         Args:
             scope: the instant.
             hits: of the fan.
-            normal: (n, 3) of the hits in the frame of the fan.
+            R: (3, 3) attitude of the fan.
             z: depth of the transducer, m.
             stretch: believed over true sound speed.
+            alpha: absorption, dB/m.
         """
         bins = self._config.bins
+        out: FloatArray = np.empty(bins)
         resolution = scope.water.sound_speed(z) / (2.0 * self._config.bandwidth_hz)
-        per_metre = stretch * bins / self.settings.range
-        r = np.where(hits.distance < math.inf, np.maximum(hits.distance, 1e-2), 1.0)
-        cosine, q = self._fan.incidence(normal)
-        start, stop = r / (1.0 + q) * per_metre, r / (1.0 - q) * per_metre
-        missing = 0.5 * np.maximum(max(resolution * per_metre, _LEAST_EXTENT) - (stop - start), 0.0)
-        # Lambert's mu cos^2 on an area r^2 dOmega / cos, spread as r^-4. On a flat bottom seen at grazing incidence all this together falls
-        # as r^-5, also within what one ray covers: so it is deposited without that factor, which the bins bring. An echo within one bin
-        # is deposited for the middle of its bin.
-        deposited = np.where(stop - start < 1.0, (np.floor(r * per_metre) + 0.5) / per_metre, r)
-        energy = self._emitted * lambert_of(scope, hits) * cosine * deposited**5 / (r * r * (1.0 - q * q))
-        picture = energy_per_bin(np.maximum(start - missing, 0.0), stop + missing, energy, bins)
-        middle = (np.arange(bins) + 0.5) / per_metre
-        alpha = self._absorption.at(scope, z)
-        result: FloatArray = picture * (middle**-5.0 * 10.0 ** (-0.2 * alpha * middle) * (resolution * per_metre))
-        return result
-
-    def _compressed(self, intensity: FloatArray, alpha: float) -> FloatArray:
-        """(bins) counts: time-varied gain, gain, logarithm, 8 bits."""
-        config, bins = self._config, self._config.bins
-        r = (np.arange(bins) + 0.5) * (self.settings.range / bins)
-        level = 10.0 * np.log10(np.maximum(intensity, 1e-30))
-        level += np.minimum(config.tvg_spreading * np.log10(r) + 2.0 * alpha * r, config.tvg_limit_db)
-        level += self.settings.gain - config.floor_db
-        result: FloatArray = np.rint(np.clip(level * (_FULL_SCALE / config.dynamic_range_db), 0.0, _FULL_SCALE))
-        return result
-
-
-def _plain(picture: FloatArray, output: str) -> tuple[float, ...]:
-    return tuple((picture.astype(np.int64) if output == "counts" else picture).tolist())
+        kernels()[0].intensity(
+            self._fan.cells, R, *hits, scope.lambert, MU_SURFACE, stretch * bins / self.settings.range, resolution, alpha, out,
+        )  # fmt: skip
+        return out
 
 
 def _about_z(angle: float) -> FloatArray:

@@ -43,7 +43,12 @@ class TriadErrors(Table, kw_only=True, frozen=True):
 
 
 class Triad:
-    """Applies `TriadErrors`. Its memory, SIZE numbers in a list of the owner, is: matrix (9), turn-on, Gauss-Markov and random-walk bias."""
+    """Applies `TriadErrors`. Its memory, SIZE numbers in a list of the owner, is: matrix (9), turn-on, Gauss-Markov and random-walk bias.
+
+    Attributes:
+        draws: how many normal random numbers a reading takes.
+        exact: there are no errors.
+    """
 
     SIZE = 18
 
@@ -55,7 +60,7 @@ class Triad:
             self._sigma > 0.0,
             errors.random_walk > 0.0,
         )
-        self._draws = 3 * (self._noisy + self._wanders + self._walks)
+        self.draws = 3 * (self._noisy + self._wanders + self._walks)
         self.exact = errors == TriadErrors()
         self._retime(1.0)
 
@@ -74,18 +79,26 @@ class Triad:
         constant, slow = rng.normal(0.0, e.turn_on, 3), rng.normal(0.0, self._sigma, 3)
         return [*matrix.ravel().tolist(), *constant.tolist(), *slow.tolist(), 0.0, 0.0, 0.0]
 
-    def read(self, truth: Sequence[float], memory: list[float], at: int, dt: float, rng: np.random.Generator) -> Vec3:
+    def read(self, truth: Vec3, memory: list[float], at: int, dt: float, rng: np.random.Generator) -> Vec3:
         """A reading with its errors; moves the biases on by `dt` (s). The memory begins at index `at`."""
+        return self.disturbed(truth, memory, at, dt, rng.standard_normal(self.draws).tolist())
+
+    def disturbed(
+        self, truth: Vec3, memory: list[float], at: int, dt: float, draws: Sequence[float], k: int = 0
+    ) -> Vec3:
+        """As `read`, with the random numbers from `draws[k]` on, for one who draws those of several triads at once."""
         if dt != self._dt:
             self._retime(dt)
-        draws: list[float] = rng.standard_normal(self._draws).tolist() if self._draws else []
         a, b, c, d, e, f, g, h, i, x, y, z, gx, gy, gz, rx, ry, rz = memory[at : at + self.SIZE]
-        k = 0
         if self._wanders:
             decay, step = self._decay, self._wander_step
-            gx, gy, gz = decay * gx + step * draws[0], decay * gy + step * draws[1], decay * gz + step * draws[2]
+            gx, gy, gz = (
+                decay * gx + step * draws[k],
+                decay * gy + step * draws[k + 1],
+                decay * gz + step * draws[k + 2],
+            )
             memory[at + 12 : at + 15] = gx, gy, gz
-            k = 3
+            k += 3
         if self._walks:
             step = self._walk_step
             rx, ry, rz = rx + step * draws[k], ry + step * draws[k + 1], rz + step * draws[k + 2]
@@ -99,7 +112,7 @@ class Triad:
 
     def _converted(self, x: float, y: float, z: float) -> Vec3:
         limit, step = self._errors.limit, self._errors.resolution
-        if limit > 0.0:
+        if limit > 0.0 and not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit):
             x, y, z = max(-limit, min(limit, x)), max(-limit, min(limit, y)), max(-limit, min(limit, z))
         if step > 0.0:
             x, y, z = round(x / step) * step, round(y / step) * step, round(z / step) * step

@@ -81,35 +81,44 @@ class Usbl(Interrogator):
         super().__init__(mount, config)
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """An exchange with the next beacon; None while the last one is not over."""
-        if not self.is_ready(scope):
+        """None until the exchange under way is over."""
+        over = self.exchange(scope)
+        if over is None:
             return None
-        p_NS = scope.position(self._mount.p)
-        name, answer, wait = self.ask(scope, p_NS)
+        answer, delay_ns, since_ns = over.answer, round(over.wait * NANOSECONDS), scope.t_ns - over.asked_ns
         if answer is None:
-            return Measurement([name, *blank(self.fields[1:])], False, round(wait * NANOSECONDS))
-        to_S = conjugate(scope.attitude(self._mount.q))
-        straight_S = rotate(to_S, tuple(b - a for a, b in zip(p_NS, answer.p_BN, strict=True)))
+            return Measurement([over.name, *blank(self.fields[1:])], False, delay_ns, since_ns=since_ns)
+        to_S = conjugate(answer.q_NS)
+        straight_S = rotate(to_S, tuple(b - a for a, b in zip(answer.p_NS, answer.p_BN, strict=True)))
         if self._config.ideal:
             reach, u, ranges = answer.distance, _unit(straight_S), self._distances(straight_S)
         else:
-            reach, u, ranges = self._heard(scope, p_NS, answer)
+            reach, u, ranges = self._heard(scope, answer)
         bearing, elevation = math.atan2(u[1], u[0]), math.atan2(u[2], math.hypot(u[0], u[1]))
         position = straight_S if self._config.ideal else (reach * u[0], reach * u[1], reach * u[2])
-        values: list[Value] = [name, reach, bearing, elevation, position, answer.travel_time, tuple(ranges.tolist())]
-        return Measurement(values, True, round(wait * NANOSECONDS))
+        values: list[Value] = [
+            over.name,
+            reach,
+            bearing,
+            elevation,
+            position,
+            answer.travel_time,
+            tuple(ranges.tolist()),
+        ]
+        return Measurement(values, True, delay_ns, since_ns=since_ns)
 
-    def _heard(self, scope: Scope, p_NS: Vec3, answer: Answer) -> tuple[float, Vec3, FloatArray]:
+    def _heard(self, scope: Scope, answer: Answer) -> tuple[float, Vec3, FloatArray]:
         """Range (m), direction in S and hydrophone ranges (n, m) as the device computes them from times and phases."""
+        p, p_NS = answer.p_BN, answer.p_NS
         c = scope.water.sound_speed(p_NS[2])
         believed = self.believed(c)
         reach = 0.5 * believed * answer.travel_time
         # The sound comes from where its ray does, not from where the beacon is; the array is turned against its frame.
-        heading = math.atan2(answer.p_BN[1] - p_NS[1], answer.p_BN[0] - p_NS[0])
+        heading = math.atan2(p[1] - p_NS[1], p[0] - p_NS[0])
         flat, dip = math.cos(answer.path.dip_a), math.sin(answer.path.dip_a)
         towards_N = (flat * math.cos(heading), flat * math.sin(heading), dip)
-        towards_A = rotate(conjugate(self._q_SA), rotate(conjugate(scope.attitude(self._mount.q)), towards_N))
-        away = answer.distance
+        towards_A = rotate(conjugate(self._q_SA), rotate(conjugate(answer.q_NS), towards_N))
+        away = math.dist(p, p_NS)
         exact = self._distances((away * towards_A[0], away * towards_A[1], away * towards_A[2]))
         # A phase has an error of 1 / sqrt(2 snr) rad, so the difference of two has 1 / sqrt(snr).
         sigma = 1.0 / (2.0 * math.pi * self._config.frequency_hz * math.sqrt(2.0 * answer.snr))

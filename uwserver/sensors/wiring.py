@@ -42,19 +42,30 @@ class Wiring:
     """The rows of one vehicle that its own instruments read; the battery alone writes, the supply voltage."""
 
     def __init__(
-        self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], electrics: Mapping[str, Electric]
+        self,
+        hydro: Hydrodynamics,
+        row: int,
+        thrusters: Mapping[str, int],
+        electrics: Mapping[str, Electric],
+        feeds: bool = True,
     ) -> None:
         """Args:
         hydro: arrays of the world.
         row: of the body.
         thrusters: rows by name.
         electrics: of the thrusters whose device file has them.
+        feeds: whether `supply` does anything.
         """
+        self._feeds = feeds
         self._hydro = hydro
         self._row = row
         self._thrusters = dict(thrusters)
         self._electrics = dict(electrics)
         self._wired = np.array([thrusters[name] for name in electrics], dtype=np.int64)
+
+    def unfed(self) -> Wiring:
+        """The same to look at alone."""
+        return Wiring(self._hydro, self._row, self._thrusters, self._electrics, feeds=False)
 
     @property
     def electrics(self) -> Mapping[str, Electric]:
@@ -87,6 +98,8 @@ class Wiring:
 
     def supply(self, voltage: float) -> None:
         """Set the supply of the wired thrusters, V; 0 stops them."""
+        if not self._feeds:
+            return
         rows = self._hydro.thrusters
         rows["voltage"][self._wired] = voltage
         rows["fresh"][self._wired] = 1

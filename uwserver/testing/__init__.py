@@ -1,4 +1,4 @@
-"""Public testing kit for those who write adapters, codecs and sensors.
+"""Public testing kit for those who write adapters, codecs, sensors and modifiers.
 
 - `check_adapter` (`uwserver.testing.adapters`): the conformance suite that every adapter of uwserver passes; run it on yours:
 
@@ -6,6 +6,7 @@
 
 - `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
 - `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
+- `check_modifier` (`uwserver.testing.modifiers`): the contract of a modifier, from its config.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
 - `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
 - `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads when the test says so.
@@ -20,8 +21,10 @@ from uwserver.testing.fake_context import FakeContext, sample_of
 from uwserver.testing.fake_geometry import FakeGeometry
 from uwserver.testing.loopback import Loopback
 from uwserver.testing.mock_time import MockTime
+from uwserver.testing.modifiers import check_modifier
 from uwserver.testing.sensors import check_sensor
 
 __all__ = [
-    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "TcpPeer", "check_adapter", "check_codec", "check_sensor", "sample_of",
+    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "TcpPeer",
+    "check_adapter", "check_codec", "check_modifier", "check_sensor", "sample_of",
 ]  # fmt: skip

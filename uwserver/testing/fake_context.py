@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from uwserver.adapter import AdapterStats, Subscriber
+from uwserver.adapter import AdapterStats, Driver, Subscriber
 from uwserver.ports import (
     Argument,
     Command,
@@ -104,6 +104,7 @@ class FakeContext:
         commands: as they came.
         calls: those of `held` paths, and all others as they came.
         joined: clients in the barrier.
+        drivers: asked for orders now, each millisecond of wall time; a tick of an order is an `emit`.
         subscribers: attached now.
         described: patterns for which `describe` was called.
         tick: grows with each `emit`.
@@ -118,6 +119,7 @@ class FakeContext:
     commands: list[Command] = field(default_factory=list)
     calls: list[HeldCall] = field(default_factory=list)
     joined: list[str] = field(default_factory=list)
+    drivers: list[Driver] = field(default_factory=list)
     subscribers: list[Subscriber] = field(default_factory=list)
     described: list[str] = field(default_factory=list)
     tick: int = 0
@@ -185,6 +187,17 @@ class FakeContext:
         self.joined.append(client)
         return lambda: self.joined.remove(client)
 
+    def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
+        """Ask a driver from now on."""
+        pump = _Pump(self, client, driver, on_reply)
+        self.drivers.append(driver)
+
+        def end() -> None:
+            self.drivers.remove(driver)
+            pump.end()
+
+        return end
+
     def _scripted(self, script: Script, args: Mapping[str, Json]) -> Reply:
         try:
             return Reply(self.tick, self.tick * TICK_NS, script(args))
@@ -214,6 +227,8 @@ class FakeContext:
 
     def put(self, samples: Sequence[Sample]) -> None:
         """These samples, as one tick, to every subscriber."""
+        for driver in list(self.drivers):
+            driver.see(self.tick * TICK_NS, samples)
         for subscriber in list(self.subscribers):
             subscriber.put_samples(samples)
 
@@ -226,6 +241,45 @@ class FakeContext:
         """Other ports from now on; every subscriber is told."""
         self.ports = {port.path: port for port in ports}
         self.say(Event("ports_changed", self.tick, self.tick * TICK_NS, "the test changed the ports"))
+
+
+class _Pump:
+    """Plays the simulation thread to a driver, on the loop."""
+
+    def __init__(self, context: FakeContext, client: str, driver: Driver, on_reply: OnReply) -> None:
+        self._context = context
+        self._client = client
+        self._driver = driver
+        self._on_reply = on_reply
+        self._loop = asyncio.get_running_loop()
+        self._next: asyncio.Handle = self._loop.call_soon(self._turn)
+
+    def _turn(self) -> None:
+        try:
+            self._step()
+        except Exception as error:  # noqa: BLE001  # as the server does
+            fault = Refused("internal", f"{type(error).__name__}: {error}", self._client).fault
+            self._on_reply(Reply(self._context.tick, self._context.tick * TICK_NS, fault=fault))
+            return
+        self._next = self._loop.call_later(1e-3, self._turn)
+
+    def _step(self) -> None:
+        context = self._context
+        order = self._driver.order(0.0)
+        if order is None:
+            return
+        for path, value in order.commands:
+            try:
+                context.command(path, value, self._client, None)
+            except Refused as refused:
+                self._driver.refuse(refused.fault)
+        for _ in range(order.ticks):
+            context.emit()
+        self._driver.answer(context.tick * TICK_NS)
+
+    def end(self) -> None:
+        """Ask no more."""
+        self._next.cancel()
 
 
 def sample_of(port: Port, seq: int = 0, t_ns: int = 0, valid: bool = True) -> Sample:

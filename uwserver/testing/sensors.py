@@ -11,7 +11,18 @@ import numpy as np
 
 from uwserver.environment.water import Water
 from uwserver.frames import Quat, Vec3, quat_from_rpy
-from uwserver.modifiers import Bias, GaussMarkov, Measurement, ModifierConfig, Quantise, RandomWalk, Stream, WhiteNoise
+from uwserver.modifiers import (
+    Bias,
+    Drift,
+    GaussMarkov,
+    Measurement,
+    ModifierConfig,
+    Outlier,
+    Quantise,
+    Scale,
+    Stream,
+    WhiteNoise,
+)
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.instrument import Instrument
@@ -142,8 +153,10 @@ def _modifiers(field: Field) -> tuple[ModifierConfig, ...]:
     return (
         WhiteNoise(field=name, sigma=0.5),
         GaussMarkov(field=name, sigma=0.5, tau_s=10.0),
-        RandomWalk(field=name, density=0.5),
+        Drift(field=name, density=0.5),
+        Outlier(field=name, probability=1.0, sigma=5.0),
         Bias(field=name, value=0.25),
+        Scale(field=name, factor=1.5),
         Quantise(field=name, step=1e-3),
     )
 
@@ -166,7 +179,7 @@ def _check_modifiers(kind: str, sensor: Sensor, field: Field, instants: Sequence
         reading = Measurement(values, valid)
         modifier.build(Stream(sensor.fields, 0.01, np.random.default_rng(1))).apply(reading)
         check_values(where, sensor.fields, reading.values, reading.valid)
-        if not isinstance(modifier, Quantise):
+        if not isinstance(modifier, (Quantise, Scale)):  # those leave a zero
             assert reading.values[index] != untouched[index], f"{where}: the value did not change"
         others = [value for i, value in enumerate(reading.values) if i != index]
         assert others == [value for i, value in enumerate(untouched) if i != index], (

@@ -9,6 +9,7 @@ from typing import Any
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Progress, Reply, Sample
+from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge import Bridge, Pairs
 from uwserver_adapters.moos.clock import MoosClock
@@ -56,7 +57,7 @@ class Community:
         self._clock = clock
         self._link: Link | None = None
         self._alog: Alog | None = None
-        self.bridge = Bridge(table, context, self._post, name)
+        self.bridge = Bridge(table, context, self._post, self._listen, name)
         self.address = f"{table.host}:{table.port}"
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -72,6 +73,8 @@ class Community:
         link, stats = self._link, self._context.stats
         if link is None:
             return
+        if link.kinds:
+            self._compare(link, pairs)
         size = link.notify(pairs)
         if not size:
             stats.dropped += len(pairs)
@@ -82,6 +85,20 @@ class Community:
             now = self._clock.now()
             for name, value in pairs:
                 self._alog.write(now, name, self._table.client, value)
+
+    def _compare(self, link: Link, pairs: Pairs) -> None:
+        """Tell once of each variable that another client keeps as another type."""
+        for name, value in pairs:
+            theirs = link.kinds.pop(name, "")
+            if theirs and theirs != (wire.STRING if isinstance(value, str) else wire.DOUBLE):
+                text = f"the MOOSDB at {self.address} has {name} with another type and drops ours: rename one, or start it anew"
+                self._context.stats.errors += 1
+                self._context.stats.last_error = text
+                _log.warning("%s: %s", self._context.name, text)
+
+    def _listen(self, names: Sequence[str]) -> None:
+        if self._link is not None:
+            self._link.register(names)
 
     def _take(self, link: Link, messages: Sequence[Message]) -> None:
         own = self._table.client
@@ -95,7 +112,7 @@ class Community:
         """Join, stay, join again, until cancelled."""
         stats = self._context.stats
         told = ""
-        self._alog = Alog(self._table.alog, self._clock.now) if self._table.alog else None
+        self._alog = Alog(self._table.alog, self._clock.now, self._context) if self._table.alog else None
         try:
             while True:
                 try:
@@ -129,6 +146,7 @@ class Community:
             try:
                 _log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
                 link.register(self.bridge.listens_to)
+                link.ask_kinds()
                 self.bridge.begin()
                 await link.stay(self._timeout_s)
             finally:

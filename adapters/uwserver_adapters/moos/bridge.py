@@ -10,12 +10,14 @@ import msgspec
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Fault, Port, Progress, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.calls import Answer, Calls
+from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.moos.mixing import CannotServe, Mixer
 from uwserver_adapters.moos.names import Outlet, variable
 from uwserver_adapters.moos.navigation import Navigation, Raster
 from uwserver_adapters.moos.usm import MOMENTARY, UsmInputs
+from uwserver_adapters.moos.wire import readable
 
 Pairs = Sequence[tuple[str, float | str]]
 
@@ -34,20 +36,30 @@ class Bridge:
         table: what to publish and to obey.
         context: the world.
         post: publishes variables that belong together.
+        listen: asks for writes of variables that mean something only now, as their vehicle came later.
         source: name of the connection, for the world's view of who commands.
 
     Raises:
         CannotServe: the table names what is not there.
     """
 
-    def __init__(self, table: BridgeTable, context: AdapterContext, post: Callable[[Pairs], None], source: str) -> None:
+    def __init__(
+        self,
+        table: BridgeTable,
+        context: AdapterContext,
+        post: Callable[[Pairs], None],
+        listen: Callable[[Sequence[str]], None],
+        source: str,
+    ) -> None:
         self._table = table
         self._context = context
         self._post = post
+        self._listen = listen
         self._source = source
         self._outlets: dict[str, Outlet] = {}
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
         self._seen: dict[str, float] = {}
+        self._passed_over: dict[str, float | None] = {}
         vehicle = self._vehicle()
         ports = context.ports
         self._mixer = Mixer(table.commands, ports, vehicle)
@@ -92,6 +104,7 @@ class Bridge:
 
     def begin(self) -> None:
         """Others can hear now, for the first time or again."""
+        self._passed_over.clear()
         self._post([(MODE, "TRUE")])
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
@@ -112,7 +125,10 @@ class Bridge:
     def put_event(self, event: Event) -> None:
         """Tell everybody."""
         if event.event == "ports_changed":
+            before = frozenset(self._direct)
             self._open_ports()
+            if come := [name for name in self._direct if name not in before]:
+                self._listen(come)
         elif event.event == "reset":
             if self._raster is not None:
                 self._raster.reset()
@@ -142,11 +158,16 @@ class Bridge:
         """
         commanded: dict[str, str] = {}
         for name, value, source, time in written:
-            if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
-                continue
-            self._seen[name] = time
+            source = readable(source)
             if isinstance(value, bytes):
                 value = value.decode("utf-8", "replace")
+            elif isinstance(value, str):
+                value = readable(value)
+            if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
+                if since - time > CREDIBLE_S:  # else it may have been under way as we came
+                    self._pass_over(name, value, source, time)
+                continue
+            self._seen[name] = time
             try:
                 self._obey(name, value, source, commanded)
             except Refused as refused:
@@ -155,6 +176,14 @@ class Bridge:
                 self._tell(name, value, source, Fault("bad_argument", str(error), name))
         for path, source in commanded.items():
             self._command(path, self._mixer.command(path), source)
+
+    def _pass_over(self, name: str, value: float | str, source: str, time: float) -> None:
+        """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""
+        before = self._passed_over.setdefault(name, time)
+        if before is not None and time != before:
+            self._passed_over[name] = None
+            text = "written by a clock that is far behind: is its MOOSTimeWarp ours? It is not obeyed"
+            self._tell(name, value, source, Fault("bad_argument", text, name))
 
     def _is_state(self, name: str) -> bool:
         return name in self._usm.names and name not in MOMENTARY

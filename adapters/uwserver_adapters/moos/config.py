@@ -19,8 +19,9 @@ class Target(Table, kw_only=True, frozen=True):
     Attributes:
         port: actuator, below the vehicle (`rudder`), or its whole path.
         field: its field.
-        full: value at 100, each component of a vector (`[0, 0, 1, -1]`).
+        full: what 100 adds, each component of a vector (`[0, 0, 1, -1]`).
         full_deg: the same in degrees, for fields in radians.
+        zero: value at 0, each component; a ballast's neutral volume, say.
         limit: the variable is limited to +- this; default 100, as it is a percentage.
     """
 
@@ -28,6 +29,7 @@ class Target(Table, kw_only=True, frozen=True):
     field: Name
     full: float | tuple[float, ...] | None = None
     full_deg: float | tuple[float, ...] | None = None
+    zero: float | tuple[float, ...] = 0.0
     limit: Positive = 100.0
 
 
@@ -70,7 +72,7 @@ class BridgeTable(Table, kw_only=True, frozen=True):
         commands: what DESIRED_THRUST and its like do, by variable.
         usm: listen to USM_RESET, USM_SIM_PAUSED, DRIFT_X and the like, as uSimMarine does.
         services: carry out calls that come as the variable UWSERVER_CALL.
-        alog: file (.alog) for all that goes through; written anew at each start.
+        alog: file (.alog) for all that goes through; an earlier one of this name is kept under a number.
     """
 
     vehicle: Name | None = None

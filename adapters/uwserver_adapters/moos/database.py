@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from msgspec.structs import replace
+
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.wire import Message
@@ -17,7 +19,6 @@ KEPT_BYTES = 256 << 20
 REFUSED = "DB_REFUSED"
 """Where clients are told what was not taken, and why."""
 
-_KINDS = (wire.DOUBLE, wire.STRING, wire.BINARY)
 _MEAN = 0.5
 """Weight of the newest interval in a variable's frequency."""
 
@@ -40,11 +41,12 @@ class Letter:
 
 
 class Subscription:
-    """Who hears a variable, how often at most, and when it last did (MOOS time)."""
+    """Where writes of a variable go, how often at most, and when one last did (MOOS time)."""
 
-    __slots__ = ("interval", "last")
+    __slots__ = ("deliver", "interval", "last")
 
-    def __init__(self, interval: float) -> None:
+    def __init__(self, deliver: Callable[[Letter], None], interval: float) -> None:
+        self.deliver = deliver
         self.interval = interval
         self.last = -1e300
 
@@ -64,7 +66,6 @@ class Variable:
         self.written = 0.0
         self.writes = 0
         self.frequency = 0.0
-        self.writers: set[str] = set()
         self.subscribers: dict[str, Subscription] = {}
 
     @property
@@ -76,14 +77,14 @@ class Variable:
         """Forget value and type."""
         self.letter = None
         self.writes, self.written, self.frequency = 0, 0.0, 0.0
-        self.writers.clear()
 
 
 class _Client:
     def __init__(self, deliver: Callable[[Letter], None]) -> None:
         self.deliver = deliver
         self.filters: dict[tuple[str, str], float] = {}
-        self.hears: set[str] = set()
+        self.hears: dict[str, None] = {}
+        self.writes: dict[str, None] = {}
         self.latency = Latency()
 
 
@@ -169,30 +170,38 @@ class Database:
         variable = self._variable(name, key)
         if isinstance(variable, str):
             return
-        subscription = Subscription(interval if 0.0 < interval < float("inf") else 0.0)
-        variable.subscribers[name] = subscription
         client = self._clients[name]
-        client.hears.add(key)
+        subscription = Subscription(client.deliver, interval if 0.0 < interval < float("inf") else 0.0)
+        variable.subscribers[name] = subscription
+        client.hears[key] = None
         if variable.letter is not None:
             subscription.last = self._now()
             client.deliver(variable.letter)
 
     def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
         """A client hears all variables that match, also those that come later."""
-        client = self._clients[name]
-        if len(client.filters) >= FILTERS and (pattern, app) not in client.filters:
-            self._refuse(name, pattern, f"{FILTERS} wildcard registrations are the most a client has")
+        if reason := self.objection(name, pattern, app):
+            self._refuse(name, pattern, reason)
             return
-        client.filters[pattern, app] = interval
+        self._clients[name].filters[pattern, app] = interval
         for key, variable in list(self.variables.items()):
             if variable.letter is not None and _fits(key, variable.letter.message.src, pattern, app):
                 self.register(name, key, interval)
+
+    def objection(self, name: str, pattern: str, app: str) -> str:
+        """Why a client cannot hear all that match; "" when it can."""
+        filters = self._clients[name].filters
+        if max(len(pattern), len(app)) > NAME_LIMIT:
+            return f"a pattern has at most {NAME_LIMIT} characters"
+        if len(filters) >= FILTERS and (pattern, app) not in filters:
+            return f"{FILTERS} wildcard registrations are the most a client has"
+        return ""
 
     def _forget(self, name: str, key: str) -> None:
         variable = self.variables.get(key)
         if variable is not None:
             variable.subscribers.pop(name, None)
-            self._clients[name].hears.discard(key)
+            self._clients[name].hears.pop(key, None)
 
     def forget_all(self, name: str, pattern: str, app: str) -> None:
         """A client hears these no more."""
@@ -219,7 +228,7 @@ class Database:
         if isinstance(variable, str):
             return variable
         old = variable.letter
-        if message.kind not in _KINDS or (old is not None and old.message.kind != message.kind):
+        if message.kind not in wire.KINDS or (old is not None and old.message.kind != message.kind):
             given, has = (_WORDS.get(kind, "unknown type") for kind in (message.kind, variable.kind))
             return self._refuse(message.src, message.key, f"a write as {given}, its type is {has}")
         kept = self._kept + len(message.data) - (len(old.message.data) if old is not None else 0)
@@ -227,7 +236,7 @@ class Database:
             return self._refuse(message.src, message.key, f"all values together have at most {KEPT_BYTES} bytes")
         self._kept = kept
         if not message.community:
-            message = _with_community(message, self.community)
+            message = replace(message, community=self.community)
         self.log(message)
         letter = Letter(message)
         now = self._now()
@@ -239,19 +248,23 @@ class Database:
             variable.frequency += _MEAN * (1.0 / elapsed - variable.frequency)
         variable.written = now
         variable.writes += 1
-        variable.writers.add(message.src)
-        for name, subscription in variable.subscribers.items():
-            if not subscription.interval or now - subscription.last >= subscription.interval:
+        writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
+        if writer is not None:
+            writer.writes[message.key] = None
+        for subscription in variable.subscribers.values():
+            if not subscription.interval:
+                subscription.deliver(letter)
+            elif now - subscription.last >= subscription.interval:
                 subscription.last = now
-                self._clients[name].deliver(letter)
+                subscription.deliver(letter)
         return ""
 
     def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
         for name, client in self._clients.items():
             for (pattern, app), interval in client.filters.items():
                 if name not in variable.subscribers and _fits(key, source, pattern, app):
-                    variable.subscribers[name] = Subscription(interval)
-                    client.hears.add(key)
+                    variable.subscribers[name] = Subscription(client.deliver, interval)
+                    client.hears[key] = None
 
     def _variable(self, client: str, key: str) -> Variable | str:
         """The variable, made if need be, or why there can be none."""
@@ -288,40 +301,27 @@ class Database:
         return "".join(lines)
 
     def _traffic(self) -> str:
-        heard, written = self._by_client()
-        return ",".join(f"{name}={':'.join(heard[name])}&{':'.join(written[name])}" for name in self._clients)
+        return ",".join(f"{name}={':'.join(c.hears)}&{':'.join(c.writes)}" for name, c in self._clients.items())
 
     def _quality(self) -> str:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
-
-    def _by_client(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-        """Variables that each client hears, and those that it writes."""
-        heard: dict[str, list[str]] = {name: [] for name in self._clients}
-        written: dict[str, list[str]] = {name: [] for name in self._clients}
-        for key, variable in self.variables.items():
-            for found, names in ((heard, variable.subscribers), (written, variable.writers)):
-                for name in names:
-                    if name in found:
-                        found[name].append(key)
-        return heard, written
 
     def _answer(self, name: str, request: Message) -> None:
         replies: Iterable[Message]
         if request.key == "ALL":
             replies = [self._listed(key, variable) for key, variable in self.variables.items()]
         elif "PROC_SUMMARY" in request.key:
-            heard, written = self._by_client()
             replies = [
-                self._reply(
-                    "PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', heard[who])},{_list('PUBLISHED=', written[who])}"
-                )
-                for who in self._clients
+                self._reply("PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', c.hears)},{_list('PUBLISHED=', c.writes)}")
+                for who, c in self._clients.items()
             ]
         elif "VAR_SUMMARY" in request.key:
             replies = [self._reply("VAR_SUMMARY", ",".join(self.variables))]
         elif "DB_CLEAR" in request.key:
             for variable in self.variables.values():
                 variable.clear()
+            for client in self._clients.values():
+                client.writes.clear()
             self._kept = 0
             replies = []
         else:
@@ -334,21 +334,8 @@ class Database:
     def _listed(self, key: str, variable: Variable) -> Message:
         if variable.letter is None:
             return Message(wire.NOTIFY, key, 0.0, kind="~", time=-1.0, id=wire.SERVER_REQUEST_ID)
-        m = variable.letter.message
-        since = variable.written - self._start
-        return Message(
-            m.type,
-            key,
-            m.number,
-            m.data,
-            m.kind,
-            m.src,
-            m.src_aux,
-            m.community,
-            since,
-            variable.frequency,
-            wire.SERVER_REQUEST_ID,
-        )
+        said, since = variable.letter.message, variable.written - self._start
+        return replace(said, time=since, number2=variable.frequency, id=wire.SERVER_REQUEST_ID)
 
     def _reply(self, key: str, text: str) -> Message:
         return wire.notify(key, text, self._now() - self._start, self.name, wire.SERVER_REQUEST_ID)
@@ -361,12 +348,8 @@ def _ignore(message: Message) -> None:
     """No log."""
 
 
-def _list(title: str, names: list[str]) -> str:
+def _list(title: str, names: Iterable[str]) -> str:
     return title + "".join(f",{name}" for name in names)
-
-
-def _with_community(m: Message, community: str) -> Message:
-    return Message(m.type, m.key, m.number, m.data, m.kind, m.src, m.src_aux, community, m.time, m.number2, m.id)
 
 
 def _fits(key: str, source: str, pattern: str, app: str) -> bool:
@@ -375,6 +358,9 @@ def _fits(key: str, source: str, pattern: str, app: str) -> bool:
 
 def glob(pattern: str, text: str) -> bool:
     """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Time grows with the product of the lengths, no faster."""
+    start, stars, rest = pattern.partition("*")
+    if not rest and "?" not in start:  # nearly all there are
+        return text.startswith(start) if stars else text == start
     at = 0
     star = resume = -1
     where = 0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections import deque
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, cast
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.database import Letter
-from uwserver_adapters.moos.wire import Hello, Malformed, Message
+from uwserver_adapters.moos.wire import Malformed, Message, Packet
 
 if TYPE_CHECKING:
     from uwserver_adapters.moos.moosdb import MoosDbAdapter
@@ -21,8 +21,19 @@ TURN_S = 0.002
 TOGETHER = 1000
 """Messages in one packet at most: C++ clients throw away mail above 2048 that are unread."""
 HELD = 2048
-"""Mail that waits for a synchronous client to ask; the oldest is dropped above."""
+"""Mail that waits for a synchronous client to ask; the oldest is dropped above, and above `queue_bytes`."""
 CLIENT_NAME_LIMIT = 128
+
+
+class Batch:
+    """Mail of one client, and its packets: many clients hear the same."""
+
+    def __init__(self, letters: list[Letter]) -> None:
+        self.letters = letters
+        self.packets = [
+            wire.packet([letter.data for letter in letters[at : at + TOGETHER]])
+            for at in range(0, len(letters), TOGETHER)
+        ]
 
 
 class Guest(asyncio.Protocol):
@@ -42,9 +53,10 @@ class Guest(asyncio.Protocol):
         self._decoder = wire.Decoder(expects_hello=True, limit=adapter.config.packet_bytes)
         self._transport: asyncio.Transport
         self._is_asynchronous = True
-        self._mail: deque[bytes] = deque()
-        self._first: bytes | None = None
-        self._flushing: asyncio.Handle | None = None
+        self._mail: list[Letter] = []
+        self._held = 0
+        self._is_due = False
+        self._steps: Iterator[None] | None = None
         self._turn: asyncio.Handle | None = None
         self._is_closed = False
 
@@ -72,23 +84,33 @@ class Guest(asyncio.Protocol):
             self._work()
 
     def _work(self) -> None:
+        """Take what is there, until others have their turn."""
         self._turn = None
+        self._steps = self._steps or self._read()
         end = self._loop.time() + TURN_S
-        while not self._is_closed and (event := self._decoder.next_event()) is not wire.NEED_DATA:
-            if isinstance(event, Malformed):
-                self._fault(event.text)
+        for _ in self._steps:
+            if self._is_closed:
                 return
-            if not isinstance(event, Hello):
-                if self.name:
-                    self._packet(event.messages)
-                else:
-                    self._greet(event.messages)
             if self._loop.time() > end:
                 self._transport.pause_reading()
                 self._turn = self._loop.call_soon(self._work)
                 return
+        self._steps = None
         if not self._is_closed:
             self._transport.resume_reading()
+
+    def _read(self) -> Iterator[None]:
+        """Take one packet after the other. Others may have their turn between them, and also within: not behind notifications, which take
+        effect together, but requests may cost much."""
+        while (event := self._decoder.next_event()) is not wire.NEED_DATA:
+            if isinstance(event, Malformed):
+                self._fault(event.text)
+            elif isinstance(event, Packet):
+                if self.name:
+                    yield from self._packet(event.messages)
+                else:
+                    self._greet(event.messages)
+            yield
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
@@ -112,61 +134,71 @@ class Guest(asyncio.Protocol):
         self.name = name
         adapter.joined(self)
 
-    def _packet(self, messages: tuple[Message, ...]) -> None:
+    def _packet(self, messages: tuple[Message, ...]) -> Iterator[None]:
         adapter = self._adapter
         if messages and messages[0].type == wire.TIMING:
             first = messages[0]
             adapter.database.beat(self.name, first.time)
-            echo = Message(wire.TIMING, first.key, adapter.clock.now(), src=first.src, time=first.time, number2=0.0)
-            self._first = wire.encode(echo)
+            if self._is_asynchronous:
+                echo = Message(wire.TIMING, first.key, adapter.clock.now(), src=first.src, time=first.time, number2=0.0)
+                self._write(wire.packet([wire.encode(echo)]), 1)
         for message in messages:
             adapter.take(self, message)
+            if message.type != wire.NOTIFY:
+                yield
         if not self._is_asynchronous:
             self._answer()
-        elif self._first is not None:
-            self._wake()
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
 
     def deliver(self, letter: Letter) -> None:
         """Mail; all that comes in one turn of the loop leaves together."""
-        self._mail.append(letter.data)
+        self._mail.append(letter)
         if not self._is_asynchronous:
-            if len(self._mail) > HELD:
-                self._mail.popleft()
-                self._stats.dropped += 1
-        else:
-            self._wake()
+            self._hold(letter)
+        elif not self._is_due:
+            self._is_due = True
+            self._adapter.has_mail(self)
 
-    def _wake(self) -> None:
-        if self._flushing is None and not self._is_closed:
-            self._flushing = self._loop.call_soon(self._flush)
+    def _hold(self, letter: Letter) -> None:
+        """Keep mail until it is asked for, within bounds."""
+        self._held += len(letter.message.data)
+        while len(self._mail) > HELD or self._held > self._adapter.config.queue_bytes:
+            self._held -= len(self._mail.pop(0).message.data)
+            self._stats.dropped += 1
 
-    def _flush(self) -> None:
-        self._flushing = None
-        if self._transport.get_write_buffer_size() > self._adapter.config.queue_bytes:
-            self._stats.dropped += len(self._mail)
-            self._fault(f"more than {self._adapter.config.queue_bytes} bytes waited for it: it must read faster")
-            return
-        while self._mail or self._first is not None:
-            messages = [] if self._first is None else [self._first]
-            self._first = None
-            while self._mail and len(messages) < TOGETHER:
-                messages.append(self._mail.popleft())
-            self._write(messages)
+    def send_mail(self, last: Batch) -> Batch:
+        """Send what is there.
+
+        Args:
+            last: what another client has just got.
+
+        Returns:
+            What this one has got.
+        """
+        mail, self._mail = self._mail, []
+        self._is_due = False
+        batch = last if mail == last.letters else Batch(mail)
+        for at, packet in zip(range(0, len(mail), TOGETHER), batch.packets, strict=True):
+            self._write(packet, min(TOGETHER, len(mail) - at))
+        return batch
 
     def _answer(self) -> None:
         """The one packet that a synchronous client gets for each of its own."""
         null = wire.encode(Message(wire.NULL, "", self._adapter.clock.now()))
-        self._first = None
-        self._write([null, *self._mail])
-        self._mail.clear()
+        mail, self._mail, self._held = self._mail, [], 0
+        self._write(wire.packet([null, *(letter.data for letter in mail)]), 1 + len(mail))
 
-    def _write(self, messages: list[bytes]) -> None:
-        data = wire.packet(messages)
-        self._stats.samples_sent += len(messages)
-        self._stats.bytes_sent += len(data)
-        self._transport.write(data)
+    def _write(self, packet: bytes, messages: int) -> None:
+        if self._is_closed:
+            return
+        if self._transport.get_write_buffer_size() > self._adapter.config.queue_bytes:
+            self._stats.dropped += messages
+            self._fault(f"more than {self._adapter.config.queue_bytes} bytes waited for it: it must read faster")
+            return
+        self._stats.samples_sent += messages
+        self._stats.bytes_sent += len(packet)
+        self._transport.write(packet)
 
     # -- end ------------------------------------------------------------------------------------------------------------------------
 
@@ -178,14 +210,15 @@ class Guest(asyncio.Protocol):
 
     def _fault(self, text: str) -> None:
         self._stats.errors += 1
-        self._stats.last_error = f"{self.name or 'a client'}: {text}"
-        self._adapter.note(self.name, text)
+        name = wire.readable(self.name) or "a client"
+        self._stats.last_error = f"{name}: {text}"
+        self._adapter.note(name, text)
         self._close()
         self._transport.abort()
 
     def _poison(self, reason: str) -> None:
         self._stats.errors += 1
-        self._stats.last_error = reason
+        self._stats.last_error = wire.readable(reason)
         poison = Message(
             wire.POISON,
             "",
@@ -200,9 +233,8 @@ class Guest(asyncio.Protocol):
 
     def _close(self) -> None:
         self._is_closed = True
-        for handle in (self._flushing, self._turn):
-            if handle is not None:
-                handle.cancel()
+        if self._turn is not None:
+            self._turn.cancel()
         self._mail.clear()
 
     def abort(self) -> None:

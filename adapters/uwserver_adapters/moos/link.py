@@ -32,12 +32,14 @@ class Link(asyncio.Protocol):
         is_joined: the database has welcomed us.
         joined_at: MOOS time of that.
         community: name of the database's community.
+        kinds: types of variables that were there when we asked, by name.
     """
 
     def __init__(self, name: str, clock: MoosClock, take: Callable[[Sequence[Message]], None]) -> None:
         self.is_joined = False
         self.joined_at = 0.0
         self.community = ""
+        self.kinds: dict[str, str] = {}
         self._name = name
         self._clock = clock
         self._take = take
@@ -92,14 +94,14 @@ class Link(asyncio.Protocol):
     def _welcome(self, messages: Sequence[Message]) -> bool:
         first = messages[0] if messages else Message(wire.NULL, "")
         if first.type == wire.POISON:
-            self._end(f"the MOOSDB refuses us: {first.text}")
+            self._end(f"the MOOSDB refuses us: {wire.readable(first.text)}")
             return False
         if first.type != wire.WELCOME:
             self._end("the peer is no MOOSDB of version 10: it does not welcome us")
             return False
         # It tells its time less that of our greeting.
         self._clock.observe(self._greeted, self._greeted + first.number, self._clock.now())
-        self.community = first.community
+        self.community = wire.readable(first.community)
         self.joined_at = self._clock.now()
         self.is_joined = True
         if not self._joined.done():
@@ -110,7 +112,10 @@ class Link(asyncio.Protocol):
         mail = []
         for message in messages:
             if message.type == wire.NOTIFY:
-                mail.append(message)
+                if message.id != wire.SERVER_REQUEST_ID:
+                    mail.append(message)
+                elif message.kind in wire.KINDS:  # else nobody has written it yet
+                    self.kinds[message.key] = message.kind
             elif message.type == wire.TIMING:
                 self._clock.observe(message.time, message.number, self._clock.now())
         if mail:
@@ -143,6 +148,11 @@ class Link(asyncio.Protocol):
         messages = [Message(wire.REGISTER, name, 0.0, src=self._name, time=now, id=self._next_id()) for name in names]
         if messages:
             self._transport.write(wire.packet([wire.encode(message) for message in messages]))
+
+    def ask_kinds(self) -> None:
+        """Ask for the types of all variables: a MOOSDB drops writes of another type without a word to the writer."""
+        request = Message(wire.SERVER_REQUEST, "ALL", time=self._clock.now(), id=wire.SERVER_REQUEST_ID)
+        self._transport.write(wire.packet([wire.encode(request)]))
 
     def notify(self, pairs: Sequence[tuple[str, float | str]]) -> int:
         """Write variables together.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+from collections.abc import Sequence
 
 from uwserver.adapter import AdapterContext
 from uwserver_adapters.moos import wire
@@ -51,23 +52,23 @@ class LocalClient:
         self._clock = clock
         self._mail: list[tuple[str, float | str | bytes, str, float]] = []
         self._waking: asyncio.Handle | None = None
-        self._alog = Alog(table.alog, clock.now) if table.alog else None
-        try:
-            self.bridge = Bridge(table, context, self._post, OWN_NAME)
-        except BaseException:
-            self._end_log()
-            raise
+        self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME)
+        # After the bridge: a table that does not fit makes no file at each try.
+        self._alog = Alog(table.alog, clock.now, context) if table.alog else None
         if self._alog is not None:
             database.log = self._log
         database.join(OWN_NAME, self._deliver)
-        for name in self.bridge.listens_to:
-            database.register(OWN_NAME, name, 0.0)
+        self._listen(self.bridge.listens_to)
         self.bridge.begin()
 
     def _post(self, pairs: Pairs) -> None:
         now = self._clock.now()
         for name, value in pairs:
             self._database.write(wire.notify(name, value, now, OWN_NAME))
+
+    def _listen(self, names: Sequence[str]) -> None:
+        for name in names:
+            self._database.register(OWN_NAME, name, 0.0)
 
     def _deliver(self, letter: Letter) -> None:
         message = letter.message
@@ -92,8 +93,5 @@ class LocalClient:
         if self._waking is not None:
             self._waking.cancel()
         self.bridge.close()
-        self._end_log()
-
-    def _end_log(self) -> None:
         if self._alog is not None:
             self._alog.close()

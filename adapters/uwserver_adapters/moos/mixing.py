@@ -23,10 +23,11 @@ class _Mixed:
     def __init__(self, field: Field) -> None:
         self.field = field
         self.columns: dict[str, tuple[float, ...]] = {}
+        self.zero: tuple[float, ...] = (0.0,) * field.size
 
     def value(self, given: Mapping[str, float]) -> float | list[float]:
         """The field for the variables given so far."""
-        total = [0.0] * self.field.size
+        total = list(self.zero)
         for name, column in self.columns.items():
             part = given.get(name, 0.0) / FULL
             total = [sum_ + part * full for sum_, full in zip(total, column, strict=True)]
@@ -45,7 +46,7 @@ class Mixer:
         vehicle: whose actuators they are.
 
     Raises:
-        CannotServe: a port or field is not there, or `full` does not fit it.
+        CannotServe: a port or field is not there, or `full` or `zero` does not fit it.
     """
 
     def __init__(self, commands: Mapping[str, Sequence[Target]], ports: Mapping[str, Port], vehicle: str) -> None:
@@ -70,6 +71,8 @@ class Mixer:
             raise CannotServe(f'{where}: "{path}" has no field "{target.field}", it has: {names}')
         mixed = self._mixed.setdefault(path, {}).setdefault(field.name, _Mixed(field))
         mixed.columns[name] = _column(where, target, field)
+        zero = _components(where, "zero", target.zero, field)
+        mixed.zero = tuple(sum_ + part for sum_, part in zip(mixed.zero, zero, strict=True))
         self._limits[name] = min(target.limit, self._limits.get(name, math.inf))
         reached = self._reached.setdefault(name, [])
         if path not in reached:
@@ -100,13 +103,18 @@ class Mixer:
 
 def _column(where: str, target: Target, field: Field) -> tuple[float, ...]:
     if (target.full is None) == (target.full_deg is None):
-        raise CannotServe(f"{where}: give either `full` or `full_deg`, the value at 100")
+        raise CannotServe(f"{where}: give either `full` or `full_deg`, what 100 adds")
     if target.full_deg is not None and field.unit != "rad":
         raise CannotServe(f'{where}: "{field.name}" is in {field.unit}: give `full`, not `full_deg`')
-    full = target.full if target.full is not None else radians(target.full_deg or 0.0)
-    column = (float(full),) * field.size if isinstance(full, int | float) else tuple(map(float, full))
-    if len(column) != field.size:
-        raise CannotServe(f'{where}: `full` has {len(column)} numbers, "{field.name}" has {field.size} components')
-    if not all(map(math.isfinite, column)):
-        raise CannotServe(f"{where}: `full` is not finite")
-    return column
+    return _components(
+        where, "full", target.full if target.full is not None else radians(target.full_deg or 0.0), field
+    )
+
+
+def _components(where: str, what: str, given: float | tuple[float, ...], field: Field) -> tuple[float, ...]:
+    numbers = (float(given),) * field.size if isinstance(given, int | float) else tuple(map(float, given))
+    if len(numbers) != field.size:
+        raise CannotServe(f'{where}: `{what}` has {len(numbers)} numbers, "{field.name}" has {field.size} components')
+    if not all(map(math.isfinite, numbers)):
+        raise CannotServe(f"{where}: `{what}` is not finite")
+    return numbers

@@ -10,7 +10,7 @@ from uwserver_adapters.moos.adapter import server_warp
 from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.database import Database
-from uwserver_adapters.moos.guests import Guest
+from uwserver_adapters.moos.guests import Batch, Guest
 from uwserver_adapters.moos.local import OWN_NAME, LocalClient, cannot_listen
 from uwserver_adapters.moos.wire import Message
 
@@ -37,6 +37,8 @@ class MoosDbAdapter:
         self.database = Database(config.community, self.clock.now, config.max_variables)
         self._guests: dict[Guest, None] = {}
         self._names: dict[str, Guest] = {}
+        self._with_mail: list[Guest] = []
+        self._sending: asyncio.Handle | None = None
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -72,6 +74,8 @@ class MoosDbAdapter:
             server.close()
             for guest in list(self._guests):
                 guest.abort()
+            if self._sending is not None:
+                self._sending.cancel()
             if world is not None:
                 world.close()
             await asyncio.sleep(0)  # aborted connections are gone with the next turn of the loop
@@ -107,6 +111,19 @@ class MoosDbAdapter:
         """A message of a client."""
         self.database.take(guest.name, message)
 
+    def has_mail(self, guest: Guest) -> None:
+        """It wants to send, with all others, at the end of this turn of the loop."""
+        self._with_mail.append(guest)
+        if self._sending is None:
+            self._sending = asyncio.get_running_loop().call_soon(self._send)
+
+    def _send(self) -> None:
+        self._sending = None
+        guests, self._with_mail = self._with_mail, []
+        batch = Batch([])
+        for guest in guests:
+            batch = guest.send_mail(batch)
+
     def note(self, name: str, text: str) -> None:
         """A client was disconnected."""
-        _log.warning("%s disconnects %s: %s", self.context.name, name or "a client", text)
+        _log.warning("%s disconnects %s: %s", self.context.name, name, text)

@@ -113,6 +113,9 @@ class TextSession:
                 self.refuse("bad_argument", "the rate is a number above zero", event.tag)
                 return
             interval = 1.0 / rate
+        if reason := self._database.objection(self.name, words[0], "*"):
+            self.refuse("bad_argument", reason, event.tag)
+            return
         self._heard.add(words[0])
         self._send(reply_line(event.tag, f"SUBSCRIBE {words[0]}"))
         self._database.register_all(self.name, words[0], "*", interval)

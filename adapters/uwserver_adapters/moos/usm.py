@@ -76,6 +76,7 @@ class UsmInputs:
     def _reset(self, value: Value, source: str, told: OnFault) -> None:
         if self._teleport is None:
             raise ValueError('the vehicle has no actuator of kind "teleport" that could reset it')
+        pose = reset_pose(str(value), self._fix)
         self._neutral()
         self._context.stats.commands += 1
 
@@ -88,7 +89,7 @@ class UsmInputs:
             self._resets += 1
             self._post("USM_RESET_COUNT", float(self._resets))
 
-        self._context.command(self._teleport, reset_pose(str(value), self._fix), source, on_reply)
+        self._context.command(self._teleport, pose, source, on_reply)
 
     def _pause(self, value: Value, source: str, told: OnFault) -> None:
         self._call("world/pause" if _flag(value) else "world/resume", {}, source, told)

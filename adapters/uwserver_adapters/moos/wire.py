@@ -43,6 +43,7 @@ COMMAND = "C"
 DOUBLE = "D"
 STRING = "S"
 BINARY = "B"
+KINDS = (DOUBLE, STRING, BINARY)
 
 ASYNCHRONOUS = "asynchronous"
 """Key of a client's first message, and text of the welcome, when packets may come unasked."""
@@ -185,6 +186,11 @@ def _bytes(text: str) -> bytes:
         return text.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:  # half a surrogate pair, as JSON can bring it
         return text.encode("utf-8", "replace")
+
+
+def readable(text: str) -> str:
+    """The text, with U+FFFD for what was no UTF-8: logs and JSON cannot carry it otherwise."""
+    return text if text.isascii() else _bytes(text).decode("utf-8", "replace")
 
 
 class Decoder:

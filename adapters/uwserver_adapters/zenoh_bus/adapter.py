@@ -102,8 +102,9 @@ class ZenohAdapter:
         codecs: dict[EncodingName, Codec] = {"json": Codec("json"), "msgpack": Codec("msgpack")}
         publications = Publications(self.context, session, self.keys, codecs[self.config.encoding], sender)
         requests = Requests(
-            self.context, self.keys, codecs, self.config.encoding, self.config.call_timeout_s, publications.tell
-        )
+            self.context, self.keys, codecs, self.config.encoding, self.config.call_timeout_s,
+            publications.tell, publications.look,
+        )  # fmt: skip
         puts: Inbox[zenoh.Sample] = Inbox(
             lambda sample: requests.take_put(_put(sample)), self.config.queue_requests, self._drop
         )

@@ -91,9 +91,10 @@ class Publications:
             self._vehicles[name] = liveliness.declare_token(self._keys.alive(name))
 
     def look(self) -> None:
-        """Find subscribers of whom zenoh said nothing; it says so of all, this is for the one that it may forget."""
+        """Find subscribers of whom zenoh has not said anything yet: its listeners are told a little later than its tables."""
         for outlet in self._outlets.values():
-            outlet.look()
+            if not outlet.is_heard:
+                outlet.look()
 
     def _publisher(self, port: Port) -> Publisher | None:
         from zenoh import CongestionControl, Locality, Priority

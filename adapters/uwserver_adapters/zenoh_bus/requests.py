@@ -94,11 +94,12 @@ class Requests:
     Args:
         call_timeout_s: wall time after which the call of an unnamed caller is cancelled.
         tell: publishes a message under a key.
+        look: finds who subscribes. Declarations overtake queries: who has subscribed and then asks misses nothing after the answer.
     """
 
     def __init__(
         self, context: AdapterContext, keys: KeyScheme, codecs: Mapping[EncodingName, Codec], default: EncodingName,
-        call_timeout_s: float, tell: Callable[[str, object], None],
+        call_timeout_s: float, tell: Callable[[str, object], None], look: Callable[[], None],
     ) -> None:  # fmt: skip
         self._context = context
         self._keys = keys
@@ -106,6 +107,7 @@ class Requests:
         self._default: EncodingName = default
         self._call_timeout_s = call_timeout_s
         self._tell = tell
+        self._look = look
         self._unanswered = 0
         self._running: dict[_Running, None] = {}
         self._leave: dict[str, Callable[[], None]] = {}
@@ -210,6 +212,7 @@ class Requests:
             self._last_values(question)
             return True
         if key == self._keys.describe:
+            self._look()
             result = self._context.describe(question.parameters.get("pattern") or "**")
             question.answer.reply(key, codec.encode(result), codec.media)
             return True
@@ -249,6 +252,7 @@ class Requests:
         return False
 
     def _last_values(self, question: Question) -> None:
+        self._look()
         codec = self._codecs[self._default]
         for path, port in self._context.ports.items():
             key = self._keys.of(path)

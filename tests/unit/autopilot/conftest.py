@@ -114,3 +114,9 @@ def flight(model: str, *, start: tuple[float, float, float] = (0.0, 0.0, 3.0), y
 def fly():
     """Builds a flight."""
     return flight
+
+
+@pytest.fixture
+def flying():
+    """Short words for a world with one vehicle `v`."""
+    return Flight

@@ -119,7 +119,7 @@ def test_a_dvl_counts_in_its_mount_s_frame_and_place():
     for k in range(100):
         bench.hear("ahrs", quat_from_rpy(0, 0, w * k / RATE), 0.0)
         bench.hear("imu", (0.0, 0.0, -G), (0.0, 0.0, w), 10.0)
-        bench.hear("dvl", v_S, 8.0)
+        bench.hear("dvl", v_S, 8.0, 0.01)
         bench.run(1.0 / RATE)
     assert bench.e.v == pytest.approx((0, 0, 0), abs=1e-3)
     assert bench.known.velocity
@@ -128,12 +128,12 @@ def test_a_dvl_counts_in_its_mount_s_frame_and_place():
 def test_dead_reckoning_adds_up_and_set_position_corrects_it():
     bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
     still = (quat_from_rpy(0, 0, math.pi / 2), 0.0)
-    bench.run(10.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0))
+    bench.run(10.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     assert bench.e.p[0] == pytest.approx(0.0, abs=0.05)
     assert bench.e.p[1] == pytest.approx(5.0, abs=0.1)
     assert bench.known.position
     place_at(bench.e, 100.0, 200.0, 3.0)
-    bench.run(2.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0))
+    bench.run(2.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     assert bench.e.p[:2] == pytest.approx((100.0, 201.0), abs=0.1)
 
 
@@ -200,7 +200,7 @@ def test_a_late_fix_is_one_of_where_the_vehicle_was():
     for k in range(500):
         x = 0.5 * k / RATE
         bench.hear("ahrs", level, 0.0)
-        bench.hear("dvl", (0.5, 0.0, 0.0), 8.0)
+        bench.hear("dvl", (0.5, 0.0, 0.0), 8.0, 0.01)
         bench.hear("mocap", (x - 0.5 * 0.4, 0.0, 5.0), level, late_s=0.4)
         bench.run(1.0 / RATE)
     assert bench.e.p[0] == pytest.approx(0.5 * 500 / RATE, abs=0.03)
@@ -210,12 +210,22 @@ def test_one_fix_far_off_is_not_believed_many_are():
     bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"), mocap=Source("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     here = ((0.0, 0.0, 5.0), level)
-    bench.run(5.0, ahrs=(level, 0.0), dvl=((0.0, 0.0, 0.0), 8.0), mocap=here)
+    bench.run(5.0, ahrs=(level, 0.0), dvl=((0.0, 0.0, 0.0), 8.0, 0.01), mocap=here)
     bench.hear("mocap", (50.0, 0.0, 5.0), level)
     assert abs(bench.e.p[0]) < 0.01
     for _ in range(STUBBORN):
         bench.hear("mocap", (50.0, 0.0, 5.0), level)
     assert bench.e.p[0] == pytest.approx(50.0, abs=0.5)
+
+
+def test_a_false_echo_is_not_believed_a_real_jump_is():
+    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
+    bench.run(2.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.2, 0.0, 0.0), 8.0, 0.01))
+    bench.hear("dvl", (1.5, 0.0, 0.0), 8.0, 0.01)
+    assert bench.e.v[0] == pytest.approx(0.2, abs=0.01)
+    for _ in range(6):
+        bench.hear("dvl", (1.5, 0.0, 0.0), 8.0, 0.01)
+    assert bench.e.v[0] > 0.5
 
 
 def test_frequent_fixes_alone_give_a_velocity():
@@ -241,7 +251,7 @@ def test_everything_is_lost_after_its_time_out():
     )
     assert not any(bench.known)
     level = (quat_from_rpy(0, 0, 0), 0.0)
-    bench.run(1.0, ahrs=level, depth=(5.0, 8.0), dvl=((0.0, 0.0, 0.0), 8.0), altimeter=(5.0, 1.0))
+    bench.run(1.0, ahrs=level, depth=(5.0, 8.0), dvl=((0.0, 0.0, 0.0), 8.0, 0.01), altimeter=(5.0, 1.0))
     assert all(bench.known)
     for name, timeout in (
         ("attitude", GAINS.attitude_timeout_s),
@@ -255,10 +265,10 @@ def test_everything_is_lost_after_its_time_out():
 
 def test_an_invalid_sample_keeps_nothing_alive():
     bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
-    bench.run(1.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.1, 0.0, 0.0), 8.0))
+    bench.run(1.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.1, 0.0, 0.0), 8.0, 0.01))
     for _ in range(150):
         bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
-        bench.hear("dvl", (None,) * 3, None, valid=False)
+        bench.hear("dvl", (None,) * 3, None, None, valid=False)
         bench.run(1.0 / RATE)
     assert bench.known.attitude
     assert not bench.known.velocity
@@ -268,7 +278,7 @@ def test_an_invalid_sample_keeps_nothing_alive():
 def test_a_motion_that_nothing_tells_of_dies_away():
     bench = Bench(ahrs=Source("attitude"), imu=Source("imu"), dvl=Source("dvl"))
     level = (quat_from_rpy(0, 0, 0), 0.0)
-    bench.run(2.0, ahrs=level, dvl=((0.5, 0.0, 0.0), 8.0))
+    bench.run(2.0, ahrs=level, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     # A tilt error of 3 degrees would make 0.5 m/s2: integrated, 900 m in a minute.
     bench.run(60.0, ahrs=level, imu=((0.5, 0.0, -G), (0.0, 0.0, 0.0), 10.0))
     assert abs(bench.e.v[0]) < 0.01

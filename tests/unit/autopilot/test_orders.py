@@ -278,6 +278,10 @@ def test_water_in_the_hull_brings_it_up_and_keeps_it_from_arming(fly):
     f.run(1.0)
     assert (f.state["mode"], f.state["failsafe"]) == ("surface", "leak")
     assert any("fail-safe: leak" in text for text in f.events)
+    # Once: then the operator has the last word.
+    f.call("set_mode", mode="depth_hold")
+    f.run(1.0)
+    assert (f.state["mode"], f.state["failsafe"]) == ("depth_hold", "leak")
     f.call("disarm")
     assert "water in the hull" in refused(f.call, service="arm").text
 
@@ -334,6 +338,15 @@ def test_a_lost_sensor_leads_to_a_safer_mode_with_an_event(fly, mode, silent, re
     f.run(1.5)
     f.call("set_mode", mode=mode)
     assert f.state["failsafe"] == ""
+
+
+def test_armed_from_the_start_it_waits_for_its_sensors(fly):
+    f = fly("bluerov2_heavy", autopilot={"armed": True, "mode": "position_hold"})
+    f.run(10.0)
+    state = f.state
+    assert (state["mode"], state["armed"], state["failsafe"]) == ("position_hold", True, "")
+    assert f.vehicle.p_NB == pytest.approx((0.0, 0.0, 3.0), abs=0.2)
+    assert f.refusal("thrusters", u=[0] * 8)
 
 
 # -- snapshots -----------------------------------------------------------------------------------------------------------------------------
@@ -430,6 +443,18 @@ def test_a_vehicle_without_anything_to_steer_with_is_refused():
     b.vehicle("v", "bluerov2", autopilot={}, override={"actuators": off})
     with pytest.raises(ScenarioError, match="nothing that the autopilot could steer with"):
         load(b.build(), adapters={})
+
+
+@pytest.mark.parametrize(
+    "model", ["bluerov2", "bluerov2_heavy", "rexrov", "remus100", "lauv", "tethys", "npsauv2", "eca_a9"]
+)
+def test_every_shipped_vehicle_takes_an_autopilot(fly, model):
+    f = fly(model, bottom=None, start=(0.0, 0.0, 10.0))
+    f.call("set_mode", mode="depth_hold")
+    f.call("arm")
+    f.run(3.0, pilot={"u": [0.5, 0, 0, 0, 0, 0]})
+    assert f.vehicle.nu[0] > 0.02
+    assert all(abs(v) < 3.0 for v in f.vehicle.nu)
 
 
 def test_steps_follow_the_physics_rate(fly):

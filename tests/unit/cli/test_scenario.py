@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -9,7 +10,10 @@ from click.testing import CliRunner, Result
 
 import uwserver.cli.scenario as commands
 from uwserver.adapter import AdapterTable
+from uwserver.modifiers import ModifierConfig
+from uwserver.scenario.convert import kinds_of
 from uwserver.scenario.documents import shipped
+from uwserver.sensors import SensorConfig
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -71,9 +75,7 @@ def test_warnings_do_not_fail(folder: Path) -> None:
     assert result.stdout.startswith("ok: light.toml")
 
 
-@pytest.mark.parametrize(
-    ("option", "key"), [("--scenario", "vehicles"), ("--vehicle", "rigid_body"), ("--device", "curves")]
-)
+@pytest.mark.parametrize(("option", "key"), [("--scenario", "vehicles"), ("--vehicle", "rigid_body")])
 def test_schema_is_json_of_the_right_file(option: str, key: str) -> None:
     document = json.loads(run("schema", option).stdout)
     name = document["$ref"].rsplit("/", 1)[1]
@@ -88,13 +90,35 @@ def test_list_names_everything_with_one_line_each() -> None:
     result = run("list")
     assert result.exit_code == 0
     for section in ("scenarios", "vehicles", "devices", "sensors", "actuators", "modifiers", "adapters"):
-        lines = run("list", section).stdout.splitlines()
+        lines = [line for line in run("list", section).stdout.splitlines() if not line.startswith(" ")]
         assert lines
         assert all(len(line.split(maxsplit=1)) == 2 for line in lines), lines
         assert f"{section}:\n" in result.stdout
         assert all(f"  {line}" in result.stdout for line in lines)
     assert any(line.startswith("pressure ") for line in run("list", "sensors").stdout.splitlines())
     assert run("list", "boats").exit_code == 2
+
+
+def test_list_sensors_tells_fields_units_frames_keys_and_profiles() -> None:
+    """Of every kind, however it is configured."""
+    text = run("list", "sensors").stdout
+    assert re.search(r"^      pressure +scalar +Pa +- +absolute pressure$", text, re.M)
+    assert re.search(r"^      depth +scalar  m +- ", text, re.M)
+    assert re.search(r"^      v_S +3 +m/s +S +velocity of the mount over ground$", text, re.M)
+    assert "profiles: a50 (Water Linked DVL A50), dvl1000" in text
+    assert "beam_angle_deg (22.5)" in text
+    for kind in kinds_of(SensorConfig):
+        alone = run("list", "sensors", kind).stdout
+        assert alone.startswith(f"{kind} ")
+        assert alone in text
+        assert "\n    keys: " in alone
+    assert run("list", "sensors", "dvl2").exit_code == 2
+
+
+def test_list_modifiers_tells_their_keys() -> None:
+    lines = run("list", "modifiers").stdout.splitlines()
+    assert len(lines) == 2 * len(kinds_of(ModifierConfig))
+    assert "    keys: field (required), rate (0), rate_sigma (0), density (0)" in lines
 
 
 @pytest.mark.parametrize("vehicle", list(shipped("vehicles")))

@@ -10,7 +10,7 @@ from uwserver.environment.absorption import absorption
 
 # dB/km; Francois and Garrison 1982 as two public implementations have it (SonarDocsBuilder, jfa-octave).
 SEA = {10: 1.01, 25: 5.23, 115: 34.9, 375: 87, 700: 205, 750: 230, 1000: 377, 1200: 525, 2100: 1525}
-LAKE = {25: 0.20, 115: 4.2, 375: 44, 700: 152, 750: 175, 1000: 311, 1200: 447, 2100: 1370}
+LAKE = {10: 0.033, 25: 0.20, 115: 4.2, 375: 44, 700: 152, 750: 175, 1000: 311, 1200: 447, 2100: 1370}
 
 
 @pytest.mark.parametrize(("kilohertz", "expected"), SEA.items())

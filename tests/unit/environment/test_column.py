@@ -19,6 +19,7 @@ from uwserver.environment.column import (
 from uwserver.environment.water import Water
 from uwserver.scenario.build import build
 from uwserver.scenario.errors import ScenarioError
+from uwserver.scenario.export import explain
 from uwserver.scenario.load import load
 
 STANDARD = {"salinity_psu": 35.0}
@@ -134,6 +135,66 @@ def test_a_scenario_with_a_cast(tmp_path):
     assert world.water.sound_speed(0.0) == pytest.approx(
         float(gsw.sound_speed(gsw.SR_from_SP(33.0), gsw.CT_from_t(gsw.SR_from_SP(33.0), 18.0, 0.0), 0.0)), abs=1e-9
     )
+
+
+CONSTANT = 'kind = "constant"\ntemperature_degc = 10\nsalinity_psu = 35\n'
+THERMOCLINE = (
+    'kind = "thermocline"\nsurface_temperature_degc = 14\ndeep_temperature_degc = 7\n'
+    "surface_salinity_psu = 29\ndeep_salinity_psu = 35\ndepth_m = 12\nthickness_m = 6\n"
+)
+TWO_LAYERS = ThermoclineColumn(
+    surface_temperature_degc=14.0, deep_temperature_degc=7.0, surface_salinity_psu=29.0, deep_salinity_psu=35.0, depth_m=12.0,
+    thickness_m=6.0,
+)  # fmt: skip
+
+
+def loaded(tmp_path, water, rest=""):
+    path = tmp_path / "sea.toml"
+    path.write_text(FILE + water + rest)
+    return load(path, adapters={})
+
+
+def test_forces_act_with_the_density_of_the_column(tmp_path):
+    """Nothing else is said: buoyancy, displaced mass, added mass and drag are those of the column's water; a number given goes before it."""
+    rho = float(gsw.rho(gsw.SR_from_SP(35.0), gsw.CT_from_t(gsw.SR_from_SP(35.0), 10.0, 0.0), 0.0))
+    by_column, by_number, plain = (
+        build(loaded(tmp_path, water, rest))
+        for water, rest in (
+            (CONSTANT, ""),
+            (CONSTANT, "[environment]\ndensity_kgpm3 = 1027.5\n"),
+            (CONSTANT + 'hydrostatics = "uniform"\n', ""),
+        )
+    )
+    for world, density in ((by_column, rho), (by_number, 1027.5), (plain, 1025.0)):
+        (body,) = world.hydro.params
+        assert world.water.density == pytest.approx(density, abs=1e-9)
+        assert body.buoyancy == pytest.approx(density * 9.81 * 0.0134, rel=1e-12)
+        assert body.displaced == pytest.approx(density * 0.0134, rel=1e-12)
+        assert body.M_A[0, 0] == pytest.approx(6.36 * density / 1000.0, rel=1e-12)
+        assert body.D_Q[0, 0] == pytest.approx(141.0 * density / 1000.0, rel=1e-12)
+    assert by_column.water.density == pytest.approx(by_column.water.density_at(0.0), abs=1e-9)
+
+
+def test_forces_with_water_that_the_column_does_not_have_are_refused(tmp_path):
+    with pytest.raises(
+        ScenarioError, match=r"density_kgpm3: forces would act with 1000 kg/m3, but .* has 1027.0 to 10"
+    ):
+        loaded(tmp_path, CONSTANT, "[environment]\ndensity_kgpm3 = 1000\n")
+
+
+def test_a_vehicle_that_starts_in_denser_water_is_told(tmp_path):
+    deep = THERMOCLINE + '[vehicles.auv]\nmodel = "lauv"\nposition_ned_m = [0, 0, 40]\n'
+    (warning,) = (str(problem) for problem in loaded(tmp_path, deep).warnings)
+    column = WaterColumn(TWO_LAYERS, 9.81, 0.0)
+    surface, there = (f"{column.density_at(depth):.1f}" for depth in (0.0, 40.0))
+    assert f"forces act with {surface} kg/m3 at every depth, but at 40 m, where vehicles.auv starts" in warning
+    assert f"set density_kgpm3 = {there}" in warning
+    assert not loaded(tmp_path, deep, "[environment]\ndensity_kgpm3 = 1024.6\n").warnings
+    assert not loaded(tmp_path, THERMOCLINE).warnings
+
+
+def test_explain_shows_the_density_that_forces_act_with(tmp_path):
+    assert "density_kgpm3 = 1026.95" in explain(loaded(tmp_path, CONSTANT))
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,11 @@ def bench() -> Bench:
         seed: int = 1,
         path: str = "rov/imu/noise",
     ) -> Modifier:
-        fields = (Field("before", "m", ""), Field("x", "m", "", shape=shape), Field("ok", "1", "", type="bool"))
+        fields = (
+            Field("before", "m", ""),
+            Field("x", "m", "", "S" if shape == (3,) else "", shape=shape),
+            Field("ok", "1", "", type="bool"),
+        )
         return config.build(Stream(fields, dt, stream_of(seed, path)))
 
     return build
@@ -33,13 +37,15 @@ def bench() -> Bench:
 
 @pytest.fixture
 def errors() -> Callable[[Modifier, int], np.ndarray]:
-    """`errors(modifier, n)` gives (n, size) errors that it adds to n readings of zero."""
+    """`errors(modifier, n)` gives (n, size) errors that it adds to n readings of zero; time goes on from call to call."""
+    clocks: dict[int, int] = {}
 
     def run(modifier: Modifier, n: int) -> np.ndarray:
         size = modifier.stream.fields[1].size
         rows = []
         for _ in range(n):
-            reading = Measurement([7.0, (0.0,) * size, True], True)
+            t_ns = clocks[id(modifier)] = clocks.get(id(modifier), 0) + round(modifier.stream.dt * 1e9)
+            reading = Measurement([7.0, (0.0,) * size, True], True, t_ns=t_ns)
             modifier.apply(reading)
             assert reading.values[0] == 7.0  # the other fields stay as they were
             assert reading.values[2] is True

@@ -8,7 +8,27 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from uwserver.modifiers import Bias, Delay, Dropout, GaussMarkov, Measurement, Quantise, RandomWalk, WhiteNoise
+from uwserver.frames import multiply, quat_from_rpy, rotate
+from uwserver.modifiers import (
+    Bias,
+    ClockDrift,
+    Delay,
+    Drift,
+    Dropout,
+    GaussMarkov,
+    Measurement,
+    Misalignment,
+    Outlier,
+    Quantise,
+    RandomWalk,
+    Reorder,
+    Saturate,
+    Scale,
+    Stream,
+    WhiteNoise,
+)
+from uwserver.ports import Field
+from uwserver.scenario.members import stream_of
 
 SEEDS = (1, 2, 3)
 RISK = 1e-6
@@ -115,6 +135,177 @@ class TestRandomWalk:
         for n, dt in ((10, 0.1), (50, 0.02)):
             found = errors(bench(RandomWalk(field="x", density=2.0), shape=(RUNS,), dt=dt, seed=seed), n)
             assert_sigma(found[-1], 2.0)
+
+    def test_a_pause_counts(self, bench, seed):
+        """Of a device that pings at its own pace, or was off, the error goes on with the time between two readings, not with their number."""
+        modifier = bench(RandomWalk(field="x", density=0.5), shape=(RUNS,), dt=0.01, seed=seed)
+        found = []
+        for t_ns in (10_000_000, 4_010_000_000):
+            reading = Measurement([7.0, (0.0,) * RUNS, True], True, t_ns=t_ns)
+            modifier.apply(reading)
+            found.append(np.array(reading.values[1]))
+        assert_sigma(found[0], 0.05)
+        assert_sigma(found[1] - found[0], 1.0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+class TestDrift:
+    def test_it_is_straight_in_time(self, bench, errors, seed):
+        found = errors(bench(Drift(field="x", rate=(0.1, 0.0, -0.2)), dt=0.04, seed=seed), 50)
+        t = 0.04 * np.arange(1, 51)
+        assert found == pytest.approx(np.outer(t, (0.1, 0.0, -0.2)), abs=1e-12)
+
+    def test_a_rate_is_drawn_once(self, bench, errors, seed):
+        found = errors(bench(Drift(field="x", rate=2.0, rate_sigma=0.3), shape=(RUNS,), dt=0.5, seed=seed), 4)
+        rates = found / (0.5 * np.arange(1, 5))[:, None]
+        assert rates[3] == pytest.approx(rates[0])
+        assert_sigma(rates[0] - 2.0, 0.3)
+        assert_normal(rates[0] - 2.0, 0.3)
+
+    def test_the_walk_grows_with_the_root_of_time(self, bench, errors, seed):
+        """Unit over sqrt(s): 0.5 m/sqrt(s) makes 1 m after 4 s, at every rate."""
+        for n, dt in ((4, 1.0), (100, 0.04)):
+            found = errors(bench(Drift(field="x", rate=1.0, density=0.5), shape=(RUNS,), dt=dt, seed=seed), n)
+            assert_sigma(found[-1] - 4.0, 1.0)
+            steps = np.diff(found, axis=0)
+            assert_correlation(steps[0], steps[1], 0.0)
+
+    def test_a_random_walk_is_a_drift_without_rate(self, bench, errors, seed):
+        walk, drift = RandomWalk(field="x", density=0.5), Drift(field="x", density=0.5)
+        assert np.array_equal(errors(bench(walk, seed=seed), 20), errors(bench(drift, seed=seed), 20))
+
+
+def changed(modifier, *values, valid=True, t_ns=0):
+    reading = Measurement(list(values), valid, t_ns=t_ns)
+    modifier.apply(reading)
+    return reading
+
+
+class TestScale:
+    def test_one_factor_for_all_or_one_a_component(self, bench):
+        assert changed(bench(Scale(field="x", factor=1.5)), 7.0, (1.0, -2.0, 0.0), True).values[1] == (1.5, -3.0, 0.0)
+        each = bench(Scale(field="x", factor=(1.0, 2.0, -1.0)))
+        assert changed(each, 7.0, (1.0, -2.0, 3.0), True).values[1] == (1.0, -4.0, -3.0)
+        assert changed(bench(Scale(field="before", factor=0.5)), 7.0, (1.0,) * 3, True).values[0] == 3.5
+
+    def test_another_number_of_components_is_refused(self, bench):
+        with pytest.raises(ValueError, match='"factor" needs one number or 3, one for each component of "x"'):
+            bench(Scale(field="x", factor=(1.0, 2.0)))
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_an_error_of_the_factor_is_drawn_once(self, bench, seed):
+        modifier = bench(Scale(field="x", factor=1.02, sigma=0.01), shape=(RUNS,), seed=seed)
+        found = [np.array(changed(modifier, 7.0, (4.0,) * RUNS, True).values[1]) for _ in range(3)]
+        assert np.array_equal(found[0], found[2])
+        assert_sigma(found[0] / 4.0 - 1.02, 0.01)
+        assert_normal(found[0] / 4.0 - 1.02, 0.01)
+
+
+FIELDS = (
+    Field("v_S", "m/s", "", "S", (3,)),
+    Field("q_NS", "1", "", "NS", (4,)),
+    Field("covariance_S", "1", "", "S", (3, 3)),
+    Field("ranges", "m", "", "", (3,)),
+)
+
+
+def askew(seed=1, **keys):
+    return Misalignment(**keys).build(Stream(FIELDS, 0.01, stream_of(seed, "rov/x/askew")))
+
+
+class TestMisalignment:
+    ANGLES = (1.0, -2.0, 30.0)
+    Q = quat_from_rpy(*np.radians(ANGLES))
+
+    def test_a_vector_is_told_in_the_axes_of_the_device(self):
+        """What lies along the device's own x axis is told as pure x."""
+        along_x = rotate(self.Q, (2.0, 0.0, 0.0))
+        found = changed(askew(fields=("v_S",), rpy_deg=self.ANGLES), along_x, None, None, None).values[0]
+        assert found == pytest.approx((2.0, 0.0, 0.0), abs=1e-12)
+
+    def test_a_level_turn_in_closed_form(self):
+        found = changed(askew(fields=("v_S",), rpy_deg=(0.0, 0.0, 1.0)), (1.0, 0.0, 3.0), None, None, None).values[0]
+        assert found == pytest.approx((math.cos(math.radians(1.0)), -math.sin(math.radians(1.0)), 3.0), abs=1e-12)
+
+    def test_vector_and_rotation_turn_together(self):
+        """R(q_told) v_told is what R(q) v was: the world is not turned, only the axes in which it is told."""
+        q, v = quat_from_rpy(0.3, -0.5, 2.0), (1.0, 2.0, -3.0)
+        modifier = askew(fields=("v_S", "q_NS"), rpy_deg=self.ANGLES, sigma_deg=5.0)
+        values = changed(modifier, v, q, (1.0,) * 9, (1.0, 2.0, 3.0)).values
+        assert rotate(values[1], values[0]) == pytest.approx(rotate(q, v), abs=1e-12)
+        assert math.hypot(*values[1]) == pytest.approx(1.0, abs=1e-12)
+        assert values[1] != pytest.approx(q, abs=0.01)
+        assert values[2:] == [(1.0,) * 9, (1.0, 2.0, 3.0)]
+
+    def test_a_rotation_in_closed_form(self):
+        q = quat_from_rpy(0.3, -0.5, 2.0)
+        found = changed(askew(fields=("q_NS",), rpy_deg=self.ANGLES), None, q, None, None).values[1]
+        assert found == pytest.approx(multiply(q, self.Q), abs=1e-12)
+
+    @pytest.mark.parametrize("name", ["covariance_S", "ranges", "v"])
+    def test_what_cannot_turn_is_refused(self, name):
+        with pytest.raises(ValueError, match=f'no vector or rotation "{name}" to turn here, there are: v_S, q_NS$'):
+            askew(fields=("v_S", name))
+
+    def test_missing_values_stay_missing(self):
+        modifier = askew(fields=("v_S", "q_NS"), rpy_deg=self.ANGLES)
+        assert changed(modifier, (None,) * 3, None, None, None, valid=False).values == [(None,) * 3, None, None, None]
+
+    def test_angles_are_drawn_once_with_sigma(self):
+        """Small angles: a vector along z comes out as (-pitch, roll), one along x as (., -yaw)."""
+        drawn = []
+        for seed in range(600):
+            modifier = askew(seed, fields=("v_S",), sigma_deg=0.01)
+            z = changed(modifier, (0.0, 0.0, 1.0), None, None, None).values[0]
+            x = changed(modifier, (1.0, 0.0, 0.0), None, None, None).values[0]
+            drawn.append((z[1], -z[0], -x[1]))
+        for angle in np.array(drawn).T:
+            assert_sigma(angle, math.radians(0.01))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+class TestOutlier:
+    def test_how_often_and_how_far(self, bench, errors, seed):
+        found = errors(bench(Outlier(field="x", probability=0.1, sigma=20.0), shape=(1,), seed=seed), 20_000)[:, 0]
+        off = found[found != 0.0]
+        assert stats.binomtest(off.size, found.size, 0.1).pvalue > RISK
+        assert_sigma(off, 20.0)
+        assert_correlation((found[:-1] != 0).astype(float), (found[1:] != 0).astype(float), 0.0)
+
+    def test_one_sided(self, bench, errors, seed):
+        modifier = bench(Outlier(field="x", probability=0.5, sigma=3.0, one_sided=True), shape=(1,), seed=seed)
+        found = errors(modifier, 8000)[:, 0]
+        assert found.min() == 0.0
+        assert stats.kstest(found[found > 0.0] / 3.0, "halfnorm").pvalue > RISK
+
+    def test_all_components_are_off_at_once(self, bench, errors, seed):
+        found = errors(bench(Outlier(field="x", probability=0.3, sigma=1.0), seed=seed), 200) != 0.0
+        assert {int(row.sum()) for row in found} == {0, 3}
+
+
+class TestSaturate:
+    def test_each_component_is_held(self, bench):
+        modifier = bench(Saturate(field="x", minimum=-1.0, maximum=2.0))
+        reading = changed(modifier, 7.0, (-1.5, 0.5, 2.5), True)
+        assert (reading.values[1], reading.valid) == ((-1.0, 0.5, 2.0), True)
+        assert changed(bench(Saturate(field="x", maximum=2.0)), 7.0, (-9.0, 2.0, 9.0), True).values[1] == (
+            -9.0,
+            2.0,
+            2.0,
+        )
+        assert changed(bench(Saturate(field="before", minimum=8.0)), 7.0, (0.0,) * 3, True).values[0] == 8.0
+
+    def test_what_was_held_may_be_invalid(self, bench):
+        modifier = bench(Saturate(field="x", maximum=2.0, invalid=True))
+        assert changed(modifier, 7.0, (1.0, None, 2.0), True).valid
+        assert not changed(modifier, 7.0, (1.0, None, 2.1), True).valid
+
+    @pytest.mark.parametrize(
+        ("keys", "told"), [({}, "give minimum"), ({"minimum": 2.0, "maximum": 1.0}, "above maximum")]
+    )
+    def test_limits_that_make_no_sense_are_refused(self, keys, told):
+        with pytest.raises(ValueError, match=told):
+            Saturate(field="x", **keys)
 
 
 class TestBias:
@@ -236,3 +427,52 @@ class TestDropout:
         for reading in readings:
             modifier.apply(reading)
         return np.array([float(reading.dropped) for reading in readings])
+
+
+class TestReorder:
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_how_often(self, bench, seed):
+        found = delays(bench(Reorder(probability=0.2, behind=3), dt=0.04, seed=seed), 10_000)
+        assert set(found) == {0, 140_000_000}
+        assert stats.binomtest(int(np.sum(found > 0)), found.size, 0.2).pvalue > RISK
+        assert_correlation((found[:-1] > 0).astype(float), (found[1:] > 0).astype(float), 0.0)
+
+    def test_exactly_so_many_overtake(self, bench):
+        """If only the first is late, it comes behind the next three."""
+        late = changed(bench(Reorder(probability=1.0, behind=3), dt=0.04), 0.0, (0.0,) * 3, True, t_ns=0).delay_ns
+        assert sum(40_000_000 * k < late for k in range(1, 10)) == 3
+
+    def test_a_device_of_its_own_pace(self, bench):
+        modifier = bench(Reorder(probability=1.0), dt=0.01)
+        found = [changed(modifier, 0.0, (0.0,) * 3, True, t_ns=t).delay_ns for t in (10_000_000, 210_000_000)]
+        assert found == [15_000_000, 300_000_000]
+
+
+class TestClockDrift:
+    @staticmethod
+    def stamps(modifier, n, dt_ns=100_000_000):
+        return np.array([changed(modifier, 0.0, (0.0,) * 3, True, t_ns=k * dt_ns).stamp_ns for k in range(1, n + 1)])
+
+    def test_offset_and_drift_in_closed_form(self, bench):
+        found = self.stamps(bench(ClockDrift(offset_s=0.25, drift=2e-5), dt=0.1), 100)
+        assert np.array_equal(found, 250_000_000 + 2000 * np.arange(1, 101))
+
+    def test_delivery_and_values_stay(self, bench):
+        reading = changed(bench(ClockDrift(offset_s=-1.0)), 7.0, (1.0,) * 3, True, t_ns=5)
+        assert reading == Measurement([7.0, (1.0,) * 3, True], True, t_ns=5, stamp_ns=-1_000_000_000)
+
+    def test_offset_and_drift_are_drawn_once(self, bench):
+        drawn = []
+        for seed in range(600):
+            modifier = bench(ClockDrift(offset_sigma_s=0.5, drift_sigma=1e-4), dt=0.1, seed=seed)
+            first, second = self.stamps(modifier, 2, 100_000_000_000) * 1e-9
+            drawn.append((2 * first - second, (second - first) / 100.0))
+        offset, drift = np.array(drawn).T
+        assert_sigma(offset, 0.5)
+        assert_sigma(drift, 1e-4)
+        assert_correlation(offset, drift, 0.0)
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_the_walk_grows_with_the_root_of_time(self, bench, seed):
+        found = self.stamps(bench(ClockDrift(walk_sqrts=1e-3), dt=0.1, seed=seed), 8000) * 1e-9
+        assert_sigma(np.diff(found), 1e-3 * math.sqrt(0.1))

@@ -53,7 +53,7 @@ def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
     kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
     before = [len(kernel.signatures) for kernel in kernels]
     world.step(20)
-    assert [len(kernel.signatures) for kernel in kernels] == before == [2, 2]  # with and without appendages
+    assert [len(kernel.signatures) for kernel in kernels] == before == [1, 1]
 
 
 SLOPE = """

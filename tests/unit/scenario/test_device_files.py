@@ -2,31 +2,50 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import msgspec
+import numpy as np
 import pytest
+from scipy import optimize
 
+from uwserver.environment.water import Water
 from uwserver.scenario.build import build
 from uwserver.scenario.documents import read, shipped
 from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.load import load
+from uwserver.scenario.profiles import check_profile
+from uwserver.sensors import LblConfig, Pose, Scope, UsblConfig
 
 DEVICES = {name: path for name, path in shipped("devices").items() if read(path).raw["kind"] != "thruster"}
 HEAD = 'schema = 1\n[world]\norigin_lat_deg = 63.4\norigin_lon_deg = 10.4\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n'
 
 
-def scenario(folder: Path, profile: str) -> Path:
+BEACON = "[vehicles.rov.sensors.device.beacons.a]\nposition_ned_m = [80.0, 30.0, 20.0]\n"
+
+
+def scenario(folder: Path, profile: str, rest: str = "") -> Path:
     path = folder / "x.toml"
-    path.write_text(f'{HEAD}[vehicles.rov.sensors.device]\nprofile = "{profile}"\nrate_hz = 8\n')
+    path.write_text(f'{HEAD}[vehicles.rov.sensors.device]\nprofile = "{profile}"\nrate_hz = 8\n{rest}')
     return path
+
+
+def use_of(name: str) -> str:
+    """What a scenario must say of a device beside its profile."""
+    return BEACON if read(DEVICES[name]).raw["kind"] in ("lbl", "usbl") else ""
 
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_device_measures(name, tmp_path):
-    world = build(load(scenario(tmp_path, name), adapters={}))
+    world = build(load(scenario(tmp_path, name, use_of(name)), adapters={}))
     world.step(240)
     assert world.ports["rov/device"].kind == read(DEVICES[name]).raw["kind"]
     assert world.sensors["rov/device"].seq > 0 or world.sensors["rov/device"].held is None
+    if use_of(name):
+        sample = world.read("rov/device")
+        assert sample.valid
+        assert sample.value[1] == pytest.approx(87.0, abs=2.0)
 
 
 @pytest.mark.parametrize("name", DEVICES)
@@ -41,11 +60,65 @@ def test_a_misspelt_property_is_refused(name, tmp_path):
         copy = tmp_path / "device.toml"
         copy.write_text("\n".join([*lines[:k], line.replace(key, key[:-1] + "qx", 1), *lines[k + 1 :]]))
         try:
-            load(scenario(tmp_path, "device.toml"), adapters={})
+            load(scenario(tmp_path, "device.toml", use_of(name)), adapters={})
             wrong.append(line)
         except ScenarioError:
             pass
     assert not wrong
+
+
+def spread(name: str, distance: float, n: int = 1500) -> np.ndarray:
+    """(n, fields) of readings of a beacon straight below a device at a distance (m), without reflections, fading and misalignment."""
+    keys = check_profile(read(DEVICES[name]).raw, lambda *problem: pytest.fail(str(problem)))
+    calm = {"fading_sigma_db": 0.0, "multipath_probability": 0.0, "propagation": "straight", "rate_hz": 1.0}
+    beacons = {"a": {"position_ned_m": [0.0, 0.0, 5.0 + distance]}}
+    kind = {"lbl": LblConfig, "usbl": UsblConfig}[keys.pop("kind")]
+    keys.pop("misalignment_rpy_deg", None)
+    device = msgspec.convert({**keys, **calm, "beacons": beacons}, kind).build(Pose())
+    water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0))
+    instant = Scope(0, (0.0, 0.0, 5.0), (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, water)
+    found = []
+    for _ in range(n):
+        device.memory[0] = 0.0
+        valid, values = device.measure(instant)
+        assert valid
+        found.append([values[1], *(values[4][:2] if kind is UsblConfig else ())])
+    return np.array(found)
+
+
+def at_snr(name: str, snr_db: float) -> float:
+    """Distance (m) at which the device has this signal over noise."""
+    keys = check_profile(read(DEVICES[name]).raw, lambda *problem: pytest.fail(str(problem)))
+    water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0))
+    alpha = water.absorption(keys["frequency_hz"], 5.0)
+    excess = lambda r: (  # noqa: E731
+        keys["source_level_db"] - 20.0 * math.log10(r) - alpha * r - keys["noise_level_db"] - 10.0 * math.log10(keys["bandwidth_hz"]) - snr_db
+    )  # fmt: skip
+    return optimize.brentq(excess, 1.0, 1e5)
+
+
+def test_a_hipap_101_has_the_errors_of_its_data_sheet():
+    """At 20 dB: 0.14 degrees across, 0.02 m along; within 6 %."""
+    distance = at_snr("hipap_101", 20.0)
+    reach, x, y = spread("hipap_101", distance).T
+    assert reach.std() == pytest.approx(0.02, rel=0.06)
+    for across in (x, y):
+        assert np.degrees(across / distance).std() == pytest.approx(0.14, rel=0.06)
+
+
+def test_a_gaps_m7_has_the_error_of_its_data_sheet():
+    """At 20 dB half of the positions lie within 0.1 % of the slant range."""
+    distance = at_snr("gaps_m7", 20.0)
+    _, x, y = spread("gaps_m7", distance).T
+    assert np.median(np.hypot(x, y)) / distance == pytest.approx(0.001, rel=0.06)
+
+
+def test_an_lbl_has_the_errors_of_its_data_sheet():
+    """HiPAP at 20 dB: 0.02 m for each of the two receptions; their mean and the transponder's movement. ROVNav 6+: better than 15 mm."""
+    (reach,) = spread("hipap_501_lbl", at_snr("hipap_501_lbl", 20.0)).T
+    assert reach.std() == pytest.approx(math.hypot(0.02 / math.sqrt(2.0), 0.01), rel=0.1)
+    (reach,) = spread("rovnav_6", 500.0).T
+    assert 0.005 < reach.std() < 0.016
 
 
 def test_parts_of_one_table_add_up_and_the_user_has_the_last_word(tmp_path):

@@ -3,9 +3,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import jsonschema
 import pytest
 
+from uwserver.scenario.convert import kinds_of
+from uwserver.scenario.documents import read, shipped
 from uwserver.scenario.json_schema import FILES, FileKind, json_schema
+from uwserver.sensors import SensorConfig
 
 COMMITTED = Path(__file__).parents[3] / "docs/reference"
 REGENERATE = (
@@ -18,3 +22,40 @@ REGENERATE = (
 def test_committed_schema_is_current(kind: FileKind) -> None:
     committed = (COMMITTED / f"{kind}.schema.json").read_text(encoding="utf-8")
     assert json.loads(json_schema(kind)) == json.loads(committed), REGENERATE
+
+
+@pytest.fixture(scope="module")
+def devices() -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(json.loads(json_schema("device")))
+
+
+@pytest.mark.parametrize("name", shipped("devices"))
+def test_device_files_fit_their_schema(name, devices):
+    assert [error.message for error in devices.iter_errors(read(shipped("devices")[name]).raw)] == []
+
+
+def test_the_schema_of_devices_knows_the_keys_of_each_kind_of_sensor(devices):
+    for kind, struct in kinds_of(SensorConfig).items():
+        for key in ("rate_hz", *struct.__struct_fields__):
+            group = {"source": "a data sheet", "status": "datasheet", f"{key}s_": 1.0}
+            device = {"schema": 1, "kind": kind, "name": "x", "title": "X", "properties": {"a": group}}
+            assert not devices.is_valid(device), (kind, key)
+        assert devices.is_valid({**device, "properties": {}})
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('kind = "dvl"', 'kind = "dwl"'),
+        ('status = "datasheet"', 'status = "sure"'),
+        ("beam_angle_deg = 22.5", 'beam_angle_deg = "22.5"'),
+        ("source = ", "sauce = "),
+        ("schema = 1", "schema = 2"),
+    ],
+)
+def test_the_schema_of_devices_sees_faults(old, new, devices, tmp_path):
+    text = shipped("devices")["a50"].read_text()
+    assert old in text
+    path = tmp_path / "a50.toml"
+    path.write_text(text.replace(old, new, 1))
+    assert not devices.is_valid(read(path).raw)

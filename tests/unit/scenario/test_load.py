@@ -143,6 +143,8 @@ def built(adapters: Adapters) -> ScenarioBuilder:
         .sensor("rov", "depth", "pressure", rate_hz=10, output="depth")
         .modifier("rov", "depth", "noise", "white_noise", field="depth", sigma=0.1)
         .modifier("rov", "imu", "drift", "random_walk", field="f_S", density=1e-3)
+        .stream("rov", "depth", "exact", ideal=True)
+        .modifier("rov", "imu", "loss", "dropout", stream="radio", probability=0.1)
         .adapter("tcp", "sockets", port=0)
     )
 
@@ -164,11 +166,13 @@ truth.rate_hz = 10
 [vehicles.rov.override]
 rigid_body.mass_kg = 9.9
 sensors.imu.modifiers.drift = {kind = "random_walk", field = "f_S", density = 1e-3}
+sensors.imu.streams.radio.modifiers.loss = {kind = "dropout", probability = 0.1}
 [vehicles.rov.sensors.depth]
 kind = "pressure"
 output = "depth"
 rate_hz = 10
 modifiers.noise = {kind = "white_noise", field = "depth", sigma = 0.1}
+streams.exact.ideal = true
 [adapters.tcp]
 kind = "sockets"
 port = 0

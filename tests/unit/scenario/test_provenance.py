@@ -1,8 +1,8 @@
 """Every number of a shipped vehicle or device file says where it comes from and how far to trust it.
 
 Tables that hold numbers carry `source` and `status`. By rule free of them: parts of a sensor's table within a
-group of a device file, which the group speaks for; where things are mounted, how buoyancy shapes lie and the
-derivatives of a hull or fin (the table around them speaks for them), the density that
+group of a device file, which the group speaks for; where things are mounted, how buoyancy shapes lie, the
+derivatives of a hull or fin and the gains of the autopilot (the table around them speaks for them), the density that
 coefficients refer to, and tables of names. Sensors with their modifiers, and collision shapes, have no
 such keys: the line above their header is a comment, ``# status: source``.
 """
@@ -21,7 +21,7 @@ SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios"
 FILES = sorted(path for folder in ("vehicles", "devices") for path in (SHIPPED / folder).glob("*.toml"))
 STATUSES = ("measured", "paper", "datasheet", "derived", "guess")
 FREE = re.compile(
-    r"(properties\.\w+\..+|mounts\..*|buoyancy\.shapes\..*|hull\.derivatives\.terms|fins\.\w+\.derivatives|actuators\..*|damping|)"
+    r"(properties\.\w+\..+|mounts\..*|buoyancy\.shapes\..*|hull\.derivatives\.terms|fins\.\w+\.derivatives|autopilot\.gains|actuators\..*|damping|)"
 )
 """Tables that need no source of their own; the last alternative is the file's root (schema version, default voltage)."""
 COMMENTED = re.compile(r"(sensors|collision)\..*")

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from uwserver import snapshot
 from uwserver.environment.column import ThermoclineColumn, WaterColumn
 from uwserver.environment.eigenray import eigenray
 from uwserver.environment.water import Water
 from uwserver.frames import conjugate, quat_from_rpy, rotate
+from uwserver.modifiers import Measurement
 from uwserver.scenario.build import build
 from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry
 from uwserver.sensors import LblConfig, Pose, UsblConfig
-from uwserver.sensors.interrogation import Beacon
+from uwserver.sensors.interrogation import READY, Beacon
+from uwserver.sensors.truth import Truth
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.units import rad
@@ -43,17 +47,20 @@ class Carrier:
 
     p_NB: tuple[float, float, float]
     q_NB: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    nu: tuple[float, ...] = (0.0,) * 6
+
+
+def exchange(device, instant):
+    """Validity and values of an exchange in a world that stands still, but for beacons that drift."""
+    device.memory[READY] = 0.0
+    return device.measure(instant)
 
 
 def answers(config, instant, n, seed=0):
-    """Readings of n exchanges, each when the last one is over."""
+    """Those of n exchanges, one after the other."""
     device = config.build(Pose())
     device.start(np.random.default_rng(seed))
-    found = []
-    for _ in range(n):
-        device.memory[0] = 0.0
-        found.append(device.sense(instant))
-    return found
+    return [Measurement(*exchange(device, instant)[::-1]) for _ in range(n)]
 
 
 def test_contract(scope):
@@ -82,20 +89,18 @@ def test_ideal_lbl_is_the_truth_in_turn(scope):
     instant = scope(**TILTED)
     device = LBL.build(MOUNT)
     for name in ("a", "b", "c", "a"):
-        device.memory[0] = 0.0
-        reading = device.sense(instant)
+        valid, values = exchange(device, instant)
         d = math.dist(PLACES[name], instant.position(MOUNT.p))
-        assert reading.valid
-        assert reading.values[NAME] == name
-        assert reading.values[RANGE] == pytest.approx(d, abs=1e-9)
-        assert reading.values[2] == pytest.approx(2.0 * d / instant.water.sound_speed(30.0), rel=1e-3)
+        assert valid
+        assert values[NAME] == name
+        assert values[RANGE] == pytest.approx(d, abs=1e-9)
+        assert values[2] == pytest.approx(2.0 * d / instant.water.sound_speed(30.0), rel=1e-3)
 
 
 def test_ideal_usbl_is_the_truth(scope):
     instant = scope(**TILTED)
-    reading = USBL.build(MOUNT).sense(instant)
+    _, v = USBL.build(MOUNT).measure(instant)
     p = rotate(conjugate(instant.attitude(MOUNT.q)), np.subtract(PLACES["a"], instant.position(MOUNT.p)))
-    v = reading.values
     assert v[RANGE] == pytest.approx(math.hypot(*p), abs=1e-9)
     assert v[P_S] == pytest.approx(p, abs=1e-9)
     assert v[BEARING] == pytest.approx(math.atan2(p[1], p[0]), abs=1e-9)
@@ -114,7 +119,9 @@ def test_beacons_move_with_vehicles_and_ships(scope):
     instant = scope(p_NB=(0.0, 0.0, 5.0), t_ns=20 * 10**9)
     instant.vehicles = {"rov": Carrier((40.0, 30.0, 5.0), quat_from_rpy(0.0, 0.0, math.pi / 2))}
     ship, rov, lost = answers(config, instant, 3)
-    assert ship.values[RANGE] == pytest.approx(math.dist((100.0, 30.0, 2.0), (0.0, 0.0, 5.0)), abs=1e-9)
+    # The ship is heard, and answers, where it is when the question gets there.
+    heard = 30.0 + 1.5 * 0.5 * ship.values[2]
+    assert ship.values[RANGE] == pytest.approx(math.dist((100.0, heard, 2.0), (0.0, 0.0, 5.0)), abs=1e-6)
     assert rov.values[RANGE] == pytest.approx(math.dist((40.0, 31.0, 5.0), (0.0, 0.0, 5.0)), abs=1e-9)
     assert (lost.valid, lost.values) == (False, ["lost", None, None])
 
@@ -242,6 +249,105 @@ def test_fading_loses_half_at_the_threshold(scope):
     assert np.mean([r.valid for r in answers(config, instant, 2000)]) == pytest.approx(0.5, abs=0.04)
 
 
+# -- motion -----------------------------------------------------------------------------------------------------------------------------
+
+
+def moving(scope, p, v, w=(0.0, 0.0, 0.0), rate_hz=240):
+    """Instants at the ticks of a vehicle that starts level at p with constant v (N) and turns about its z."""
+    for k in range(10_000):
+        t = k / rate_hz
+        q = quat_from_rpy(0.0, 0.0, w[2] * t)
+        at = tuple(a + b * t for a, b in zip(p, v, strict=True))
+        yield scope(p_NB=at, q_NB=q, v_NB_B=rotate(conjugate(q), v), w_NB_B=w, t_ns=round(t * 1e9))
+
+
+def first(device, instants):
+    return next(reading for reading in map(device.sense, instants) if reading is not None)
+
+
+@pytest.mark.parametrize("speed", [-3.0, 0.0, 3.0])
+@pytest.mark.parametrize("turn_around", [0.0, 0.3])
+def test_a_moving_vehicle_hears_the_answer_where_it_is_by_then(scope, speed, turn_around):
+    """Towards a beacon at distance d: there in d / c, and back in (d - v (d / c + turn-around)) / (c + v)."""
+    d = 700.0
+    beacon = Beacon(position_ned_m=(d, 0.0, 20.0), turn_around_s=turn_around)
+    config = LblConfig(rate_hz=10, beacons={"a": beacon}, ideal=True, propagation="straight")
+    reading = first(config.build(Pose()), moving(scope, (0.0, 0.0, 20.0), (speed, 0.0, 0.0)))
+    c = scope().water.sound_speed(20.0)
+    back = (d - speed * (d / c + turn_around)) / (c + speed)
+    assert reading.values[2] == pytest.approx(d / c + back, abs=1e-11)
+    assert reading.values[RANGE] == pytest.approx(0.5 * c * (d / c + back), abs=1e-8)
+    assert reading.delay_ns == pytest.approx(1e9 * (d / c + turn_around + back), abs=1)
+    assert reading.since_ns - 1e9 / 240 < reading.delay_ns <= reading.since_ns
+
+
+def test_a_moving_beacon_is_asked_where_it_is_by_then(scope):
+    """Across: c^2 t^2 = d^2 + v^2 t^2 there, and back from where it is after its turn-around."""
+    d, v, turn_around = 600.0, 5.0, 0.25
+    c = scope().water.sound_speed(20.0)
+    there = d / math.sqrt(c * c - v * v)
+    back = math.hypot(d, v * (there + turn_around)) / c
+    device = LblConfig(
+        rate_hz=10, beacons={"a": Beacon(vehicle="rov", turn_around_s=turn_around)}, ideal=True, propagation="straight"
+    ).build(Pose())
+
+    def instants():
+        for k, instant in enumerate(moving(scope, (0.0, 0.0, 20.0), (0.0, 0.0, 0.0))):
+            instant.vehicles = {"rov": Carrier((d, v * k / 240, 20.0), nu=(0.0, v, 0.0, 0.0, 0.0, 0.0))}
+            yield instant
+
+    assert first(device, instants()).values[2] == pytest.approx(there + back, abs=1e-11)
+
+
+def test_usbl_takes_the_direction_when_the_answer_arrives(scope):
+    """A vehicle that turns sees the beacon where it is at the arrival, not a tick later."""
+    w, d = 0.7, 400.0
+    config = UsblConfig(rate_hz=10, beacons={"a": Beacon(position_ned_m=(d, 0.0, 20.0))}, ideal=True)
+    reading = first(config.build(Pose()), moving(scope, (0.0, 0.0, 20.0), (0.0, 0.0, 0.0), (0.0, 0.0, w)))
+    assert reading.values[BEARING] == pytest.approx(-w * reading.values[TIME], abs=1e-9)
+
+
+def test_in_a_world_the_range_is_that_of_the_way_it_went():
+    """A vehicle that coasts: the range follows from the ground truth at the question and at the arrival."""
+    lbl = LblConfig(
+        rate_hz=10, ideal=True, propagation="straight", beacons={"a": Beacon(position_ned_m=(900.0, 0.0, 30.0))}
+    )
+    entry = VehicleEntry(
+        model="bluerov2", position_ned_m=(0.0, 0.0, 30.0), velocity_frd_mps=(1.5, 0.3, 0.0), sensors={"lbl": lbl},
+        truth=Truth(rate_hz=240),
+    )  # fmt: skip
+    world = build(load(Scenario(schema=1, vehicles={"rov": entry}), adapters={}))
+    samples = world.step(960)
+    truth = {s.t_ns: s.value[0] for s in samples if s.port == "rov/truth/pose"}
+    times = np.array([*truth])
+    found = [s for s in samples if s.port == "rov/lbl"]
+    assert len(found) >= 2
+    for s in found:
+        asked, heard = truth[s.t_ns], [np.interp(s.t_sent_ns, times, [p[k] for p in truth.values()]) for k in range(3)]
+        expected = 0.5 * (math.dist(asked, (900.0, 0.0, 30.0)) + math.dist(heard, (900.0, 0.0, 30.0)))
+        assert math.dist(asked, heard) > 0.2
+        assert s.value[RANGE] == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_snapshot_amid_an_exchange_goes_on_alike():
+    lbl = LblConfig(rate_hz=10, beacons={"a": Beacon(position_ned_m=(900.0, 0.0, 30.0))})
+    entry = VehicleEntry(model="bluerov2", position_ned_m=(0.0, 0.0, 30.0), sensors={"lbl": lbl})
+    world = build(load(Scenario(schema=1, vehicles={"rov": entry}), adapters={}))
+    world.step(300)
+    kept = snapshot.take(world)
+    once = [s.value for s in world.step(480) if s.port == "rov/lbl"]
+    snapshot.restore(world, kept)
+    assert [s.value for s in world.step(480) if s.port == "rov/lbl"] == once
+    assert once
+
+
+def test_sound_that_came_while_the_device_was_silent_is_missed(scope):
+    device = LblConfig(rate_hz=10, beacons={"a": BEACONS["a"]}, ideal=True).build(Pose())
+    ticks = list(itertools.islice(moving(scope, (0.0, 0.0, 5.0), (0.0, 0.0, 0.0)), 1200))
+    reading = first(device, [*ticks[:2], *ticks[-2:]])
+    assert not reading.valid
+
+
 # -- time -------------------------------------------------------------------------------------------------------------------------------
 
 
@@ -252,7 +358,10 @@ def test_delivered_when_the_sound_arrives(scope):
     for k in range(480):
         reading = device.sense(scope(p_NB=(0.0, 0.0, 5.0), t_ns=round(k * 1e9 / 240)))
         if reading is not None:
-            told[k] = reading
+            told[k - round(reading.since_ns * 240e-9)] = reading
+            # Told at the first tick after the arrival, to be delivered after the processing.
+            if reading.valid:
+                assert reading.since_ns - 1e9 / 240 < reading.delay_ns - 0.05e9 <= reading.since_ns
     (k0, first), (k1, second), (k2, third), *_ = told.items()
     assert first.delay_ns == pytest.approx(1e9 * (first.values[2] + 0.1 + 0.05), abs=2)
     c = scope().water.sound_speed(5.0)
@@ -291,8 +400,7 @@ def test_faults_of_beacons():
 def test_settings(scope):
     device = LblConfig(rate_hz=10, beacons=BEACONS).build(Pose())
     instant = scope(p_NB=(0.0, 0.0, 20.0))
-    assert device.sense(instant).valid
+    assert exchange(device, instant)[0]
     device.change({"gain": -60.0})
-    device.memory = [0.0, 0.0]
-    assert not device.sense(instant).valid
+    assert not exchange(device, instant)[0]
     assert device.properties() == {"max_range": 1000.0, "gain": -60.0, "sound_speed": 0.0}

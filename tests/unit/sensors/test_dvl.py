@@ -93,7 +93,7 @@ def test_noise_is_that_of_theory(over, angle, sigma, seed):
     """sigma_xy = sigma_b / (sqrt 2 sin theta), sigma_z = sigma_b / (2 cos theta), and the device says so itself."""
     config = DvlConfig(rate_hz=8, beam_angle_deg=angle, beam_sigma_mps=sigma, max_altitude_m=500.0, tracking="bottom")
     instant = over(v_NB_B=(1.0, -0.5, 0.2))
-    v = spread(config, instant, 7000, seed)
+    v = spread(config, instant, 20_000, seed)
     expected = np.array([sigma / (math.sqrt(2) * math.sin(rad(angle)))] * 2 + [sigma / (2 * math.cos(rad(angle)))])
     assert v.std(axis=0) == pytest.approx(expected, rel=0.03)
     assert v.mean(axis=0) == pytest.approx((1.0, -0.5, 0.2), abs=5 * expected.max() / math.sqrt(len(v)))

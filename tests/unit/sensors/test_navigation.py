@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import gsw
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,7 +16,9 @@ from uwserver.environment.geodesy import latitude_longitude, north_east
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy, rotate
 from uwserver.scenario.build import stream_of
+from uwserver.scenario.documents import shipped
 from uwserver.scenario.magnetic import magnetic_about
+from uwserver.scenario.profiles import check_profile
 from uwserver.sensors import (
     AttitudeConfig,
     ClockConfig,
@@ -308,6 +311,29 @@ def test_allan_random_walk():
     found = record(TriadErrors(random_walk=5e-4), 3000, 0.1)
     for m in (10, 30, 100):
         assert allan(found, 0.1, m) * math.sqrt(3 / (m * 0.1)) == pytest.approx(5e-4, rel=0.1)
+
+
+GRADES = ("mems_imu", "tactical_imu", "fog_imu")
+
+
+@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("part", ["gyroscope", "accelerometer"])
+def test_every_grade_gives_back_its_figures(grade, part):
+    """N within 5 %, B and K within 10 %, each on records of 500 times the averaging time at which it is read; no range and no steps."""
+    keys = check_profile(
+        msgspec.toml.decode(shipped("devices")[grade].read_bytes()), lambda *problem: pytest.fail(str(problem))
+    )
+    errors = msgspec.convert(keys[part], TriadErrors)
+    noise = record(TriadErrors(noise_density=errors.noise_density), 5000, 0.1, triads=2)
+    assert allan(noise, 0.1, 10) == pytest.approx(errors.noise_density, rel=0.05)
+    if errors.instability:
+        tau = errors.instability_tau_s
+        alone = TriadErrors(instability=errors.instability, instability_tau_s=tau)
+        wander = record(alone, 500 * 19, tau / 10.0, triads=3)
+        assert allan(wander, tau / 10.0, 19) == pytest.approx(errors.instability, rel=0.1)
+    density = errors.random_walk or 1e-3 * errors.noise_density
+    walk = record(TriadErrors(random_walk=density), 500 * 10, 0.3, triads=4)
+    assert allan(walk, 0.3, 10) == pytest.approx(density, rel=0.1)
 
 
 def test_constants_of_a_run_have_their_spread():

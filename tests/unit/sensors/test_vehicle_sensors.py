@@ -20,6 +20,7 @@ from uwserver.sensors import (
     GpsConfig,
     ImuConfig,
     LeakConfig,
+    MagnetometerConfig,
     Pose,
     RangeArrayConfig,
     RpmConfig,
@@ -95,6 +96,42 @@ def test_sag_limits_thrust():
     voltage = soft.hydro.thrusters["voltage"]
     assert (voltage == voltage[0]).all()
     assert voltage[0] < stiff.hydro.thrusters["voltage"][0]
+
+
+def test_thrust_is_that_of_the_table_at_the_sagged_voltage():
+    """Full ahead: each thruster pushes what its device file gives for the voltage under load, which lies between two of its curves."""
+    world = world_with(battery=BATTERY)
+    voltage = full_speed(world, 4.0, "battery")[0]
+    device = (
+        load(Scenario(schema=1, vehicles={"rov": VehicleEntry(model="bluerov2_heavy")}), adapters={})
+        .vehicles["rov"]
+        .devices["t1"]
+    )
+    at = {curve.voltage_V: curve.max_forward_N for curve in device.curves.values()}
+    low, high = max(v for v in at if v <= voltage), min(v for v in at if v > voltage)
+    expected = at[low] + (at[high] - at[low]) * (voltage - low) / (high - low)
+    row = world.hydro.thrusters[0]
+    # The demand is from before the last reading of the meter, between which the voltage sinks a little.
+    assert float(row["demand"]) / float(row["installed"]) == pytest.approx(expected, rel=1e-4)
+    assert expected < 0.75 * at[16.0]
+
+
+def test_the_current_of_the_thrusters_disturbs_the_compass():
+    """The field moves by a constant vector per ampere that they draw together; at rest, and for an ideal one, by nothing."""
+    per_ampere = (1e-7, -2e-7, 3e-7)
+    compass = {"rate_hz": 20, "thruster_field_TpA": per_ampere}
+    world = world_with(
+        battery=BATTERY, compass=MagnetometerConfig(**compass), ideal=MagnetometerConfig(ideal=True, **compass)
+    )
+    at_rest = {s.port: s.value[0] for s in world.step(48) if s.port in ("rov/compass", "rov/ideal")}
+    assert at_rest["rov/compass"] == at_rest["rov/ideal"]
+    world.command("rov/thrusters", u=[0.8] * 8)
+    under_way = {s.port: s.value[0] for s in world.step(96) if s.port in ("rov/compass", "rov/ideal")}
+    wiring = world.sensors["rov/compass"].wiring
+    current = wiring.power() / wiring.voltage
+    assert current > 20.0
+    moved = np.subtract(under_way["rov/compass"], under_way["rov/ideal"])
+    assert moved == pytest.approx(np.multiply(per_ampere, current), rel=1e-9)
 
 
 def test_charge_and_energy_are_the_integrals_and_empty_is_dead():

@@ -10,6 +10,8 @@ from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from uwserver_adapters.moos import bridge as module
 from uwserver_adapters.moos.bridge import Bridge
 from uwserver_adapters.moos.config import BridgeTable, NavTable, Target
@@ -41,7 +43,14 @@ class Bench:
     def __init__(self, context: FakeContext, **table: object) -> None:
         self.context = context
         self.posts: list[list[tuple[str, float | str]]] = []
-        self.bridge = Bridge(BridgeTable(**table), self.context, lambda pairs: self.posts.append(list(pairs)), "moos")
+        self.listened: list[str] = []
+        self.bridge = Bridge(
+            BridgeTable(**table),
+            self.context,
+            lambda pairs: self.posts.append(list(pairs)),
+            self.listened.extend,
+            "moos",
+        )
 
     def put(self, *samples) -> dict[str, float | str]:
         """Variables that a tick becomes."""
@@ -172,6 +181,16 @@ def test_ports_may_change(make):
     bench.context.set_ports([*bench.context.ports.values(), second])
     bench.bridge.put_event(Event("ports_changed", 0, 0, ""))
     assert bench.put(sample("auv/second", 1.0))["AUV_SECOND_DEPTH"] == 1.0
+
+
+async def test_actuators_that_come_later_are_obeyed_too(make):
+    bench = make()
+    port = msgspec.structs.replace(bench.context.ports["auv/propeller"], path="rov/propeller")
+    bench.context.set_ports([*bench.context.ports.values(), port])
+    bench.bridge.put_event(Event("ports_changed", 0, 0, ""))
+    assert bench.listened == ["ROV_PROPELLER_U"]
+    bench.write(ROV_PROPELLER_U=0.5)
+    assert bench.commands == [("rov/propeller", ((0.5,),))]
 
 
 # -- the conventional set ---------------------------------------------------------------------------------------------------------------
@@ -309,6 +328,26 @@ async def test_what_one_variable_said_holds_while_another_speaks(make):
     assert bench.commands[-1] == ("auv/thrusters", ((0.5, 0.25),))
 
 
+async def test_a_ballast_is_mapped_about_its_neutral_volume(make, make_auv):
+    """As docs/how-to/moos.md maps BUOYANCY_RATE: 0.1 m/s pumps it full."""
+    volume = Field("volume_m3", "m3", "volume", minimum=80e-6, maximum=955e-6)
+    context = make_auv()
+    context.set_ports([*context.ports.values(), Port("auv/engine", "actuator", "ballast", (volume,), "Engine.")])
+    target = Target(port="engine", field="volume_m3", zero=500e-6, full=0.455, limit=0.1)
+    bench = make(context, commands={"BUOYANCY_RATE": (target,)})
+    said = []
+    for written in (
+        {"BUOYANCY_RATE": 0.05},
+        {"BUOYANCY_RATE": 1.0},
+        {"BUOYANCY_RATE": -1.0},
+        {"MOOS_MANUAL_OVERRIDE": "true"},
+    ):
+        bench.write(**written)
+        ((_, ((value,),)),) = bench.commands
+        said.append(value)
+    assert said == pytest.approx([727.5e-6, 955e-6, 80e-6, 500e-6], rel=1e-9)
+
+
 async def test_percentages_and_actuators_are_limited(make):
     bench = make(commands=COMMANDS)
     bench.write(DESIRED_THRUST=1000.0, DESIRED_RUDDER=-100.0)
@@ -325,6 +364,42 @@ async def test_nonsense_is_told_and_changes_nothing(make, value):
     assert bench.context.stats.errors == 1
 
 
+@pytest.mark.parametrize("name", ["DESIRED_THRUST", "AUV_PROPELLER_U", "USM_RESET", "DRIFT_VECTOR", "USM_SIM_PAUSED"])
+async def test_text_that_is_no_utf_8_is_told_and_what_stands_beside_it_is_done(make, name):
+    bench = make(commands=COMMANDS)
+    bench.bridge.take([(name, "7\udcff/\udcfe", "\udcff", 10.0), ("DESIRED_RUDDER", 10.0, "helm", 10.0)])
+    (error,) = bench.errors
+    assert (error["variable"], error["value"], error["src"]) == (name, "7\ufffd/\ufffd", "\ufffd")
+    assert [path for path, _ in bench.commands] == ["auv/rudder"]
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(sorted({*COMMANDS, "AUV_PROPELLER_U", "AUV_THRUSTERS_U", "USM_RESET", "DRIFT_X", "DRIFT_VECTOR",
+                             "DRIFT_VECTOR_ADD", "WATER_DEPTH", "USM_SIM_PAUSED", "MOOS_MANUAL_OVERRIDE", "UWSERVER_CALL", "ELSE"})),
+            st.floats() | st.text(st.characters(exclude_categories=()), max_size=30) | st.binary(max_size=30)
+            | st.sampled_from(["1 world/echo", "world/echo {\"value\":\"\udcff\"}", "x=1", "90,1", "[1,2]", "true"]),
+            st.text(st.characters(exclude_categories=()), max_size=5),
+            st.floats(),
+        ),
+        max_size=5,
+    ),
+    st.sampled_from([-math.inf, 0.0, math.inf]),
+)  # fmt: skip
+def test_whatever_is_written_never_raises(make, written, since):
+    async def write() -> Bench:
+        bench = make(commands=COMMANDS, nav=NavTable())
+        bench.bridge.take(written, since)
+        await asyncio.sleep(0)
+        bench.bridge.close()
+        return bench
+
+    for error in asyncio.run(write()).errors:
+        assert error["code"]
+
+
 async def test_history_is_no_command(make):
     """A database keeps the last DESIRED_THRUST of yesterday's mission."""
     bench = make(commands=COMMANDS)
@@ -333,6 +408,23 @@ async def test_history_is_no_command(make):
     )
     assert bench.commands == []
     assert bench.calls == []
+
+
+async def test_commands_by_a_clock_that_is_behind_are_told_once(make):
+    """A program with another MOOSTimeWarp would else be ignored without a word."""
+    bench = make(commands=COMMANDS)
+    for time in (10.0, 10.0, 1e9 - 0.2, 1e9 - 0.1):  # kept, asked for twice, and two that were under way
+        bench.write(since=1e9, time=time, DESIRED_THRUST=40.0)
+    assert bench.errors == []
+    for time in (11.0, 12.0, 13.0):
+        bench.write(since=1e9, time=time, DESIRED_THRUST=40.0)
+    assert bench.commands == []
+    (error,) = bench.errors
+    assert "MOOSTimeWarp" in error["message"]
+    bench.bridge.begin()
+    bench.posts.clear()
+    bench.write(since=1e9, time=14.0, DESIRED_THRUST=40.0)
+    assert bench.errors == []
 
 
 async def test_states_of_before_hold_once(make):
@@ -387,8 +479,8 @@ async def test_reset_moves_the_vehicle(make):
 
 
 @pytest.mark.parametrize("text", ["x", "x=", "x=nan", "z=3", "x=1;y=2", "x=1e999", 5.0])
-async def test_a_reset_that_cannot_be_read_is_told(make, text):
-    bench = make()
+async def test_a_reset_that_cannot_be_read_is_told_and_stops_nothing(make, text):
+    bench = make(commands=COMMANDS)
     bench.write(USM_RESET=text)
     assert bench.commands == []
     assert len(bench.errors) == 1

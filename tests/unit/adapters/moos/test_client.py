@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 
+import msgspec
 import pytest
 from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, adapter, link, wire
 from uwserver_adapters.moos.clock import MoosClock
@@ -64,6 +65,18 @@ async def test_samples_out_commands_in(database, join, connect, until):
         helm.notify(DESIRED_THRUST=50.0)
         await until(lambda: context.commands, "a command")
         assert [(c.port, c.value) for c in context.commands] == [("auv/propeller", ((0.5,),))]
+        await helm.close()
+
+
+async def test_a_vehicle_that_comes_later_is_obeyed(database, join, connect, until):
+    async with database() as db, join(port_of(db)) as context:
+        await until(lambda: context.stats.peers == 1, "joined")
+        helm = await connect(db.stats.address, "pHelmIvP")
+        port = msgspec.structs.replace(context.ports["auv/propeller"], path="rov/propeller")
+        context.set_ports([*context.ports.values(), port])
+        helm.notify(ROV_PROPELLER_U=0.5)
+        await until(lambda: context.commands, "a command")
+        assert [(c.port, c.value) for c in context.commands] == [("rov/propeller", ((0.5,),))]
         await helm.close()
 
 
@@ -252,6 +265,27 @@ async def test_the_warp_is_the_servers_speed(database, make_auv, serve, connect,
 async def test_another_warp_is_noticed(database, join, until):
     async with database(warp=10.0) as db, join(port_of(db), warp=1.0) as context:
         await until(lambda: "MOOSTimeWarp" in context.stats.last_error, "told")
+
+
+async def test_a_variable_that_is_there_with_another_type_is_told_once(database, join, connect, until):
+    """A MOOSDB does not tell the writer."""
+    async with database() as db:
+        other = await connect(db.stats.address, "other")
+        other.notify(NAV_X="east", NAV_Y=1.0, MINE=b"1")
+        other.register("NAV_X", "UNWRITTEN")
+        await other.hear("NAV_X")
+        async with join(port_of(db)) as context:
+            await until(lambda: context.stats.peers == 1, "joined")
+
+            def told() -> bool:
+                context.put([POSE])
+                return "has NAV_X with another type" in context.stats.last_error
+
+            await until(told, "told")
+            context.put([POSE])
+            assert context.stats.errors == 1
+            assert not context.commands
+        await other.close()
 
 
 async def test_calls_over_the_wire(database, join, connect, until):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -248,6 +249,62 @@ def test_filters_are_bounded(tank, monkeypatch):
     tank.write("a", "V0", 0.0)
     tank.write("a", "V3", 0.0)
     assert tank.heard("b") == [("V0", 0.0)]
+
+
+def test_long_patterns_are_refused(tank):
+    """They would be kept, and compared with each new variable."""
+    tank.register("a", module.REFUSED)
+    tank.wildcard("b", "*" * (module.NAME_LIMIT + 1))
+    tank.wildcard("b", "*", "p" * (module.NAME_LIMIT + 1))
+    tank.write("a", "X", 1.0)
+    assert tank.heard("b") == []
+    assert [text.rpartition("reason=")[2] for _, text in tank.heard("a")] == [
+        "a pattern has at most 256 characters"
+    ] * 2
+
+
+def test_names_that_writers_claim_are_not_collected(tank):
+    """Anybody can write under any name; only those of clients are told."""
+    tracemalloc.start()
+    try:
+        for k in range(200):
+            tank.write(f"{k}" + "x" * 10_000, "X", 1.0)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 200_000
+    tank.write("a", "X", 1.0)
+    assert "a:SUBSCRIBED=,PUBLISHED=,X" in [m.text for m in tank.ask("b", "PROC_SUMMARY")]
+
+
+texts = st.text(st.characters(exclude_categories=()), max_size=12)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            Message,
+            type=st.sampled_from("NNNRU*/iWKTQQ.C^"),
+            key=st.sampled_from(["X", "", "ALL", "VAR_SUMMARY", "PROC_SUMMARY", "DB_CLEAR", module.REFUSED, "DB_TIME"]) | texts,
+            number=st.floats(),
+            data=st.sampled_from([b"AppPattern=*,VarPattern=*,Interval=1", b"VarPattern=X"]) | st.binary(max_size=20),
+            kind=st.sampled_from("DSB~"),
+            src=texts,
+            time=st.floats(),
+        ),
+        max_size=12,
+    )
+)  # fmt: skip
+def test_whatever_clients_say_never_raises(said):
+    tank = Community(max_variables=10)
+    tank.join("a", "b")
+    for k, message in enumerate(said):
+        tank.database.take("ab"[k % 2], message)
+    tank.database.tell()
+    tank.database.leave("a")
+    for box in tank.boxes.values():
+        assert all(wire.encode(message) for message in box)
 
 
 def test_unknown_types_are_ignored(tank):

@@ -243,6 +243,7 @@ async def test_refusals_go_to_who_asked(bridge):
         ("#3 SUBSCRIBE A nan", "#3 ERROR bad_argument"),
         ("UNSUBSCRIBE", "ERROR invalid_request"),
         ("GET", "ERROR invalid_request"),
+        ("#4 SUBSCRIBE " + "*" * 300, "#4 ERROR bad_argument a pattern has at most 256"),
         ("x" * 100_000, "ERROR too_large"),
     ],
 )

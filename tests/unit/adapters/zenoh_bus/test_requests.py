@@ -43,11 +43,13 @@ class Desk:
         self.context = FakeContext()
         self.keys = KeyScheme("uw", "s")
         self.told: list[tuple[str, Any]] = []
+        self.looked: list[int] = []
         self.codec = Codec("json")
         codecs: Any = {"json": self.codec, "msgpack": Codec("msgpack")}
         self.requests = Requests(
             self.context, self.keys, codecs, "json", 0.05,
             lambda key, message: self.told.append((key, json.loads(self.codec.encode(message)))),
+            lambda: self.looked.append(len(self.told)),
         )  # fmt: skip
 
     def put(self, path: str, payload: bytes = U, attachment: bytes | None = None, media: str = "") -> None:
@@ -201,6 +203,13 @@ def test_answers_of_services_and_ports():
         assert desk.ask("@describe", pattern="rov/imu").replies[0][1]["ports"][0]["path"] == "rov/imu"
 
     within_loop(test)
+
+
+@pytest.mark.parametrize("asked", ["@describe", "rov/imu", "**"])
+def test_who_subscribes_is_known_before_a_question_is_answered(asked):
+    desk = Desk()
+    desk.ask(asked)
+    assert desk.looked
 
 
 def test_a_fault_of_ours_is_told(caplog):

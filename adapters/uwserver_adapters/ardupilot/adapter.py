@@ -1,0 +1,181 @@
+"""The `ardupilot_json` adapter: the simulator's side of `ardusub --model JSON`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections.abc import Callable, Sequence
+from typing import Annotated
+
+from msgspec import Meta, field
+
+from uwserver.adapter import AdapterContext, AdapterTable
+from uwserver.ports import Refused, Sample
+from uwserver.table import Name, Positive
+from uwserver_adapters.ardupilot import wire
+from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
+from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
+from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
+from uwserver_adapters.sil.readings import Readings
+from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
+
+_log = logging.getLogger(__name__)
+
+LOOP_HZ = 400
+"""ArduSub's control loop; physics below it would be its clock."""
+
+PulseWidth = Annotated[int, Meta(ge=1, le=65535)]
+
+
+class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=True):
+    """Attributes:
+    bind: address to listen at; whoever reaches it moves the vehicle.
+    port: UDP port; 0 takes a free one. Instance n of an autopilot sends to 9002 + 10 n.
+    client: name in the scenario's `lockstep_clients`; default: the adapter's name.
+    vehicle: whose sensors and actuators; default: the only one there is.
+    imu: port with `f_S` and `w_S`, mounted along the vehicle's axes.
+    pose: port with `p_NB` and `q_NB`.
+    velocity: port with `v_NB_B` and `w_NB_B`.
+    rangefinders: up to six ports with `range` or `altitude`, sent as rng_1 to rng_6.
+    battery: port with `voltage` and `current`.
+    outputs: what servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
+    low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
+    no_time_sync: tell the autopilot not to hold real time itself; the world does, at `[world.clock] max_speed`, or nobody.
+    silence_s: wall time after which an autopilot that says nothing counts as gone.
+    dvl: send it as MAVLink messages; default: not. Needs the extra `mavlink`.
+    """
+
+    bind: Name = "127.0.0.1"
+    port: Annotated[int, Meta(ge=0, le=65535)] = 9002
+    client: Name | None = None
+    vehicle: Name | None = None
+    imu: Name = "imu"
+    pose: Name = "truth/pose"
+    velocity: Name = "truth/velocity"
+    rangefinders: Annotated[tuple[Name, ...], Meta(max_length=wire.RANGEFINDERS)] = ()
+    battery: Name | None = None
+    outputs: dict[Name, OutputTable] = field(default_factory=dict)
+    low_us: PulseWidth = 1100
+    neutral_us: PulseWidth = 1500
+    high_us: PulseWidth = 1900
+    no_time_sync: bool = False
+    silence_s: Positive = 3.0
+    dvl: DvlTable | None = None
+
+
+class ArduPilotAdapter:
+    """Waits for an autopilot, and steps the world with it (docs/how-to/ardusub.md)."""
+
+    Config = ArduPilotConfig
+
+    def __init__(self, config: ArduPilotConfig, context: AdapterContext) -> None:
+        self.config = config
+        self.context = context
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled; autopilots may come and go.
+
+        Raises:
+            CannotServe: the table and the world do not fit, or the port cannot be bound.
+            RuntimeError: the driver failed.
+        """
+        config, context = self.config, self.context
+        await stand_by(context, ready)
+        stats = context.stats
+        stats.details.update(dict.fromkeys(COUNTS, 0))
+        stats.details["frame_rate_hz"] = 0
+        failed, on_reply = failure()
+        with contextlib.ExitStack() as stack:
+            endpoint = stack.enter_context(self._bound())
+            link = None if config.dvl is None else MavlinkOut(config.dvl.address)
+            driver = self._driver(endpoint, link)
+            stack.callback(context.attach(Deaf()))
+            try:
+                stack.callback(context.drive(config.client or context.name, driver, on_reply))
+            except Refused as refused:
+                raise CannotServe(refused.fault.text) from None
+            stats.address = "{}:{}".format(*endpoint.getsockname()[:2])
+            stats.state = "running"
+            ready.set()
+            sending = asyncio.ensure_future(link.run()) if link is not None else None
+            try:
+                await failed
+            finally:
+                if sending is not None:
+                    sending.cancel()
+                    await asyncio.gather(sending, return_exceptions=True)
+                stats.peers = 0
+                stats.state = "stopped"
+
+    def _bound(self) -> socket.socket:
+        config = self.config
+        family, kind, _, _, address = socket.getaddrinfo(config.bind, config.port, type=socket.SOCK_DGRAM)[0]
+        endpoint = socket.socket(family, kind)
+        try:
+            endpoint.setblocking(False)
+            endpoint.bind(address)
+        except OSError as error:
+            endpoint.close()
+            text = f"udp {config.bind}:{config.port} cannot be bound: {error.strerror or error}"
+            raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
+        return endpoint
+
+    def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
+        config, context = self.config, self.context
+        if not config.truth:
+            raise CannotServe(
+                "position, velocity and attitude of this protocol are ground truth, by its nature: say truth = true"
+            )
+        if not config.low_us < config.neutral_us < config.high_us:
+            raise CannotServe("low_us < neutral_us < high_us is needed")
+        ports = context.ports
+        vehicle = vehicle_of(config.vehicle, ports)
+        readings = Readings(ports, vehicle)
+        pose = readings.want("pose", config.pose, [("p_NB", "q_NB")])
+        velocity = readings.want("velocity", config.velocity, [("v_NB_B", "w_NB_B")])
+        imu = readings.want("imu", config.imu, [("w_S", "f_S")])
+        distances = [
+            readings.want("rangefinders", name, [("range",), ("altitude",)], keeps=False)
+            for name in config.rangefinders
+        ]
+        battery = readings.want("battery", config.battery, [("voltage", "current")]) if config.battery else None
+        rate_hz = physics_hz(context)
+        for reading in (pose, velocity):
+            if reading.rate_hz != rate_hz:
+                text = f"{reading.path} must come with every tick: rate_hz = {rate_hz:g}"
+                raise CannotServe(f"{text} in [vehicles.{vehicle}.truth]")
+        if imu.rate_hz != rate_hz:
+            _log.warning(
+                "%s has %g Hz, the autopilot reads it at %g Hz: it sees each sample several times", imu.path, imu.rate_hz, rate_hz
+            )  # fmt: skip
+        if rate_hz < LOOP_HZ:
+            _log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", rate_hz, LOOP_HZ)
+        movement = None
+        if config.dvl is not None and link is not None:
+            loop, send = asyncio.get_running_loop(), link.send
+            dvl = readings.want("dvl", config.dvl.port, [("v_S", "figure_of_merit")], keeps=False)
+            movement = Movement(config.dvl, dvl, imu, lambda data: _soon(loop, send, data))
+
+        def see(t_ns: int, samples: Sequence[Sample]) -> None:
+            readings.see(samples)
+            if movement is not None:
+                movement.see(t_ns)
+
+        return ArduPilotDriver(
+            endpoint,
+            Outputs(config.outputs, ports, vehicle),
+            wire.Scale(config.low_us, config.neutral_us, config.high_us),
+            State(pose, velocity, imu, distances, battery, config.no_time_sync),
+            see,
+            rate_hz,
+            config.silence_s,
+            asyncio.get_running_loop().time,
+            context.stats,
+        )
+
+
+def _soon(loop: asyncio.AbstractEventLoop, send: Callable[[bytes], None], data: bytes) -> None:
+    with contextlib.suppress(RuntimeError):  # the server has ended
+        loop.call_soon_threadsafe(send, data)

@@ -1,0 +1,156 @@
+"""The DVL for ArduPilot: its simulator interface has no field for one, so what a companion computer would send goes in over MAVLink."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+from typing import Annotated, Any, cast
+
+from msgspec import Meta
+
+from uwserver.frames import Vec3
+from uwserver.table import Name, Positive, Table
+from uwserver.units import NANOSECONDS
+from uwserver_adapters.sil.channels import CannotServe
+from uwserver_adapters.sil.readings import Reading
+
+_log = logging.getLogger(__name__)
+
+RETRY_S = 0.5
+"""Wall time between two attempts to connect."""
+WAITING = 1 << 16
+"""Bytes that may wait for an autopilot that does not read; messages are dropped above."""
+LONGEST_S = 1.0
+"""Simulation time without a measurement after which the movement since the last says nothing."""
+MICROSECOND_NS = 1000
+
+
+class DvlTable(Table, kw_only=True, frozen=True):
+    """The DVL, sent as VISION_POSITION_DELTA.
+
+    Attributes:
+        port: with `v_S` and `figure_of_merit`, mounted along the vehicle's axes.
+        address: MAVLink port of the autopilot: "tcp:<host>:<port>" or "udp:<host>:<port>".
+        worst_mps: figure of merit at which there is no confidence left; at 0 it is 100 %.
+        system, component: who sends it.
+    """
+
+    port: Name = "dvl"
+    address: Annotated[str, Meta(pattern=r"^(tcp|udp):[^:]+:\d+$")] = "tcp:127.0.0.1:5762"
+    worst_mps: Positive = 0.4
+    system: Annotated[int, Meta(ge=1, le=255)] = 1
+    component: Annotated[int, Meta(ge=1, le=255)] = 197
+
+
+class Movement:
+    """From measurements to messages: turns and shifts between two of the DVL's. Simulation thread.
+
+    Args:
+        table: settings.
+        dvl: v_S and figure_of_merit.
+        imu: w_S and f_S, of every tick.
+        send: takes the messages; must not block.
+
+    Raises:
+        CannotServe: pymavlink is not there.
+    """
+
+    def __init__(self, table: DvlTable, dvl: Reading, imu: Reading, send: Callable[[bytes], None]) -> None:
+        try:
+            from pymavlink.dialects.v20 import ardupilotmega
+        except ImportError as error:
+            raise CannotServe(f"dvl needs pymavlink: pip install 'uwserver[mavlink]' ({error})") from error
+        self._mav = ardupilotmega.MAVLink(None, table.system, table.component)
+        self._worst = table.worst_mps
+        self._dvl = dvl
+        self._imu = imu
+        self._send = send
+        self._seen = 0
+        self._last_ns: int | None = None
+        self._velocity: Vec3 = (0.0, 0.0, 0.0)
+        self._angle = [0.0, 0.0, 0.0]
+        self._tick_ns = 0
+
+    def see(self, t_ns: int) -> None:
+        """A tick ended, and the readings are of it."""
+        imu: Any = self._imu.values
+        step = t_ns - self._tick_ns
+        self._tick_ns = t_ns
+        if step < 0:  # the world was put to another time
+            self._last_ns = None
+        elif imu is not None:
+            dt = step / NANOSECONDS
+            self._angle = [angle + rate * dt for angle, rate in zip(self._angle, imu[0], strict=True)]
+        if self._dvl.count != self._seen:
+            self._seen = self._dvl.count
+            self._measured()
+
+    def _measured(self) -> None:
+        velocity, merit = cast("tuple[Vec3, float]", self._dvl.values)
+        now, last = self._dvl.t_ns, self._last_ns
+        if last is not None and 0 < now - last <= LONGEST_S * NANOSECONDS:
+            half = (now - last) / NANOSECONDS / 2.0
+            shift = [(a + b) * half for a, b in zip(self._velocity, velocity, strict=True)]
+            confidence = 100.0 * max(0.0, 1.0 - merit / self._worst)
+            message = self._mav.vision_position_delta_encode(
+                now // MICROSECOND_NS, (now - last) // MICROSECOND_NS, self._angle, shift, confidence
+            )
+            self._send(bytes(message.pack(self._mav)))
+            self._mav.seq = (self._mav.seq + 1) % 256
+        self._last_ns, self._velocity, self._angle = now, velocity, [0.0, 0.0, 0.0]
+
+
+class MavlinkOut(asyncio.Protocol, asyncio.DatagramProtocol):
+    """A connection to an autopilot that is made again and again, and on which nothing is heard. Loop thread."""
+
+    def __init__(self, address: str) -> None:
+        kind, host, port = address.split(":")
+        self._kind, self._host, self._port = kind, host, int(port)
+        self._transport: Any = None
+        self._gone = asyncio.Event()
+        self.sent = 0
+        self.dropped = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """It is there."""
+        self._transport = transport
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """It went."""
+        self._transport = None
+        self._gone.set()
+
+    def error_received(self, error: Exception) -> None:
+        """Nobody listens at that port: the next message may be heard."""
+
+    def send(self, data: bytes) -> None:
+        """Send, or drop what nobody takes."""
+        if self._transport is None or self._transport.get_write_buffer_size() > WAITING:
+            self.dropped += 1
+        elif self._kind == "udp":
+            self._transport.sendto(data)
+            self.sent += 1
+        else:
+            self._transport.write(data)
+            self.sent += 1
+
+    async def run(self) -> None:
+        """Connect, stay, connect again, until cancelled."""
+        loop = asyncio.get_running_loop()
+        try:
+            while True:
+                self._gone.clear()
+                with contextlib.suppress(OSError):
+                    if self._kind == "udp":
+                        await loop.create_datagram_endpoint(lambda: self, remote_addr=(self._host, self._port))
+                    else:
+                        await loop.create_connection(lambda: self, self._host, self._port)
+                    _log.info("the DVL is connected to %s:%d", self._host, self._port)
+                    await self._gone.wait()
+                await asyncio.sleep(RETRY_S)
+        finally:
+            if self._transport is not None:
+                self._transport.abort()
+                await asyncio.sleep(0)  # its socket is closed with the next turn of the loop

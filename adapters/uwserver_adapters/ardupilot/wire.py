@@ -1,0 +1,89 @@
+"""ArduPilot's JSON simulator interface: servo packets in, lines out. Sans-IO; docs/how-to/ardusub.md names the source of each rule."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from uwserver.frames import Quat, Vec3
+
+MAGIC_16, MAGIC_32 = 18458, 29569
+_FORMS = {MAGIC_16: struct.Struct("<HHI16H"), MAGIC_32: struct.Struct("<HHI32H")}
+_MAGIC = struct.Struct("<H")
+
+RANGEFINDERS = 6
+"""Distances that a line can hold."""
+
+Bad = Literal["bad_magic", "bad_length"]
+
+
+class Frame(NamedTuple):
+    """A servo packet.
+
+    Attributes:
+        rate_hz: physics rate that the autopilot asks for; it moves at most 1 Hz a frame.
+        number: frames answered since the autopilot started.
+        pwm: pulse widths of outputs 1 to 16 or 32, us; 0: the output is not driven.
+    """
+
+    rate_hz: int
+    number: int
+    pwm: tuple[int, ...]
+
+
+def parse(data: bytes) -> Frame | Bad:
+    """The frame of a datagram, or what is wrong with it."""
+    if len(data) < _MAGIC.size:
+        return "bad_length"
+    form = _FORMS.get(_MAGIC.unpack_from(data)[0])
+    if form is None:
+        return "bad_magic"
+    if len(data) != form.size:
+        return "bad_length"
+    _, rate_hz, number, *pwm = form.unpack(data)
+    return Frame(rate_hz, number, tuple(pwm))
+
+
+class Scale(dict[int, float]):
+    """Deflection -1 to 1 of each pulse width (us), limited; 0 for an output that is not driven (0 us).
+
+    Attributes:
+        outside: pulse widths that were limited.
+    """
+
+    def __init__(self, low: int = 1100, neutral: int = 1500, high: int = 1900) -> None:
+        """From the pulse widths of full deflection and neutral."""
+        super().__init__({0: 0.0})
+        self._low, self._neutral, self._high = low, neutral, high
+        self.outside: set[int] = set()
+
+    def __missing__(self, pwm: int) -> float:
+        above = pwm - self._neutral
+        level = above / (self._high - self._neutral if above > 0 else self._neutral - self._low)
+        if abs(level) > 1.0:
+            self.outside.add(pwm)
+        self[pwm] = limited = min(max(level, -1.0), 1.0)
+        return limited
+
+
+# The autopilot looks for the first place of a key's name, so that none may be part of an earlier one, and wants no blank behind a colon.
+_LINE = (
+    '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.9g,%.9g,%.9g],'
+    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]%s}\n'
+)
+_DISTANCES = tuple(f',"rng_{n}":%.6g' for n in range(1, RANGEFINDERS + 1))
+_BATTERY = ',"battery":{"voltage":%.6g,"current":%.6g}'
+
+
+def extras(distances: Sequence[float], battery: tuple[float, float] | None, no_time_sync: bool) -> str:
+    """The optional rest of a line: distances of rangefinders (m), voltage and current (V, A), and who sets the pace."""
+    text = "".join(form % distance for form, distance in zip(_DISTANCES, distances, strict=False))
+    if battery is not None:
+        text += _BATTERY % battery
+    return text + ',"no_time_sync":1' if no_time_sync else text
+
+
+def line(t_ns: int, w_B: Vec3, f_B: Vec3, p_NB: Vec3, q_NB: Quat, v_NB_N: Vec3, rest: str) -> bytes:
+    """One line of state: time, angular rate (rad/s), specific force (m/s2), position (m), attitude, velocity (m/s). All finite."""
+    return (_LINE % (t_ns * 1e-9, *w_B, *f_B, *p_NB, *q_NB, *v_NB_N, rest)).encode()

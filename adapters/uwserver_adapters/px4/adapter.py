@@ -1,0 +1,160 @@
+"""The `px4_hil` adapter: the simulator's side of PX4's MAVLink simulator interface."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta, field
+
+from uwserver.adapter import AdapterContext, AdapterTable
+from uwserver.ports import Refused
+from uwserver.table import Name, NonNegative, Positive, Table
+from uwserver_adapters.px4.senses import Roles, Senses
+from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
+from uwserver_adapters.sil.readings import Readings
+from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
+
+if TYPE_CHECKING:
+    from uwserver_adapters.px4.driver import Px4Driver
+
+_GPS = (
+    "latitude", "longitude", "height", "v_NS", "horizontal_accuracy", "vertical_accuracy", "satellites", "fix",
+)  # fmt: skip
+
+
+class DistanceTable(Table, kw_only=True, frozen=True):
+    """A sensor that looks down, sent as DISTANCE_SENSOR.
+
+    Attributes:
+        port: with `range` or `altitude`.
+        min_m, max_m: its limits, as the autopilot is told.
+    """
+
+    port: Name
+    min_m: NonNegative = 0.3
+    max_m: Positive = 100.0
+
+
+class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
+    """Attributes:
+    bind: address to listen at; whoever reaches it moves the vehicle.
+    port: TCP port; 0 takes a free one. Instance n of an autopilot connects to 4560 + n.
+    client: name in the scenario's `lockstep_clients`; default: the adapter's name.
+    vehicle: whose sensors and actuators; default: the only one there is.
+    imu: port with `f_S` and `w_S`, mounted along the vehicle's axes; its rate is that of the lock-step, PX4's is 250 Hz.
+    pose: port with `p_NB` and `q_NB`, for ground truth and odometry.
+    velocity: port with `v_NB_B` and `w_NB_B`, likewise.
+    magnetometer: port with `field_S`, mounted along the vehicle's axes.
+    depth: port with `depth`, sent as the air pressure at that depth below sea level: PX4 knows no water.
+    gps: port of kind gps.
+    distances: sensors that look down.
+    odometry_hz: how often the pose is sent as ODOMETRY; 0 for never.
+    odometry_sigma: its standard deviations as the autopilot is told: position (m), attitude (rad), velocity (m/s).
+    origin_deg: latitude and longitude of N's origin, for the ground truth in the autopilot's log.
+    outputs: what actuator outputs move; default: the vehicle's `thrusters`, by outputs 1 to n.
+    """
+
+    bind: Name = "127.0.0.1"
+    port: Annotated[int, Meta(ge=0, le=65535)] = 4560
+    client: Name | None = None
+    vehicle: Name | None = None
+    imu: Name = "imu"
+    pose: Name = "truth/pose"
+    velocity: Name = "truth/velocity"
+    magnetometer: Name | None = None
+    depth: Name | None = None
+    gps: Name | None = None
+    distances: dict[Name, DistanceTable] = field(default_factory=dict)
+    odometry_hz: NonNegative = 30.0
+    odometry_sigma: tuple[Positive, Positive, Positive] = (0.05, 0.02, 0.05)
+    origin_deg: tuple[float, float] = (47.397742, 8.545594)
+    outputs: dict[Name, OutputTable] = field(default_factory=dict)
+
+
+class Px4Adapter:
+    """Waits for an autopilot, and steps the world with it (docs/how-to/px4.md)."""
+
+    Config = Px4Config
+
+    def __init__(self, config: Px4Config, context: AdapterContext) -> None:
+        self.config = config
+        self.context = context
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled; autopilots may come and go.
+
+        Raises:
+            CannotServe: the table and the world do not fit, the port cannot be bound, or pymavlink is not there.
+            RuntimeError: the driver failed.
+        """
+        config, context = self.config, self.context
+        await stand_by(context, ready)
+        stats = context.stats
+        failed, on_reply = failure()
+        with contextlib.ExitStack() as stack:
+            listener = stack.enter_context(self._listening())
+            driver = self._driver(listener)
+            stack.callback(driver.close)
+            stack.callback(context.attach(Deaf()))
+            try:
+                stack.callback(context.drive(config.client or context.name, driver, on_reply))
+            except Refused as refused:
+                raise CannotServe(refused.fault.text) from None
+            stats.address = "{}:{}".format(*listener.getsockname()[:2])
+            stats.state = "running"
+            ready.set()
+            try:
+                await failed
+            finally:
+                stats.state = "stopped"
+
+    def _listening(self) -> socket.socket:
+        config = self.config
+        family, kind, _, _, address = socket.getaddrinfo(config.bind, config.port, type=socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, kind)
+        try:
+            listener.setblocking(False)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+            listener.listen(8)
+        except OSError as error:
+            listener.close()
+            text = f"tcp {config.bind}:{config.port} cannot be bound: {error.strerror or error}"
+            raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
+        return listener
+
+    def _driver(self, listener: socket.socket) -> Px4Driver:
+        try:
+            from uwserver_adapters.px4 import driver  # needs pymavlink, an extra
+        except ImportError as error:
+            raise CannotServe(f"px4_hil needs pymavlink: pip install 'uwserver[mavlink]' ({error})") from error
+        config, context = self.config, self.context
+        if not config.truth:
+            raise CannotServe("pose and velocity of this protocol are ground truth, by its nature: say truth = true")
+        ports = context.ports
+        vehicle = vehicle_of(config.vehicle, ports)
+        readings = Readings(ports, vehicle)
+        imu = readings.want("imu", config.imu, [("w_S", "f_S")])
+        roles = Roles(
+            imu,
+            readings.want("pose", config.pose, [("p_NB", "q_NB")]),
+            readings.want("velocity", config.velocity, [("v_NB_B", "w_NB_B")]),
+            readings.want("magnetometer", config.magnetometer, [("field_S",)]) if config.magnetometer else None,
+            readings.want("depth", config.depth, [("depth", "temperature")]) if config.depth else None,
+            readings.want("gps", config.gps, [_GPS], keeps=False) if config.gps else None,
+            tuple(
+                (readings.want(f"distances.{name}", table.port, [("range",), ("altitude",)], keeps=False), (table.min_m, table.max_m))
+                for name, table in config.distances.items()
+            ),
+        )  # fmt: skip
+        ticks = round(physics_hz(context) / imu.rate_hz)
+        context.stats.details.update(dict.fromkeys(driver.COUNTS, 0))
+        context.stats.details["is_locked"] = False
+        odometry_s = 1.0 / config.odometry_hz if config.odometry_hz else 0.0
+        senses = Senses(readings, roles, config.origin_deg, odometry_s, config.odometry_sigma)
+        outputs = Outputs(config.outputs, ports, vehicle)
+        steady = asyncio.get_running_loop().time
+        return driver.Px4Driver(listener, outputs, senses, ticks, 1.0 / imu.rate_hz, steady, context.stats)

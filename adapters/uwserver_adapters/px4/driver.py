@@ -1,0 +1,201 @@
+"""The lock-step with PX4: an IMU sample goes out, its actuator outputs come back. Runs on the simulation thread."""
+
+from __future__ import annotations
+
+import logging
+import select
+import socket
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from uwserver.adapter import AdapterStats, Order
+from uwserver.ports import Fault, Sample
+from uwserver_adapters.px4 import wire
+from uwserver_adapters.px4.senses import Senses
+from uwserver_adapters.sil.channels import Outputs
+
+_log = logging.getLogger(__name__)
+
+READ = 1 << 16
+"""Bytes read at a time."""
+WAITING = 1 << 20
+"""Bytes that may wait for an autopilot that does not read; then the connection is ended."""
+
+COUNTS = ("controls", "bad", "limited", "connections")
+"""Keys of the adapter's details that count."""
+
+
+class Connection:
+    """One autopilot's."""
+
+    def __init__(self, stream: socket.socket) -> None:
+        self.stream = stream
+        self.codec = wire.Codec()
+        self.unsent = b""
+        self.is_greeted = False
+        self.controls: wire.Controls | None = None
+        self.is_fresh = False
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether the next tick waits for its outputs. Before the first ones, disarmed, or built without lock-step it would wait for ever."""
+        return self.controls is not None and self.controls.is_lockstep and self.controls.is_armed
+
+
+class Px4Driver:
+    """The adapter's `Driver`. Simulation thread, but for its construction and `close`.
+
+    Args:
+        listener: listening TCP socket that does not block; whoever made it closes it.
+        outputs: what actuator outputs move.
+        senses: what is sent.
+        ticks: of the physics from one IMU sample to the next.
+        step_s: the same as time; without lock-step the world goes no faster than real time.
+        steady: wall time, s.
+        stats: of the adapter; `COUNTS` and `is_locked` in its details.
+    """
+
+    def __init__(
+        self, listener: socket.socket, outputs: Outputs, senses: Senses, ticks: int, step_s: float,
+        steady: Callable[[], float], stats: AdapterStats,
+    ) -> None:  # fmt: skip
+        self._listener = listener
+        self._outputs = outputs
+        self._senses = senses
+        self._ticks = ticks
+        self._step_s = step_s
+        self._steady = steady
+        self._stats = stats
+        self._counts: dict[str, Any] = stats.details
+        self._link: Connection | None = None
+        self._due = 0.0
+
+    # -- uwserver.adapter.Driver ----------------------------------------------------------------------------------------------------
+
+    def order(self, wait_s: float) -> Order | None:
+        """The next step: at once until the autopilot has spoken of its outputs, then with each of them."""
+        end = self._steady() + wait_s
+        self._wait(0.0)
+        while True:
+            now, link = self._steady(), self._link
+            order = None if link is None else self._next(link, now)
+            if order is not None or now >= end:
+                return order
+            runs_free = link is not None and link.is_greeted and not link.is_locked and not link.unsent
+            self._wait((min(end, self._due) if runs_free else end) - now)
+
+    def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
+        """Keep what will be sent."""
+        self._senses.see(samples)
+
+    def answer(self, t_ns: int) -> None:
+        """Send what is new."""
+        if self._link is not None:
+            self._send(self._link, self._senses.messages(self._link.codec, t_ns))
+
+    def refuse(self, fault: Fault) -> None:
+        """Outputs are limited to what actuators take, so this is an actuator that is gone or was switched off."""
+        self._stats.errors += 1
+        self._stats.last_error = fault.text
+
+    def close(self) -> None:
+        """End the connection. Loop thread, when the simulation does not call any more."""
+        self._drop("")
+
+    # -- steps ----------------------------------------------------------------------------------------------------------------------
+
+    def _next(self, link: Connection, now: float) -> Order | None:
+        if not link.is_greeted or link.unsent:
+            return None
+        if link.is_locked:
+            if not link.is_fresh:
+                return None
+        elif now < self._due:
+            return None
+        self._due = max(now, self._due + self._step_s)
+        link.is_fresh = False
+        if link.controls is None:
+            return Order(self._ticks, ())
+        self._stats.commands += 1
+        return Order(self._ticks, self._outputs.commands(link.controls.levels))
+
+    # -- bytes ----------------------------------------------------------------------------------------------------------------------
+
+    def _wait(self, seconds: float) -> None:
+        poll = select.poll()
+        poll.register(self._listener, select.POLLIN)
+        link = self._link
+        if link is not None:
+            poll.register(link.stream, select.POLLIN | (select.POLLOUT if link.unsent else 0))
+        ready = dict(poll.poll(max(0.0, seconds) * 1e3))
+        if link is not None and link.stream.fileno() in ready:
+            if link.unsent:
+                self._send(link, b"")
+            self._read(link)
+        if self._listener.fileno() in ready:
+            self._accept()
+
+    def _accept(self) -> None:
+        try:
+            stream, address = self._listener.accept()
+        except OSError:  # it went again
+            return
+        stream.setblocking(False)
+        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._drop("another has connected")
+        self._link = Connection(stream)
+        self._stats.peers = 1
+        self._counts["connections"] += 1
+        self._senses.restart()
+        _log.info("an autopilot has connected from %s", address)
+        self._send(self._link, self._link.codec.heartbeat())
+
+    def _read(self, link: Connection) -> None:
+        try:
+            data = link.stream.recv(READ)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._drop(str(error))
+            return
+        if not data:
+            self._drop("it closed")
+            return
+        for event in link.codec.receive(data):
+            link.is_greeted = True
+            if isinstance(event, wire.Controls):
+                link.controls, link.is_fresh = event, True
+                self._counts["controls"] += 1
+                self._counts["limited"] += event.limited
+                self._counts["is_locked"] = link.is_locked
+            elif isinstance(event, wire.Interval):
+                self._senses.ask(event)
+        if link.codec.bad:
+            self._counts["bad"] += link.codec.bad
+            self._stats.errors += link.codec.bad
+            link.codec.bad = 0
+
+    def _send(self, link: Connection, data: bytes) -> None:
+        unsent = link.unsent + data
+        try:
+            sent = link.stream.send(unsent) if unsent else 0
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            self._drop(str(error))
+            return
+        self._stats.bytes_sent += sent
+        link.unsent = unsent[sent:]
+        if len(link.unsent) > WAITING:
+            self._drop("it does not read")
+
+    def _drop(self, reason: str) -> None:
+        if self._link is None:
+            return
+        self._link.stream.close()
+        self._link = None
+        self._stats.peers = 0
+        self._counts["is_locked"] = False
+        if reason:
+            self._stats.last_error = f"the connection to the autopilot ended: {reason}"
+            _log.warning("%s; the world waits for the next", self._stats.last_error)

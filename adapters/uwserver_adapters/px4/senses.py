@@ -1,0 +1,136 @@
+"""Which messages are due after a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from uwserver.frames import Vec3
+from uwserver.ports import Sample
+from uwserver.units import NANOSECONDS, rad
+from uwserver_adapters.sil.readings import Reading, Readings
+from uwserver_adapters.sil.world import inertial
+
+if TYPE_CHECKING:
+    from uwserver_adapters.px4.wire import Codec, Interval
+
+HIL_STATE_QUATERNION = 115
+STATE_S = 0.005
+"""As PX4 asks for, and until it does."""
+
+
+class Roles(NamedTuple):
+    """Who measures what; None for what is not sent."""
+
+    imu: Reading
+    pose: Reading
+    velocity: Reading
+    magnetometer: Reading | None
+    depth: Reading | None
+    gps: Reading | None
+    distances: tuple[tuple[Reading, tuple[float, float]], ...]
+
+
+class Senses:
+    """Newest samples, and what of them the autopilot has not been told.
+
+    Args:
+        readings: all of `roles`.
+        roles: who measures what.
+        origin_deg: latitude and longitude of N's origin.
+        odometry_s: simulation time between two ODOMETRY messages; 0 for none.
+        sigma: its standard deviations.
+    """
+
+    def __init__(
+        self, readings: Readings, roles: Roles, origin_deg: tuple[float, float], odometry_s: float,
+        sigma: tuple[float, float, float],
+    ) -> None:  # fmt: skip
+        self._readings = readings
+        self._roles = roles
+        self._origin = (rad(origin_deg[0]), rad(origin_deg[1]))
+        self._odometry_s = odometry_s
+        self._sigma = sigma
+        self._state_s = STATE_S
+        self._told: dict[str, int] = {}
+        self._next: dict[str, int] = {}
+        self._shift_ns = 0
+        self._last_ns = 0
+
+    def see(self, samples: Sequence[Sample]) -> None:
+        """The samples of a tick."""
+        self._readings.see(samples)
+
+    def restart(self) -> None:
+        """Another autopilot: everything is new to it."""
+        self._told.clear()
+        self._state_s = STATE_S
+
+    def ask(self, interval: Interval) -> None:
+        """Send a message as often as this."""
+        if interval.message == HIL_STATE_QUATERNION:
+            self._state_s = interval.seconds or STATE_S
+
+    def messages(self, codec: Codec, t_ns: int) -> bytes:
+        """All that is due at simulation time t_ns; b"" before the world has said where the vehicle is."""
+        roles = self._roles
+        pose: Any = roles.pose.values
+        velocity: Any = roles.velocity.values
+        if pose is None or velocity is None:
+            return b""
+        now = self._monotonic(t_ns)
+        p_NB, q_NB = pose
+        v_NB_B, w_NB_B = velocity
+        w_B, f_B = inertial(roles.imu.values, q_NB, w_NB_B)
+        truth = odometry = b""
+        if self._is_due("state", now, self._state_s):
+            truth = codec.state(now, self._origin, p_NB, q_NB, v_NB_B, w_NB_B, f_B)
+        if self._is_due("odometry", now, self._odometry_s):
+            odometry = codec.odometry(now, p_NB, q_NB, v_NB_B, w_NB_B, self._sigma)
+        parts = [self._sensor(codec, now, f_B, w_B), self._gps(codec, now), truth, odometry]
+        return b"".join([*parts, *self._distances(codec, now)])
+
+    def _monotonic(self, t_ns: int) -> int:
+        """The autopilot's clock cannot go back: after a reset of the world it goes on from where it was."""
+        now = t_ns + self._shift_ns
+        if now <= self._last_ns:
+            self._shift_ns += self._last_ns - now + NANOSECONDS // 1000
+            now = t_ns + self._shift_ns
+        self._last_ns = now
+        return now
+
+    def _is_due(self, what: str, now: int, interval_s: float) -> bool:
+        due = self._next.get(what, 0)
+        if interval_s <= 0.0 or now < due:
+            return False
+        step = round(interval_s * NANOSECONDS)
+        self._next[what] = due + step if now < due + step else now + step
+        return True
+
+    def _fresh(self, reading: Reading | None) -> Any:
+        if reading is None or reading.values is None or self._told.get(reading.path) == reading.count:
+            return None
+        self._told[reading.path] = reading.count
+        return reading.values
+
+    def _sensor(self, codec: Codec, now: int, f_B: Vec3, w_B: Vec3) -> bytes:
+        field = self._fresh(self._roles.magnetometer)
+        depth = self._fresh(self._roles.depth)
+        return codec.sensor(
+            now, f_B, w_B, field and field[0], depth and depth[0], float(depth[1]) if depth else 0.0
+        )  # fmt: skip
+
+    def _gps(self, codec: Codec, now: int) -> bytes:
+        fix = self._fresh(self._roles.gps)
+        if fix is None:
+            return b""
+        latitude, longitude, height, velocity, horizontal, vertical, satellites, kind = fix
+        return codec.gps(now, latitude, longitude, height, velocity, (horizontal, vertical), satellites, kind)
+
+    def _distances(self, codec: Codec, now: int) -> list[bytes]:
+        found = []
+        for number, (reading, limits) in enumerate(self._roles.distances):
+            values = self._fresh(reading)
+            if values is not None:
+                found.append(codec.distance(now, number, float(values[0]), limits))
+        return found

@@ -1,0 +1,124 @@
+"""From servo channels to fields of actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.ports import Field, Port
+from uwserver.table import Name, Table
+from uwserver.units import rad
+
+Channel = Annotated[int, Meta(ge=1, le=32)]
+
+
+class CannotServe(Exception):
+    """The adapter's table and the world do not fit; the text says what to change."""
+
+
+class OutputTable(Table, kw_only=True, frozen=True):
+    """Servo channels that move one field of an actuator.
+
+    Attributes:
+        port: actuator, below the vehicle (`thrusters`), or its whole path.
+        field: its field.
+        channels: one for each component, counted from 1; default: the first ones.
+        full: value of a channel's full deflection, for all components or each; negative turns it round.
+        full_deg: the same in degrees, for fields in radians.
+    """
+
+    port: Name = "thrusters"
+    field: Name = "u"
+    channels: tuple[Channel, ...] = ()
+    full: float | tuple[float, ...] | None = None
+    full_deg: float | tuple[float, ...] | None = None
+
+
+class Output:
+    """One field of an actuator, found in the world.
+
+    Attributes:
+        path, field: of it.
+        channels: one for each component, from 0.
+
+    Raises:
+        CannotServe: it is not there, or the numbers do not fit it.
+    """
+
+    def __init__(self, name: str, table: OutputTable, ports: Mapping[str, Port], vehicle: str) -> None:
+        where = f"outputs.{name}"
+        self.path = table.port if table.port in ports else f"{vehicle}/{table.port}"
+        port = ports.get(self.path)
+        if port is None or port.direction != "actuator":
+            there = ", ".join(sorted(path for path, port in ports.items() if port.direction == "actuator"))
+            raise CannotServe(f'{where}: no actuator "{self.path}"; there are: {there or "none"}')
+        field = next((field for field in port.fields if field.name == table.field), None)
+        if field is None:
+            names = ", ".join(field.name for field in port.fields)
+            raise CannotServe(f'{where}: "{self.path}" has no field "{table.field}", it has: {names}')
+        self.field = field.name
+        self._is_scalar = not field.shape
+        channels = table.channels or tuple(range(1, field.size + 1))
+        full = _full(where, table, field)
+        for what, count in (("channels", len(channels)), ("full", len(full))):
+            if count != field.size:
+                raise CannotServe(f'{where}: {what} has {count} numbers, "{field.name}" has {field.size} components')
+        self.channels = tuple(channel - 1 for channel in channels)
+        self._parts = list(zip(self.channels, full, strict=True))
+
+    def value(self, levels: Sequence[float]) -> float | list[float]:
+        """The field for deflections -1 to 1 by channel; a channel that is not among them is neutral."""
+        n = len(levels)
+        value = [levels[channel] * full if channel < n else 0.0 for channel, full in self._parts]
+        return value[0] if self._is_scalar else value
+
+
+def _full(where: str, table: OutputTable, field: Field) -> tuple[float, ...]:
+    if table.full_deg is None:
+        full = 1.0 if table.full is None else table.full
+        return (full,) * field.size if isinstance(full, int | float) else full
+    if table.full is not None or field.unit != "rad":
+        raise CannotServe(f'{where}: "{field.name}" is in {field.unit}: full_deg is for radians, and not beside full')
+    degrees = table.full_deg
+    return (rad(degrees),) * field.size if isinstance(degrees, int | float) else tuple(map(rad, degrees))
+
+
+class Outputs:
+    """All actuators that an autopilot moves; without tables the vehicle's `thrusters`, by the first channels.
+
+    Raises:
+        CannotServe: see `Output`.
+    """
+
+    def __init__(self, tables: Mapping[str, OutputTable], ports: Mapping[str, Port], vehicle: str) -> None:
+        chosen = tables or {"thrusters": OutputTable()}
+        self._fields: dict[str, list[Output]] = {}
+        for name, table in chosen.items():
+            output = Output(name, table, ports, vehicle)
+            self._fields.setdefault(output.path, []).append(output)
+
+    def channels(self, n: int) -> list[int]:
+        """Channels that move something, from 0, of the first n."""
+        return sorted({c for outputs in self._fields.values() for output in outputs for c in output.channels if c < n})
+
+    def commands(self, levels: Sequence[float]) -> list[tuple[str, dict[str, object]]]:
+        """Commands for deflections -1 to 1 by channel."""
+        return [
+            (path, {output.field: output.value(levels) for output in outputs}) for path, outputs in self._fields.items()
+        ]
+
+
+def vehicle_of(name: str | None, ports: Mapping[str, Port]) -> str:
+    """The vehicle of this name, or the only one there is.
+
+    Raises:
+        CannotServe: there is none, or several.
+    """
+    names = sorted({path.split("/")[0] for path in ports})
+    if name is None and len(names) == 1:
+        return names[0]
+    if name not in names:
+        raise CannotServe(f'vehicle must be one of {", ".join(names) or "none"}, not "{name or ""}"')
+    return name

@@ -1,0 +1,424 @@
+"""The lock-step, frame by frame: the driver called by hand on real loopback sockets, with a clock of the test's own."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+from collections.abc import Iterator
+
+import pytest
+from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
+from uwserver_adapters.ardupilot.wire import Scale
+from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
+from uwserver_adapters.sil.readings import Readings
+
+from uwserver.adapter import AdapterStats, Order
+from uwserver.ports import Fault, Field, Port, Sample
+from uwserver.testing.ardupilot import ArduPilotPeer, read, servo_packet
+
+POSE = Port(
+    "rov/truth/pose",
+    "sensor",
+    "truth_pose",
+    (Field("p_NB", "m", "p", "N", (3,)), Field("q_NB", "1", "q", "NB", (4,))),
+    "Pose.",
+    1200.0,
+)
+VELOCITY = Port(
+    "rov/truth/velocity",
+    "sensor",
+    "truth_velocity",
+    (Field("v_NB_B", "m/s", "v", "B", (3,)), Field("w_NB_B", "rad/s", "w", "B", (3,))),
+    "Velocity.",
+    1200.0,
+)
+IMU = Port(
+    "rov/imu",
+    "sensor",
+    "imu",
+    (Field("f_S", "m/s^2", "f", "S", (3,)), Field("w_S", "rad/s", "w", "S", (3,)), Field("temperature", "degC", "t")),
+    "IMU.",
+    1200.0,
+)
+ALTIMETER = Port(
+    "rov/altimeter",
+    "sensor",
+    "altimeter",
+    (Field("range", "m", "range"), Field("confidence", "1", "c")),
+    "Altimeter.",
+    10.0,
+)
+BATTERY = Port(
+    "rov/battery", "sensor", "battery", (Field("voltage", "V", "v"), Field("current", "A", "c")), "Battery.", 10.0
+)
+THRUSTERS = Port(
+    "rov/thrusters",
+    "actuator",
+    "thrusters",
+    (Field("u", "1", "u", shape=(8,), minimum=-1.0, maximum=1.0),),
+    "Thrusters.",
+)
+RUDDER = Port(
+    "rov/rudder", "actuator", "fin", (Field("angle_rad", "rad", "angle", minimum=-0.3, maximum=0.3),), "Rudder."
+)
+PORTS = {port.path: port for port in (POSE, VELOCITY, IMU, ALTIMETER, BATTERY, THRUSTERS, RUDDER)}
+
+HALF = math.sqrt(0.5)
+EAST = (HALF, 0.0, 0.0, HALF)
+"""Attitude of a vehicle that looks east."""
+
+
+class Rig:
+    """A driver, its autopilot, and the world between them."""
+
+    def __init__(self, endpoint: socket.socket, peer: ArduPilotPeer, rangefinders: tuple[str, ...] = ()) -> None:
+        self.endpoint = endpoint
+        self.peer = peer
+        self.now = 100.0
+        self.t_ns = 0
+        self.stats = AdapterStats()
+        self.stats.details.update(dict.fromkeys((*COUNTS, "frame_rate_hz"), 0))
+        readings = Readings(PORTS, "rov")
+        state = State(
+            readings.want("pose", "truth/pose", [("p_NB", "q_NB")]),
+            readings.want("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
+            readings.want("imu", "imu", [("w_S", "f_S")]),
+            [readings.want("rangefinders", name, [("range",)], keeps=False) for name in rangefinders],
+            readings.want("battery", "battery", [("voltage", "current")]) if rangefinders else None,
+            bool(rangefinders),
+        )
+        outputs = Outputs({}, PORTS, "rov")
+        self.driver = ArduPilotDriver(
+            endpoint,
+            outputs,
+            Scale(),
+            state,
+            lambda t_ns, samples: readings.see(samples),
+            1200.0,
+            3.0,
+            lambda: self.now,
+            self.stats,
+        )
+
+    def tick(self, **values: tuple) -> None:
+        """A tick of the world; `pose`, `velocity`, `imu` ... give other samples than the vehicle at rest."""
+        self.t_ns += 1_000_000
+        rest = {
+            "truth/pose": ((1.0, 2.0, 3.0), EAST),
+            "truth/velocity": ((0.5, 0.0, 0.0), (0.0, 0.0, 0.1)),
+            "imu": ((0.0, 0.0, -9.81), (0.0, 0.0, 0.1), 15.0),
+        }
+        rest |= {name.replace("_", "/"): value for name, value in values.items()}
+        self.driver.see(
+            self.t_ns, [Sample(f"rov/{name}", 0, self.t_ns, self.t_ns, True, value) for name, value in rest.items()]
+        )
+
+    def order(self) -> Order | None:
+        return self.driver.order(1.0 if self.now == 100.0 else 0.05)
+
+    def step(self, pwm: list[int], number: int | None = None, **values: tuple) -> dict[str, tuple[float, ...]]:
+        """A whole frame: sent, ordered, ticked, answered, read."""
+        self.peer.send(pwm, number)
+        order = self.order()
+        assert order is not None
+        assert order.ticks == 1
+        self.tick(**values)
+        self.driver.answer(self.t_ns)
+        answer = self.peer.receive(1.0)
+        assert answer is not None
+        return read(answer)
+
+    def count(self, name: str) -> int:
+        return int(self.stats.details[name])  # type: ignore[arg-type]
+
+
+@contextlib.contextmanager
+def rig(channels: int = 16, rangefinders: tuple[str, ...] = (), rate_hz: int = 1200) -> Iterator[Rig]:
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as endpoint:
+        endpoint.setblocking(False)
+        endpoint.bind(("127.0.0.1", 0))
+        with contextlib.closing(ArduPilotPeer("127.0.0.1", endpoint.getsockname()[1], channels, rate_hz)) as peer:
+            yield Rig(endpoint, peer, rangefinders)
+
+
+@contextlib.contextmanager
+def another(rig: Rig) -> Iterator[ArduPilotPeer]:
+    with contextlib.closing(ArduPilotPeer("127.0.0.1", rig.endpoint.getsockname()[1])) as peer:
+        yield peer
+
+
+def test_a_frame_is_a_tick_and_its_answer_the_state_after_it() -> None:
+    with rig() as r:
+        state = r.step([1500] * 8)
+        assert state["timestamp"] == (0.001,)
+        assert state["position"] == (1.0, 2.0, 3.0)
+        assert state["quaternion"] == pytest.approx(EAST)
+        assert state["velocity"] == pytest.approx((0.0, 0.5, 0.0), abs=1e-12), (
+            "surge of a vehicle that looks east goes east"
+        )
+        assert state["imu/gyro"] == (0.0, 0.0, 0.1)
+        assert state["imu/accel_body"] == (0.0, 0.0, -9.81)
+        assert (r.stats.peers, r.count("frames")) == (1, 1)
+
+
+def test_commands_go_to_the_thrusters_by_channel() -> None:
+    with rig() as r:
+        r.peer.send([1900, 1100, 1700, 1300, 0, 1500, 2200, 800, 1900])
+        order = r.order()
+        assert order == Order(1, [("rov/thrusters", {"u": [1.0, -1.0, 0.5, -0.5, 0.0, 0.0, 1.0, -1.0]})])
+        assert r.count("limited") == 1
+        assert r.stats.commands == 1
+        r.peer.send([1500] * 8 + [5000] * 8, 1)  # outputs that move nothing here
+        assert r.order() is not None
+        assert r.count("limited") == 1
+
+
+def test_thirty_two_channels() -> None:
+    with rig(channels=32) as r:
+        r.peer.send([1500] * 7 + [1600] + [1900] * 24)
+        order = r.order()
+        assert order is not None
+        assert order.commands == [("rov/thrusters", {"u": [0.0] * 7 + [0.25]})]
+
+
+def test_a_repeated_frame_is_answered_with_the_last_state_and_no_tick() -> None:
+    with rig() as r:
+        r.peer.send([1500] * 8, 5)
+        assert r.order() is not None
+        r.tick()
+        r.driver.answer(r.t_ns)
+        first = r.peer.receive(1.0)
+        r.tick()  # the world's state is another now
+        for again in (1, 2):
+            r.peer.send([1900] * 8, 5)
+            assert r.order() is None
+            assert r.peer.receive(1.0) == first
+            assert r.count("duplicates") == again
+        assert r.count("frames") == 1
+        r.step([1500] * 8, 6)
+
+
+def test_frames_that_were_lost_are_counted_and_are_no_ticks() -> None:
+    with rig() as r:
+        r.step([1500] * 8, 0)
+        r.step([1500] * 8, 4)
+        assert (r.count("lost"), r.count("frames")) == (3, 2)
+
+
+def test_numbers_use_all_of_their_32_bits() -> None:
+    with rig() as r:
+        for number in (65_535, 65_536, 65_537, 2**31, 2**32 - 1):
+            r.step([1500] * 8, number)
+        assert (r.count("restarts"), r.count("duplicates")) == (0, 0)
+
+
+def test_an_autopilot_that_restarts_is_taken_up_again() -> None:
+    with rig() as r:
+        for number in (0, 1, 2):
+            r.step([1500] * 8, number)
+        r.step([1500] * 8, 0)
+        r.step([1500] * 8, 1)
+        assert (r.count("restarts"), r.count("lost"), r.count("frames")) == (1, 0, 5)
+
+
+def test_one_that_restarts_has_another_address() -> None:
+    with rig() as r, another(r) as second:
+        r.step([1500] * 8, 700)
+        second.send([1500] * 8, 0)
+        assert r.order() is not None
+        r.driver.answer(r.t_ns)
+        assert second.receive(1.0) is not None
+        assert r.count("restarts") == 1
+        assert r.peer.receive(0.05) is None
+
+
+def test_a_second_autopilot_is_kept_out_until_the_first_is_silent() -> None:
+    with rig() as r, another(r) as second:
+        r.step([1500] * 8, 700)
+        second.send([1900] * 8, 33)
+        assert r.order() is None
+        assert second.receive(0.05) is None
+        assert r.count("strangers") == 1
+        assert "two autopilots" in r.stats.last_error
+        r.step([1500] * 8, 701)
+        r.now += 4.0
+        assert r.order() is None
+        assert r.stats.peers == 0
+        second.send([1900] * 8, 34)
+        assert r.order() is not None
+
+
+def test_a_simulator_that_restarts_takes_any_number() -> None:
+    with rig() as r:
+        r.step([1500] * 8, 123_456)
+        assert (r.count("lost"), r.count("restarts")) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "bad_length"),
+        (b"\x00" * 40, "bad_magic"),
+        (servo_packet(0, [1900] * 8)[:-2], "bad_length"),
+        (servo_packet(0, [1900] * 8) + b"\0\0", "bad_length"),
+        (servo_packet(0, [1900] * 8, channels=32, magic=18458), "bad_length"),
+        (servo_packet(0, [1900] * 8, magic=29569), "bad_length"),
+        (b"\x1a\x48" * 700, "bad_length"),
+        (b"GET / HTTP/1.1\r\n\r\n", "bad_magic"),
+    ],
+)
+def test_what_is_no_frame_is_counted_and_changes_nothing(data: bytes, reason: str) -> None:
+    with rig() as r:
+        r.step([1500] * 8, 0)
+        r.peer.send_raw(data)
+        assert r.order() is None
+        assert r.peer.receive(0.02) is None
+        assert (r.count(reason), r.stats.errors) == (1, 1)
+        r.step([1500] * 8, 1)
+        assert (r.count("restarts"), r.count("lost")) == (0, 0)
+
+
+def test_garbage_before_a_frame_does_not_hide_it() -> None:
+    with rig() as r:
+        for _ in range(50):
+            r.peer.send_raw(b"junk")
+        r.step([1500] * 8)
+        assert r.count("bad_magic") == 50
+
+
+def test_what_was_repeated_during_a_pause_is_answered_once() -> None:
+    """Else the autopilot would take a repeated answer for that to its next frame, and stay a frame behind for ever."""
+    with rig() as r:
+        r.step([1500] * 8, 0)
+        for _ in range(4):
+            r.peer.send([1500] * 8, 1)
+        r.now += 5.0  # nobody looked meanwhile
+        assert r.order() is not None
+        assert r.count("duplicates") == 3
+        r.tick()
+        r.driver.answer(r.t_ns)
+        assert r.peer.receive(1.0) is not None
+        assert r.order() is None
+        assert r.peer.receive(0.05) is None
+
+
+def test_what_was_repeated_while_the_tick_waited_is_answered_with_it() -> None:
+    with rig() as r:
+        r.peer.send([1500] * 8, 1)
+        assert r.order() is not None
+        for _ in range(3):
+            r.peer.send([1500] * 8, 1)
+        r.now += 5.0  # world/pause between the order and its tick
+        r.tick()
+        r.driver.answer(r.t_ns)
+        assert r.peer.receive(1.0) is not None
+        assert r.order() is None
+        assert r.peer.receive(0.05) is None
+        assert r.count("duplicates") == 3
+
+
+def test_an_answer_never_holds_what_is_no_number() -> None:
+    with rig(rangefinders=("altimeter",)) as r:
+        good = r.step([1500] * 8, 0)
+        nan, inf = math.nan, math.inf
+        bad = r.step(
+            [1500] * 8, 1, truth_pose=((nan, 0.0, 0.0), EAST), truth_velocity=((inf, 0.0, 0.0), (0.0, 0.0, nan)),
+            imu=((nan, nan, nan), (None, None, None), 1.0), altimeter=(nan, 1.0), battery=(None, None),
+        )  # fmt: skip
+        for key in ("position", "quaternion", "velocity", "imu/gyro", "imu/accel_body"):
+            assert bad[key] == good[key]
+        assert bad["rng_1"] == (NO_ECHO_M,)
+        assert "battery/voltage" not in bad
+
+
+def test_rangefinder_and_battery() -> None:
+    with rig(rangefinders=("altimeter",)) as r:
+        assert r.step([1500] * 8, 0)["rng_1"] == (NO_ECHO_M,)
+        state = r.step([1500] * 8, 1, altimeter=(2.5, 1.0), battery=(15.5, 8.25))
+        assert (state["rng_1"], state["battery/voltage"], state["battery/current"]) == ((2.5,), (15.5,), (8.25,))
+        assert state["no_time_sync"] == (1.0,)
+        assert r.step([1500] * 8, 2)["rng_1"] == (2.5,), "the last echo holds until the next ping"
+
+
+def test_before_the_imu_has_spoken_the_vehicle_is_at_rest() -> None:
+    with rig() as r:
+        state = r.step([1500] * 8, 0, imu=((None,) * 3, (None,) * 3, None))
+        assert state["imu/accel_body"] == pytest.approx((0.0, 0.0, -9.80665))
+        assert state["imu/gyro"] == (0.0, 0.0, 0.1)
+
+
+def test_another_frame_rate_is_told_and_never_followed(caplog: pytest.LogCaptureFixture) -> None:
+    with rig(rate_hz=400) as r:
+        for number in range(RATE_FRAMES + 5):
+            r.step([1500] * 8, number)
+        assert r.count("frame_rate_hz") == 400
+        assert "--rate 1200" in r.stats.last_error
+        assert caplog.text.count("asks for 400") == 1
+        assert r.t_ns == (RATE_FRAMES + 5) * 1_000_000
+
+
+def test_silence() -> None:
+    with rig() as r:
+        r.step([1500] * 8)
+        r.now += 2.0
+        assert r.order() is None
+        assert r.stats.peers == 1
+        r.now += 2.0
+        assert r.order() is None
+        assert r.stats.peers == 0
+        r.step([1500] * 8, 1)
+        assert r.stats.peers == 1
+
+
+def test_a_refusal_is_counted() -> None:
+    with rig() as r:
+        r.driver.refuse(Fault("denied", "it is deactivated"))
+        assert (r.stats.errors, r.stats.last_error) == (1, "it is deactivated")
+
+
+# -- tables -----------------------------------------------------------------------------------------------------------------------------
+
+
+def test_outputs_of_any_actuator() -> None:
+    tables = {
+        "rudder": OutputTable(port="rudder", field="angle_rad", channels=(9,), full_deg=-10.0),
+        "thrusters": OutputTable(channels=(8, 7, 6, 5, 4, 3, 2, 1), full=(1.0,) * 7 + (-0.5,)),
+    }
+    commands = dict(Outputs(tables, PORTS, "rov").commands([0.125 * n for n in range(1, 9)] + [0.5]))
+    assert commands["rov/rudder"]["angle_rad"] == pytest.approx(math.radians(-5.0))
+    assert commands["rov/thrusters"]["u"] == [1.0, 0.875, 0.75, 0.625, 0.5, 0.375, 0.25, -0.0625]
+
+
+@pytest.mark.parametrize(
+    ("table", "phrase"),
+    [
+        (OutputTable(port="fins"), 'no actuator "rov/fins"; there are: rov/rudder, rov/thrusters'),
+        (OutputTable(port="imu"), 'no actuator "rov/imu"'),
+        (OutputTable(field="force"), 'no field "force", it has: u'),
+        (OutputTable(channels=(1, 2)), "channels has 2 numbers"),
+        (OutputTable(full=(1.0,)), "full has 1 numbers"),
+        (OutputTable(full_deg=10.0), "is in 1: full_deg is for radians"),
+        (OutputTable(port="rudder", field="angle_rad", full=1.0, full_deg=1.0), "not beside full"),
+    ],
+)
+def test_outputs_that_do_not_fit(table: OutputTable, phrase: str) -> None:
+    with pytest.raises(CannotServe, match=phrase):
+        Outputs({"x": table}, PORTS, "rov")
+
+
+def test_vehicle_of() -> None:
+    assert vehicle_of(None, PORTS) == "rov"
+    assert vehicle_of("rov", PORTS) == "rov"
+    two = PORTS | {"auv/imu": IMU}
+    for name in (None, "ship"):
+        with pytest.raises(CannotServe, match="one of auv, rov"):
+            vehicle_of(name, two)
+
+
+def test_readings_that_do_not_fit() -> None:
+    readings = Readings(PORTS, "rov")
+    with pytest.raises(CannotServe, match='imu: no sensor "rov/gyro"'):
+        readings.want("imu", "gyro", [("w_S",)])
+    with pytest.raises(CannotServe, match="needed is p_NB and q_NB or p_NS"):
+        readings.want("pose", "imu", [("p_NB", "q_NB"), ("p_NS",)])

@@ -1,0 +1,421 @@
+"""PX4's simulator interface: messages as pymavlink reads them, and the lock-step with a hand-made autopilot on a loopback connection."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
+
+from uwserver_adapters.px4 import wire  # noqa: E402  # needs pymavlink
+from uwserver_adapters.px4.driver import COUNTS, Px4Driver  # noqa: E402
+from uwserver_adapters.px4.senses import Roles, Senses  # noqa: E402
+from uwserver_adapters.sil.channels import Outputs  # noqa: E402
+from uwserver_adapters.sil.readings import Readings  # noqa: E402
+
+from uwserver.adapter import AdapterStats, Order  # noqa: E402
+from uwserver.ports import Field, Port, Sample  # noqa: E402
+
+STEP_NS = 4_000_000
+
+
+def sensor(name: str, *fields: tuple[str, int], rate_hz: float = 250.0) -> Port:
+    return Port(
+        f"rov/{name}", "sensor", name, tuple(Field(f, "1", f, "N", (n,) if n else ()) for f, n in fields), name, rate_hz
+    )
+
+
+PORTS = {
+    port.path: port
+    for port in (
+        sensor("truth/pose", ("p_NB", 3), ("q_NB", 4)),
+        sensor("truth/velocity", ("v_NB_B", 3), ("w_NB_B", 3)),
+        sensor("imu", ("f_S", 3), ("w_S", 3), ("temperature", 0)),
+        sensor("magnetometer", ("field_S", 3)),
+        sensor("depth", ("depth", 0), ("temperature", 0)),
+        sensor("altimeter", ("range", 0)),
+        sensor(
+            "gps", ("latitude", 0), ("longitude", 0), ("height", 0), ("v_NS", 3), ("horizontal_accuracy", 0),
+            ("vertical_accuracy", 0), ("velocity_accuracy", 0), ("satellites", 0), ("fix", 0),
+        ),
+        Port("rov/thrusters", "actuator", "thrusters", (Field("u", "1", "u", shape=(8,), minimum=-1.0, maximum=1.0),), "T."),
+    )
+}  # fmt: skip
+REST: dict[str, tuple[Any, ...]] = {
+    "truth/pose": ((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)),
+    "truth/velocity": ((0.5, 0.0, 0.25), (0.0, 0.0, 0.1)),
+    "imu": ((0.0, 0.0, -9.8), (0.01, 0.02, 0.03), 15.0),
+}
+
+
+class FakePx4:
+    """What PX4's simulator module does, by hand."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self.stream = socket.create_connection(address, timeout=10)
+        self.stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.mav = mavlink.MAVLink(None, 1, 1)
+        self.mav.robust_parsing = True
+        self.inbox: list[Any] = []
+
+    def greet(self) -> None:
+        """The two messages with which it begins."""
+        self.send(self.mav.heartbeat_encode(0, 12, 0, 0, 0))
+        self.send(self.mav.command_long_encode(0, 0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 115, 5e3, 0, 0, 0, 0, 0))
+
+    def controls(self, levels: list[float], mode: int = 128 | 1, flags: int = 1) -> None:
+        self.send(self.mav.hil_actuator_controls_encode(1, [*levels, *[0.0] * (16 - len(levels))], mode, flags))
+
+    def send(self, message: Any) -> None:
+        self.stream.sendall(message.pack(self.mav))
+        self.mav.seq = (self.mav.seq + 1) % 256
+
+    def read(self) -> list[Any]:
+        """Everything that has come."""
+        found: list[Any] = []
+        self.stream.settimeout(0.2)
+        with contextlib.suppress(TimeoutError):
+            while data := self.stream.recv(65536):
+                found += self.mav.parse_buffer(data) or []
+                self.stream.settimeout(0.02)
+        return found
+
+    def names(self) -> list[str]:
+        return [message.get_type() for message in self.read()]
+
+
+class Rig:
+    """A driver and the world around it."""
+
+    def __init__(self, listener: socket.socket, extras: bool, odometry_s: float) -> None:
+        self.listener = listener
+        self.now = 50.0
+        self.t_ns = 0
+        self.stats = AdapterStats()
+        self.stats.details.update(dict.fromkeys((*COUNTS, "is_locked"), 0))
+        readings = Readings(PORTS, "rov")
+        gps = (
+            "latitude",
+            "longitude",
+            "height",
+            "v_NS",
+            "horizontal_accuracy",
+            "vertical_accuracy",
+            "satellites",
+            "fix",
+        )
+        roles = Roles(
+            readings.want("imu", "imu", [("w_S", "f_S")]),
+            readings.want("pose", "truth/pose", [("p_NB", "q_NB")]),
+            readings.want("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
+            readings.want("magnetometer", "magnetometer", [("field_S",)]) if extras else None,
+            readings.want("depth", "depth", [("depth", "temperature")]) if extras else None,
+            readings.want("gps", "gps", [gps], keeps=False) if extras else None,
+            ((readings.want("altimeter", "altimeter", [("range",)], keeps=False), (0.3, 50.0)),) if extras else (),
+        )
+        senses = Senses(readings, roles, (60.0, 5.0), odometry_s, (0.1, 0.02, 0.05))
+        outputs = Outputs({}, PORTS, "rov")
+        self.driver = Px4Driver(listener, outputs, senses, 4, 0.004, lambda: self.now, self.stats)
+
+    def connect(self) -> FakePx4:
+        return FakePx4(self.listener.getsockname())
+
+    def order(self) -> Order | None:
+        """One look, in which the clock goes on by the time that it waits for."""
+        for _ in range(40):
+            order = self.driver.order(0.0)
+            if order is not None:
+                return order
+            self.now += 0.001
+        return None
+
+    def tick(self, **values: tuple[Any, ...]) -> None:
+        self.t_ns += STEP_NS
+        given = REST | {name.replace("truth_", "truth/"): value for name, value in values.items()}
+        self.driver.see(
+            self.t_ns, [Sample(f"rov/{name}", 0, self.t_ns, self.t_ns, True, value) for name, value in given.items()]
+        )
+        self.driver.answer(self.t_ns)
+
+
+@contextlib.contextmanager
+def rig(extras: bool = False, odometry_s: float = 0.0) -> Iterator[Rig]:
+    with contextlib.closing(socket.socket()) as listener:
+        listener.setblocking(False)
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        r = Rig(listener, extras, odometry_s)
+        try:
+            yield r
+        finally:
+            r.driver.close()
+
+
+@contextlib.contextmanager
+def connected(r: Rig) -> Iterator[FakePx4]:
+    px4 = r.connect()
+    with contextlib.closing(px4.stream):
+        px4.greet()
+        yield px4
+
+
+def by_type(messages: list[Any]) -> dict[str, Any]:
+    return {message.get_type(): message for message in messages}
+
+
+# -- lock-step ----------------------------------------------------------------------------------------------------------------------------
+
+
+def test_nobody_there_is_no_step() -> None:
+    with rig() as r:
+        assert r.order() is None
+        assert r.stats.peers == 0
+
+
+def test_time_goes_on_by_itself_until_the_first_controls() -> None:
+    with rig() as r, connected(r) as px4:
+        for n in range(5):
+            assert r.order() == Order(4, ())
+            r.tick()
+            assert r.stats.peers == 1, n
+        sensors = [message for message in px4.read() if message.get_type() == "HIL_SENSOR"]
+        assert [message.time_usec for message in sensors] == [4000, 8000, 12000, 16000, 20000]
+        assert {message.id for message in sensors} == {0}
+
+
+def test_nothing_moves_before_the_autopilot_speaks() -> None:
+    with rig() as r:
+        px4 = r.connect()
+        with contextlib.closing(px4.stream):
+            assert r.order() is None
+            assert px4.names() == ["HEARTBEAT"]
+            px4.greet()
+            assert r.order() is not None
+
+
+def test_armed_in_lockstep_each_step_waits_for_its_controls() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() == Order(4, ())
+        r.tick()
+        px4.controls([0.5, -0.5, 1.0, -1.0, 0.25, 0.0, 0.0, 0.125])
+        order = r.order()
+        assert order == Order(4, [("rov/thrusters", {"u": [0.5, -0.5, 1.0, -1.0, 0.25, 0.0, 0.0, 0.125]})])
+        r.tick()
+        assert r.order() is None, "it waits"
+        r.now += 10.0
+        assert r.order() is None, "as long as it takes"
+        px4.controls([0.1])
+        assert r.order() is not None
+        assert r.stats.details["is_locked"] is True
+        assert r.stats.details["controls"] == 2
+
+
+def test_of_several_controls_the_last_counts() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        for level in (0.1, 0.2, 0.3):
+            px4.controls([level])
+        order = r.order()
+        assert order is not None
+        assert order.commands[0][1]["u"][0] == pytest.approx(0.3)
+        assert r.order() is None
+
+
+@pytest.mark.parametrize(("mode", "flags"), [(1, 1), (128 | 1, 0)])
+def test_disarmed_or_without_lockstep_it_does_not_wait(mode: int, flags: int) -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        px4.controls([0.5] * 8, mode, flags)
+        for _ in range(3):
+            order = r.order()
+            assert order is not None
+            moved = 0.5 if mode & 128 else 0.0
+            assert order.commands == [("rov/thrusters", {"u": [moved] * 8})]
+
+
+def test_without_lockstep_the_world_is_no_faster_than_time() -> None:
+    with rig() as r, connected(r):
+        assert r.order() is not None
+        before = r.now
+        for _ in range(10):
+            assert r.order() is not None
+        assert r.now - before == pytest.approx(0.04, abs=0.005)
+
+
+def test_outputs_that_are_no_numbers_or_outside() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        px4.controls([math.nan, math.inf, 3.0, -7.0, 0.5])
+        order = r.order()
+        assert order is not None
+        assert order.commands[0][1]["u"] == [0.0, 0.0, 1.0, -1.0, 0.5, 0.0, 0.0, 0.0]
+        assert r.stats.details["limited"] == 4
+
+
+def test_garbage_is_counted_and_the_next_message_understood() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        px4.stream.sendall(b"\xfd\x00garbage\xff" * 20)
+        px4.stream.sendall(px4.mav.heartbeat_encode(0, 12, 0, 0, 0).pack(px4.mav)[:-1] + b"\x00")
+        px4.controls([0.5])
+        for _ in range(20):
+            order = r.order()
+            if order is not None and order.commands and r.stats.details["controls"]:
+                break
+        assert r.stats.details["controls"] == 1
+        assert r.stats.details["bad"] > 0
+        assert r.stats.errors == r.stats.details["bad"]
+
+
+def test_an_autopilot_that_restarts_connects_again() -> None:
+    with rig() as r:
+        with connected(r) as px4:
+            assert r.order() is not None
+            px4.controls([0.5])
+            assert r.order() is not None
+        assert r.order() is None
+        assert r.stats.peers == 0
+        assert "the connection to the autopilot ended" in r.stats.last_error
+        with connected(r) as px4:
+            assert r.order() == Order(4, ()), "freely again"
+            r.tick()
+            assert "HIL_SENSOR" in px4.names()
+        assert r.stats.details["connections"] == 2
+
+
+def test_who_connects_last_drives() -> None:
+    with rig() as r, connected(r) as first:
+        assert r.order() is not None
+        with connected(r) as second:
+            assert r.order() is not None
+            r.tick()
+            assert "HIL_SENSOR" in second.names()
+            assert "HIL_SENSOR" not in first.names()
+            assert r.stats.peers == 1
+
+
+def test_an_autopilot_that_does_not_read_is_let_go() -> None:
+    with rig() as r, connected(r) as px4:
+        px4.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        assert r.order() is not None
+        for _ in range(100_000):
+            r.tick()
+            if r.stats.peers == 0:
+                break
+        assert r.stats.peers == 0
+        assert "does not read" in r.stats.last_error
+
+
+def test_its_clock_never_goes_back() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        for _ in range(3):
+            r.tick()
+        r.t_ns = 0  # world/reset
+        for _ in range(3):
+            r.tick()
+        stamps = [m.time_usec for m in px4.read() if m.get_type() == "HIL_SENSOR"]
+        assert stamps == sorted(set(stamps))
+        assert stamps[-1] - stamps[-2] == 4000
+
+
+# -- messages ---------------------------------------------------------------------------------------------------------------------------
+
+
+def test_sensor_messages() -> None:
+    with rig(extras=True) as r, connected(r) as px4:
+        assert r.order() is not None
+        r.tick(magnetometer=((2e-5, -1e-5, 4.5e-5),), depth=(10.0, 12.5), altimeter=(7.25,))
+        r.tick()
+        first, second = (m for m in px4.read() if m.get_type() == "HIL_SENSOR")
+        assert (first.xacc, first.yacc, first.zacc) == pytest.approx((0.0, 0.0, -9.8))
+        assert (first.xgyro, first.ygyro, first.zgyro) == pytest.approx((0.01, 0.02, 0.03))
+        assert (first.xmag, first.ymag, first.zmag) == pytest.approx((0.2, -0.1, 0.45)), "gauss"
+        assert first.fields_updated == 0b1101111111111
+        assert first.temperature == 12.5
+        assert first.pressure_alt == -10.0
+        assert first.abs_pressure == pytest.approx(1013.25 * (1 + 0.0065 * 10 / 288.15) ** 5.2559)
+        assert second.fields_updated == 0b111111, "nothing new of the slower ones"
+
+
+def test_a_barometer_reads_the_depth_back() -> None:
+    for depth in (0.0, 5.0, 100.0, 1000.0):
+        kelvin = 288.15 * (wire.air_pressure_hPa(-depth) / 1013.25) ** (1 / 5.2559)
+        assert (kelvin - 288.15) / 0.0065 == pytest.approx(depth, abs=1e-6)
+
+
+def test_gps_only_with_a_fix() -> None:
+    with rig(extras=True) as r, connected(r) as px4:
+        assert r.order() is not None
+        r.tick()
+        r.tick(gps=(math.radians(60.0), math.radians(-5.0), -0.25, (3.0, -4.0, 0.5), 1.5, 2.5, 0.1, 9, 3))
+        r.tick(gps=(None, None, None, (None,) * 3, None, None, None, 0, 0))
+        (fix,) = (m for m in px4.read() if m.get_type() == "HIL_GPS")
+        assert (fix.lat, fix.lon, fix.alt) == (600_000_000, -50_000_000, -250)
+        assert (fix.vel, fix.vn, fix.ve, fix.vd) == (500, 300, -400, 50)
+        assert (fix.eph, fix.epv, fix.satellites_visible, fix.fix_type) == (150, 250, 9, 3)
+        assert fix.cog == round((360 - math.degrees(math.atan2(4, 3))) * 100)
+
+
+def test_truth_odometry_and_distance() -> None:
+    half = math.sqrt(0.5)
+    with rig(extras=True, odometry_s=0.02) as r, connected(r) as px4:
+        assert r.order() is not None
+        for n in range(10):
+            r.tick(
+                truth_pose=((100.0, 200.0, 3.0), (half, 0.0, 0.0, half)), **({"altimeter": (7.25,)} if n == 4 else {})
+            )
+        messages = px4.read()
+        names = [message.get_type() for message in messages]
+        assert (names.count("HIL_SENSOR"), names.count("ODOMETRY"), names.count("DISTANCE_SENSOR")) == (10, 3, 1)
+        assert 5 <= names.count("HIL_STATE_QUATERNION") <= 10, "each 5 ms of steps of 4 ms"
+        found = by_type(messages)
+        state, odometry, distance = (found[k] for k in ("HIL_STATE_QUATERNION", "ODOMETRY", "DISTANCE_SENSOR"))
+        assert state.lat == round((60.0 + math.degrees(100.0 / 6_378_137.0)) * 1e7)
+        assert state.lon == round((5.0 + math.degrees(200.0 / 6_378_137.0 / 0.5)) * 1e7)
+        assert state.alt == -3000
+        assert (state.vx, state.vy, state.vz) == (0, 50, 25), "surge goes east, cm/s"
+        assert (odometry.frame_id, odometry.child_frame_id) == (1, 12)
+        assert (odometry.x, odometry.y, odometry.z) == (100.0, 200.0, 3.0)
+        assert odometry.q == pytest.approx((half, 0.0, 0.0, half))
+        assert (odometry.vx, odometry.vy, odometry.vz) == (0.5, 0.0, 0.25)
+        diagonal = [odometry.pose_covariance[i] for i in (0, 6, 11, 15, 18, 20)]
+        assert diagonal == pytest.approx([0.01] * 3 + [0.0004] * 3)
+        assert sum(odometry.pose_covariance) == pytest.approx(sum(diagonal))
+        assert (distance.current_distance, distance.min_distance, distance.max_distance) == (725, 30, 5000)
+        assert distance.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270
+
+
+def test_the_truth_comes_as_often_as_it_is_asked_for() -> None:
+    with rig() as r, connected(r) as px4:
+        px4.send(px4.mav.command_long_encode(0, 0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 115, -1.0, 0, 0, 0, 0, 0))
+        assert r.order() is not None
+        for _ in range(10):
+            r.tick()
+            r.order()
+        assert px4.names().count("HIL_STATE_QUATERNION") <= 1
+
+
+def test_no_message_holds_what_is_no_number() -> None:
+    nan = math.nan
+    with rig(extras=True, odometry_s=0.004) as r, connected(r) as px4:
+        assert r.order() is not None
+        r.tick(imu=((nan,) * 3, (None,) * 3, None), truth_pose=((nan, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
+        r.tick()
+        r.tick(
+            imu=((nan,) * 3, (nan,) * 3, nan),
+            truth_velocity=((nan,) * 3, (nan,) * 3),
+            magnetometer=((nan,) * 3,),
+            altimeter=(None,),
+        )
+        messages = [m for m in px4.read() if m.get_type() not in ("HEARTBEAT", "BAD_DATA")]
+        assert {m.get_type() for m in messages} == {"HIL_SENSOR", "HIL_STATE_QUATERNION", "ODOMETRY"}
+        for message in messages:
+            for value in message.to_dict().values():
+                for number in value if isinstance(value, list) else [value]:
+                    assert not isinstance(number, float) or math.isfinite(number), message

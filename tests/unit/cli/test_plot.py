@@ -1,0 +1,158 @@
+"""`uwserver plot sensor`: pictures of every kind of sensor, from a scenario and from a recording."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from matplotlib.collections import QuadMesh
+
+from uwserver.cli.pictures import picture
+from uwserver.cli.plot import plot
+from uwserver.ports import Port, Sample
+from uwserver.scenario.catalogue import sensor_kinds
+
+SCENARIO = """\
+schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0, 0, 4]
+[seabed]
+kind = "flat"
+depth_m = 8
+[vehicles.rov.sensors.sonar]
+kind = "scanning_sonar"
+rate_hz = 40
+range_m = 10
+step_deg = 3.6
+position_frd_m = [0.0, 0.0, 0.4]
+[vehicles.rov.sensors.log]
+kind = "dvl"
+profile = "a50"
+rate_hz = 8
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plot")
+    (folder / "x.toml").write_text(SCENARIO)
+    command = [
+        sys.executable,
+        "-m",
+        "uwserver",
+        "run",
+        "x.toml",
+        "--mode",
+        "freerun",
+        "--until",
+        "3",
+        "--record",
+        "x.mcap",
+    ]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def run(folder: Path, *arguments: str) -> Result:
+    paths = [str(folder / a) if a.startswith("x.") else a for a in arguments]
+    return CliRunner().invoke(plot, ["sensor", *paths])
+
+
+@pytest.mark.parametrize("source", ["x.toml", "x.mcap"])
+@pytest.mark.parametrize("name", ["sonar", "log", "imu"])
+def test_a_picture_from_a_scenario_and_from_a_recording(folder: Path, source: str, name: str) -> None:
+    file = folder / f"{source}.{name}.png"
+    result = run(folder, source, f"rov/{name}", "-o", str(file), "--to", "2")
+    assert result.exit_code == 0, result.output
+    assert file.read_bytes().startswith(b"\x89PNG")
+    assert "samples" in result.output
+
+
+def test_both_sources_give_the_same_picture(folder: Path) -> None:
+    for source in ("x.toml", "x.mcap"):
+        assert run(folder, source, "rov/sonar", "-o", str(folder / f"same.{source}.png"), "--to", "2").exit_code == 0
+    assert (folder / "same.x.toml.png").read_bytes() == (folder / "same.x.mcap.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("x.mcap", "rov/sona"), 'no sensor "rov/sona"'),
+        (("x.toml", "rov/thrusters"), "there are: "),
+        (("x.nothing.mcap", "rov/sonar"), "No such file"),
+        (("nothing", "rov/sonar"), "unknown scenario"),
+        (("x.mcap", "rov/sonar", "--from", "99"), "told nothing in that time"),
+        (("x.mcap", "rov/sonar", "-o", "/nowhere/at/all.png"), "No such file"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told(folder: Path, arguments: tuple[str, ...], told: str) -> None:
+    result = run(folder, *arguments)
+    assert result.exit_code == 1
+    assert told in result.output
+
+
+def test_a_file_that_is_no_recording_is_told(folder: Path) -> None:
+    (folder / "x.bad.mcap").write_bytes(b"no recording")
+    result = run(folder, "x.bad.mcap", "rov/sonar")
+    assert result.exit_code == 1
+    assert "no recording that can be read" in result.output
+
+
+def test_without_matplotlib_it_says_what_to_install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    result = run(folder, "x.mcap", "rov/sonar")
+    assert result.exit_code == 1
+    assert "pip install 'uwserver[plot]'" in result.output
+
+
+def samples(port: Port, n: int) -> list[Sample]:
+    """Numbers that grow with time; every fourth reading is invalid and empty."""
+    told = []
+    for k in range(n):
+        value = []
+        for field in port.fields:
+            part = {"float": 0.1 * (k + 1), "int": k, "bool": k % 2 == 0, "str": f"b{k % 2}"}[field.type]
+            part = None if k % 4 == 3 and field.type != "str" else part
+            value.append((part,) * field.size if field.shape else part)
+        told.append(Sample(port.path, k, k * 10**8, k * 10**8, k % 4 != 3, tuple(value)))
+    return told
+
+
+@pytest.mark.parametrize("kind", sensor_kinds().values(), ids=lambda kind: kind.kind)
+def test_every_kind_can_be_drawn(kind, tmp_path: Path) -> None:
+    for output in kind.outputs:
+        port = Port("rov/x", "sensor", kind.kind, output.fields, output.doc, 10.0)
+        picture(port, samples(port, 20)).savefig(tmp_path / "x.png")
+        picture(port, samples(port, 1)).savefig(tmp_path / "x.png")
+        with pytest.raises(ValueError, match="told nothing"):
+            picture(port, [])
+
+
+def test_an_echo_stands_where_it_came_from() -> None:
+    """One bright bin of one ping: in the picture at its angle and distance, the newest ping of an angle counts."""
+    fields = sensor_kinds()["scanning_sonar"].outputs[0].fields
+    port = Port("rov/x", "sensor", "scanning_sonar", fields, "", 10.0)
+    told = []
+    for turn in range(2):
+        for k in range(100):
+            bins = [0.0] * 400
+            bins[300] = 255.0 if turn == 1 and k == 25 else 9.0 if turn == 0 else 0.0
+            angle = math.remainder(k * 2.0 * math.pi / 100, 2.0 * math.pi)
+            told.append(Sample("rov/x", len(told), len(told) * 10**8, 0, True, (angle, 20.0, 0.0, tuple(bins))))
+    axis = picture(port, told).axes[0]
+    assert axis.get_theta_direction() == -1
+    images = [child for child in axis.get_children() if isinstance(child, QuadMesh)]
+    bright = [(image, image.get_array()) for image in images if image.get_array().max() == 255.0]
+    ((image, array),) = bright
+    assert sum(int(np.count_nonzero(i.get_array())) for i in images) == 1
+    row, column = np.unravel_index(int(np.argmax(array)), array.shape)
+    corners = np.asarray(image.get_coordinates()[row : row + 2, column : column + 2]).reshape(4, 2)
+    assert corners.mean(axis=0).tolist() == pytest.approx([math.pi / 2.0, 300.5 * 20.0 / 400], abs=1e-6)

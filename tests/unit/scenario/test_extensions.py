@@ -1,0 +1,173 @@
+"""Kinds from a Python file beside the scenario: the example of the how-to page, and every way to get it wrong."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from uwserver.replay import NotReplayable, replay
+from uwserver.scenario.build import build
+from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.errors import ScenarioError
+from uwserver.scenario.load import load
+
+PAGE = Path(__file__).parents[3] / "docs/how-to/extend.md"
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE.read_text(), re.S | re.M)
+(SCENARIO,) = [code for kind, code in BLOCKS if kind == "toml"]
+EXTENSION, TESTS = [code for kind, code in BLOCKS if kind == "python"]
+
+
+@pytest.fixture
+def tank(tmp_path: Path) -> Path:
+    (tmp_path / "tank.toml").write_text(SCENARIO)
+    (tmp_path / "turbidity.py").write_text(EXTENSION)
+    return tmp_path / "tank.toml"
+
+
+def test_the_example_measures(tank):
+    world = build(load(tank, adapters={}))
+    assert world.ports["rov/turbidity"].kind == "turbidity"
+    samples = world.step(240)
+    fouled, clean = ([s for s in samples if s.port == p] for p in ("rov/turbidity", "rov/turbidity/clean"))
+    assert len(fouled) == len(clean) == 10
+    depth = world.vehicles["rov"].p_NB[2]
+    assert clean[-1].value[0] == pytest.approx(40.0 * math.exp(-(10.0 - depth) / 3.0), abs=1e-9)
+    assert fouled[-1].value[0] == pytest.approx(clean[-1].value[0] * (1.0 + 1e-4), rel=1e-12)
+
+
+def test_the_example_is_part_of_a_snapshot(tank):
+    world = build(load(tank, adapters={}))
+    world.step(60)
+    world.call("world/snapshot")
+    first = world.step(60)
+    world.call("world/restore")
+    assert world.step(60) == first
+
+
+def test_the_tests_of_the_example_pass(tank, monkeypatch):
+    monkeypatch.syspath_prepend(tank.parent)
+    monkeypatch.delitem(sys.modules, "turbidity", raising=False)
+    names: dict[str, object] = {}
+    exec(compile(TESTS, str(PAGE), "exec"), names)
+    tests = [call for name, call in names.items() if name.startswith("test_")]
+    assert len(tests) == 2
+    for test in tests:
+        test()  # type: ignore[operator]
+    monkeypatch.delitem(sys.modules, "turbidity")
+
+
+def test_nothing_runs_unless_it_is_named(tank):
+    (tank.parent / "turbidity.py").write_text("raise SystemExit('it ran')\n")
+    other = tank.parent / "other.toml"
+    other.write_text('schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n')
+    load(other, adapters={})
+
+
+def test_each_load_runs_the_file_as_it_is_now(tank):
+    load(tank, adapters={})
+    path = tank.parent / "turbidity.py"
+    path.write_text(path.read_text().replace("layer_m: Positive = 3.0", "layer_m: Positive = 6.0"))
+    assert load(tank, adapters={}).vehicles["rov"].vehicle.sensors["turbidity"].layer_m == 6.0
+    assert not (tank.parent / "__pycache__").exists()
+
+
+def test_the_builder_takes_it_too(tank):
+    builder = (
+        ScenarioBuilder("built", adapters={})
+        .extension(tank.parent / "turbidity.py")
+        .vehicle("rov", "bluerov2_heavy")
+        .sensor("rov", "x", "turbidity", rate_hz=10, bottom_ntu=1.0)
+        .modifier("rov", "x", "old", "fouling", field="turbidity", growth_ps=0.1)
+    )
+    with pytest.raises(ScenarioError, match=r'did you mean "bottom_ntu"'):
+        builder.sensor("rov", "x", "turbidity", rate_hz=10, bottom_ntus=1.0)
+    world = build(load(builder.build(), adapters={}))
+    world.step(24)
+    assert world.read("rov/x") is not None
+
+
+def test_a_vehicle_file_and_a_device_file_may_use_it(tank):
+    device = 'schema = 1\nkind = "turbidity"\nname = "probe"\ntitle = "Probe"\n[properties.a]\nlayer_m = 9.0\n'
+    device += 'source = "made up for the test"\nstatus = "guess"\n'
+    (tank.parent / "probe.toml").write_text(device)
+    tank.write_text(tank.read_text().replace('kind = "turbidity"', 'profile = "probe.toml"'))
+    assert load(tank, adapters={}).vehicles["rov"].vehicle.sensors["turbidity"].layer_m == 9.0
+
+
+# -- faults -----------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("SENSORS = (", "SENSORS = (int, ", "turbidity.py:65:1: SENSORS: <class 'int'> does not derive from uwserver.sensors.SensorTable"),
+        ("import math\n", "import math, nowhere_at_all\n", "turbidity.py:3:1: it failed while it was loaded: ModuleNotFoundError: No module named"),
+        ("import math\n", "import math\n1 / 0\n", "turbidity.py:4:1: it failed while it was loaded: ZeroDivisionError: division by zero"),
+        ("import math\n", "import math math\n", "turbidity.py:3:13: no valid Python: invalid syntax"),
+        ('tag="turbidity"', 'tag="imu"', 'turbidity.py:11:1: SENSORS: there is a kind "imu" already: give TurbidityConfig another tag'),
+        ("SENSORS = (TurbidityConfig,)\nMODIFIERS = (FoulingConfig,)", "", "turbidity.py:1:1: it adds nothing: list its kinds"),
+        ("MODIFIERS = (FoulingConfig,)", "MODIFIERS = FoulingConfig", "turbidity.py:66:1: MODIFIERS: expected a list of classes"),
+        ("    def build(self, mount", "    def made(self, mount", "turbidity.py:11:1: SENSORS: TurbidityConfig has no build()"),
+        ("return Turbidity(mount, self)", "return Turbidity(mount)", "cannot be built (turbidity.py:25): TypeError"),
+        ("return Fouling(self, stream)", "return Fouling(stream)", "cannot be built (turbidity.py:51): TypeError"),
+        ("fields = (Field(", "fields = ((", "its fields must be a tuple of uwserver.ports.Field"),
+    ],
+)  # fmt: skip
+def test_faults_of_the_file_are_told_with_its_line(tank, monkeypatch, old, new, told):
+    monkeypatch.chdir(tank.parent)
+    path = tank.parent / "turbidity.py"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(ScenarioError) as refused:
+        load(tank, adapters={})
+    assert told in str(refused.value), str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("turbidity.py", "turbid.py", 'tank.toml:2:15: extensions[0]: there is no Python file "turbid.py"'),
+        ('["turbidity.py"]', '["tank.toml"]', 'extensions[0]: there is no Python file "tank.toml"'),
+        ('["turbidity.py"]', "[3]", "tank.toml:2:15: extensions[0]: expected a string that is not empty, found 3"),
+        ("bottom_ntu = 40", "bottom_ntus = 40", 'unknown key "bottom_ntus" (did you mean "bottom_ntu"?)'),
+        ("bottom_ntu = 40", "bottom_ntu = -4", "expected a number of at least 0, found -4"),
+        ('kind = "fouling"', 'kind = "foul"', 'unknown kind "foul"'),
+        ('field = "turbidity"', 'field = "x"', 'no field "x" to modify here, there are: turbidity'),
+    ],
+)
+def test_faults_of_the_scenario_are_told_with_those_of_its_kinds(tank, monkeypatch, old, new, told):
+    monkeypatch.chdir(tank.parent)
+    assert old in SCENARIO
+    tank.write_text(SCENARIO.replace(old, new, 1))
+    with pytest.raises(ScenarioError) as refused:
+        load(tank, adapters={})
+    assert told in str(refused.value), str(refused.value)
+
+
+def test_a_recording_wants_the_file_again(tank, tmp_path):
+    recording = tmp_path / "x.mcap"
+    command = [
+        sys.executable,
+        "-m",
+        "uwserver",
+        "run",
+        str(tank),
+        "--mode",
+        "freerun",
+        "--until",
+        "1.5",
+        "--record",
+        str(recording),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    with pytest.raises(NotReplayable, match=r"turbidity\.py: give the file by --extension"):
+        replay(recording)
+    done = replay(recording, [tank.parent / "turbidity.py"])
+    assert done.difference is None
+    assert done.hashes > 0

@@ -1,0 +1,187 @@
+"""Pictures of what a sensor told: sonar images, beams, and values over time. Needs matplotlib (extra `plot`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uwserver.physics.geometry import FloatArray
+from uwserver.ports import Field, Port, Sample
+from uwserver.units import NANOSECONDS
+
+_WIDE = 6
+"""Components of a field above which it is drawn as an image over time."""
+
+
+def picture(port: Port, samples: Sequence[Sample]) -> Figure:
+    """What a port told, drawn as its kind wants it.
+
+    Args:
+        port: of a sensor.
+        samples: its own, in order; at least one.
+
+    Raises:
+        ValueError: there is nothing that could be drawn.
+    """
+    if not samples:
+        raise ValueError(f'"{port.path}" told nothing in that time')
+    figure = _PICTURES.get(port.kind, _over_time)(port, samples)
+    figure.suptitle(port.path, fontsize=10)
+    return figure
+
+
+def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
+    """The last full picture: the newest ping at each head angle."""
+    angles, ranges, bins = (_column(port, samples, name) for name in ("head_angle", "range", "bins"))
+    newest: dict[float, int] = {
+        round(float(angle), 6): k for k, angle in enumerate(angles[:, 0]) if np.isfinite(bins[k]).any()
+    }
+    if not newest:
+        raise ValueError(f'"{port.path}" had no picture: is it under water?')
+    reach = float(ranges[max(newest.values()), 0])
+    kept = sorted(k for k in newest.values() if ranges[k, 0] == reach)
+    theta = np.array([angles[k, 0] for k in kept])
+    order = np.argsort(theta)
+    theta, image = theta[order], bins[kept][order]
+    figure = Figure(figsize=(6.0, 5.6), layout="constrained")
+    axis: Any = figure.add_subplot(projection="polar")
+    # North is up and angles turn clockwise: x of the sensor is up, y to the right.
+    axis.set_theta_zero_location("N")
+    axis.set_theta_direction(-1)
+    step = float(np.median(np.diff(theta))) if len(theta) > 1 else 0.0157
+    distance = np.linspace(0.0, reach, image.shape[1] + 1)
+    for first, last in _runs(theta, step):
+        edges = np.append(theta[first:last] - step / 2.0, theta[last - 1] + step / 2.0)
+        axis.pcolormesh(
+            edges, distance, image[first:last].T, cmap="inferno", vmin=np.nanmin(image), vmax=np.nanmax(image)
+        )
+    axis.grid(alpha=0.3)
+    axis.set_ylim(0.0, reach)
+    axis.tick_params(labelsize=7)
+    axis.set_title(f"echoes to {reach:g} m, {len(kept)} pings, x of the sensor up", fontsize=8)
+    return figure
+
+
+def _runs(theta: FloatArray, step: float) -> Iterable[tuple[int, int]]:
+    """Angles without gaps: first and last + 1."""
+    breaks = [0, *(np.flatnonzero(np.diff(theta) > 1.5 * step) + 1).tolist(), len(theta)]
+    return [(a, b) for a, b in pairwise(breaks) if b > a]
+
+
+def _dvl(port: Port, samples: Sequence[Sample]) -> Figure:
+    """Velocity over ground, and the range and lock of each beam."""
+    t = _times(samples)
+    figure = Figure(figsize=(7.0, 5.2), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    for name, style in (("v_S", "-"), ("v_water_S", ":")):
+        for value, part in zip(_column(port, samples, name).T, "xyz", strict=True):
+            top.plot(t, value, style, lw=1.0, label=f"{name}.{part}")
+    top.set_ylabel("m/s")
+    ranges, speeds = _column(port, samples, "beam_ranges"), _column(port, samples, "beam_velocities")
+    for k in range(ranges.shape[1]):
+        middle.plot(t, ranges[:, k], ".-", ms=2, lw=0.8, label=f"beam {k + 1}")
+        bottom.plot(t, speeds[:, k], ".-", ms=2, lw=0.8)
+    middle.plot(t, _column(port, samples, "altitude")[:, 0], "k--", lw=0.8, label="altitude")
+    middle.set_ylabel("beam range, m")
+    middle.invert_yaxis()
+    bottom.set_ylabel("beam velocity, m/s")
+    bottom.set_xlabel("time, s")
+    for axis in (top, middle, bottom):
+        _shade(axis, t, samples)
+        axis.grid(alpha=0.3)
+    top.legend(fontsize=7, ncols=6)
+    middle.legend(fontsize=7, ncols=5)
+    return figure
+
+
+def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
+    """Ranges over time by beacon, and for a USBL the directions."""
+    t, names = _times(samples), [str(_plain(port, sample, "beacon")) for sample in samples]
+    panels = ["range", *(name for name in ("bearing", "elevation") if any(f.name == name for f in port.fields))]
+    figure = Figure(figsize=(7.0, 1.4 + 1.4 * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, name in zip(axes, panels, strict=True):
+        values = _column(port, samples, name)[:, 0]
+        for beacon in dict.fromkeys(names):
+            mine = np.array([other == beacon for other in names])
+            axis.plot(t[mine], values[mine], ".", ms=4, label=beacon)
+        axis.set_ylabel(f"{name}, {_field(port, name).unit}", fontsize=8)
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=7)
+    axes[-1].set_xlabel("time, s")
+    return figure
+
+
+def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
+    """Every number over time, one panel a field; long arrays as an image."""
+    drawn = [f for f in port.fields if f.type != "str" and np.isfinite(_column(port, samples, f.name)).any()]
+    if not drawn:
+        raise ValueError(f'"{port.path}" told no numbers: it was never valid')
+    t = _times(samples)
+    figure = Figure(figsize=(7.0, 0.8 + 1.15 * len(drawn)), layout="constrained")
+    axes = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, field in zip(axes, drawn, strict=True):
+        values = _column(port, samples, field.name)
+        if values.shape[1] > _WIDE and len(t) > 1:
+            axis.pcolormesh(t, np.arange(values.shape[1]), values.T, cmap="viridis", shading="nearest")
+        else:
+            style = {"drawstyle": "steps-post"} if field.type in ("bool", "int") else {}
+            for k, column in enumerate(values.T):
+                axis.plot(t, column, ".-" if len(t) < 200 else "-", ms=2, lw=0.9, label=_part(field, k), **style)
+            if field.size > 1:
+                axis.legend(fontsize=6, ncols=field.size, loc="upper right")
+        unit = "" if field.unit == "1" else f"\n{field.unit}"
+        axis.set_ylabel(f"{field.name}{unit}", fontsize=7)
+        axis.tick_params(labelsize=7)
+        axis.grid(alpha=0.3)
+        _shade(axis, t, samples)
+    axes[-1].set_xlabel("time, s", fontsize=8)
+    return figure
+
+
+_PICTURES: Mapping[str, Callable[[Port, Sequence[Sample]], Figure]] = {
+    "scanning_sonar": _scanning_sonar,
+    "dvl": _dvl,
+    "usbl": _beacons,
+    "lbl": _beacons,
+}
+
+
+def _part(field: Field, k: int) -> str:
+    if field.is_rotation:
+        return "wxyz"[k]
+    return "xyz"[k] if field.frame and field.size == 3 else str(k + 1)
+
+
+def _shade(axis: Any, t: FloatArray, samples: Sequence[Sample]) -> None:
+    """Grey where the sensor was not valid."""
+    invalid = np.array([not sample.valid for sample in samples])
+    if invalid.any():
+        axis.fill_between(
+            t, 0.0, 1.0, where=invalid, color="0.85", transform=axis.get_xaxis_transform(), step="mid", lw=0
+        )
+
+
+def _times(samples: Sequence[Sample]) -> FloatArray:
+    return np.array([sample.t_ns / NANOSECONDS for sample in samples])
+
+
+def _field(port: Port, name: str) -> Field:
+    return next(field for field in port.fields if field.name == name)
+
+
+def _plain(port: Port, sample: Sample, name: str) -> Any:
+    return sample.value[port.fields.index(_field(port, name))]
+
+
+def _column(port: Port, samples: Sequence[Sample], name: str) -> FloatArray:
+    """(n, size) of one field; NaN where there is no value."""
+    size = _field(port, name).size
+    rows = [_plain(port, sample, name) for sample in samples]
+    tuples = [row if isinstance(row, (tuple, list)) else (row,) * size if row is None else (row,) for row in rows]
+    return np.array([[math.nan if v is None else float(v) for v in row] for row in tuples])

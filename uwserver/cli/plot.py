@@ -1,0 +1,125 @@
+"""`uwserver plot sensor`: a picture of what a sensor told, from a recording or from a scenario that is run for it."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+import uwserver
+from uwserver.ports import Field, Port, Refused, Sample
+from uwserver.requests import suggestion
+from uwserver.scenario.errors import ScenarioError
+from uwserver.units import NANOSECONDS
+
+_RUN_S = 20.0
+_PATIENCE_S = 1.0
+"""What was measured before the end is waited for so long."""
+_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str"}
+
+
+@click.group()
+def plot() -> None:
+    """Draw pictures (needs the extra `plot`: pip install 'uwserver[plot]')."""
+
+
+@plot.command()
+@click.argument("source")
+@click.argument("port")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="PNG, SVG or PDF; default: the port's name as PNG."
+)
+@click.option("--from", "begin_s", default=0.0, show_default=True, help="First simulation time, s.")
+@click.option(
+    "--to", "end_s", type=float, help="Last simulation time, s; default: the end of a recording, 20 s of a scenario."
+)
+def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: float | None) -> None:
+    """Draw what PORT told: SOURCE is a recording (.mcap), or a scenario by name or file, which is run as fast as possible.
+
+    A scanning sonar gives its picture, a DVL its beams, LBL and USBL their beacons, everything else its values over time; grey: not valid.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise click.ClickException("drawing needs matplotlib: pip install 'uwserver[plot]'")
+    from uwserver.cli.pictures import picture
+
+    file = output or Path(f"{port.replace('/', '_')}.png")
+    try:
+        found, told = (
+            _recorded(Path(source), port)
+            if source.endswith(".mcap")
+            else _simulated(source, port, _RUN_S if end_s is None else end_s)
+        )
+        end_s = end_s if end_s is not None or source.endswith(".mcap") else _RUN_S
+        chosen = [
+            s for s in told if s.t_ns >= begin_s * NANOSECONDS and (end_s is None or s.t_ns <= end_s * NANOSECONDS)
+        ]
+        picture(found, chosen).savefig(file, dpi=110, metadata={"Software": None} if file.suffix == ".png" else None)
+    except (ScenarioError, Refused, ValueError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or source}: {error.strerror or error}") from error
+    click.echo(f"wrote {file}: {len(chosen)} samples")
+
+
+def _simulated(source: str, port: str, end_s: float) -> tuple[Port, list[Sample]]:
+    world = uwserver.load(source)
+    _check(port, [path for path, p in world.ports.items() if p.direction == "sensor"])
+    samples: list[Sample] = []
+    while world.t_ns < (end_s + _PATIENCE_S) * NANOSECONDS:
+        samples += [sample for sample in world.step() if sample.port == port]
+    return world.ports[port], samples
+
+
+def _recorded(file: Path, port: str) -> tuple[Port, list[Sample]]:
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    with file.open("rb") as stream:
+        try:
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            channels = {} if summary is None else {channel.topic: channel for channel in summary.channels.values()}
+            sensors = [topic for topic, channel in channels.items() if channel.metadata.get("direction") == "sensor"]
+            _check(port, sensors)
+            assert summary is not None
+            schema = msgspec.json.decode(summary.schemas[channels[port].schema_id].data)
+            described = _port(port, channels[port].metadata["kind"], schema)
+            messages = [msgspec.json.decode(m.data) for _, _, m in reader.iter_messages(topics=[port])]
+        except McapError as error:
+            raise ValueError(f"{file}: no recording that can be read: {error}") from error
+    return described, [_sample(described, message) for message in messages]
+
+
+def _check(port: str, sensors: list[str]) -> None:
+    if port not in sensors:
+        raise ValueError(f'no sensor "{port}"{suggestion(port, sensors)}; there are: {", ".join(sensors) or "none"}')
+
+
+def _port(path: str, kind: str, schema: dict[str, Any]) -> Port:
+    """The port again, as far as the schema of its channel tells it."""
+    return Port(
+        path, "sensor", kind, tuple(_fields(schema["properties"]["value"]["properties"])), schema["description"]
+    )
+
+
+def _fields(properties: dict[str, Any]) -> Iterator[Field]:
+    for name, told in properties.items():
+        text = told["description"]
+        unit, frame = re.search(r"; unit ([^;]*)", text), re.search(r"; frame (\w+)", text)
+        shape = (int(told["maxItems"]),) if "items" in told else ()
+        type_: Any = _TYPES[told.get("items", told)["type"][0]]
+        yield Field(name, unit[1] if unit else "1", text, frame[1] if frame else "", shape, type_)
+
+
+def _sample(port: Port, message: dict[str, Any]) -> Sample:
+    values = [message["value"][field.name] for field in port.fields]
+    value = tuple(tuple(v) if isinstance(v, list) else v for v in values)
+    return Sample(port.path, message["seq"], message["t_ns"], message["t_sent_ns"], message["valid"], value)
+
+
+COMMANDS = (plot,)

@@ -1,0 +1,68 @@
+"""Errors that grow with time: a straight drift, and a random walk."""
+
+from __future__ import annotations
+
+import math
+
+from uwserver.modifiers.base import NEVER, Measurement, ModifierTable, Stream, shifted
+from uwserver.table import Name, NonNegative
+from uwserver.units import NANOSECONDS
+
+
+class Drift(ModifierTable, tag="drift", kw_only=True, frozen=True):
+    """Error that leaves zero at the start of the run and never comes back: straight, and at random.
+
+    Attributes:
+        rate: straight drift, field's unit a second; one number for all components, or one a component.
+        rate_sigma: standard deviation of more of it, drawn once, unit/s.
+        density: of the random walk, field's unit/sqrt(s): after t seconds its standard deviation is density sqrt(t).
+    """
+
+    field: Name
+    rate: float | tuple[float, ...] = 0.0
+    rate_sigma: NonNegative = 0.0
+    density: NonNegative = 0.0
+
+    def build(self, stream: Stream) -> _Drift:
+        """The modifier.
+
+        Raises:
+            ValueError: unknown field, or `rate` has another number of components than the field.
+        """
+        return _Drift(self, stream)
+
+
+class _Drift:
+    """Its memory: time of the reading before (s), then for each component what the walk has come to, then the rates (unit/s)."""
+
+    def __init__(self, config: Drift, stream: Stream) -> None:
+        self.stream = stream
+        self._density = config.density
+        self._index, rate = stream.of_each(config.field, "rate", config.rate)
+        self._size = len(rate)
+        drawn = (
+            stream.rng.normal(0.0, config.rate_sigma, self._size).tolist() if config.rate_sigma else [0.0] * self._size
+        )
+        self.memory = [NEVER, *([0.0] * self._size), *(r + d for r, d in zip(rate, drawn, strict=True))]
+
+    def apply(self, reading: Measurement) -> None:
+        n, memory, t = self._size, self.memory, reading.t_ns / NANOSECONDS
+        walk, rates = memory[1 : n + 1], memory[n + 1 :]
+        if self._density:
+            scale = self._density * math.sqrt(reading.since(memory[0], self.stream.dt))
+            draws = self.stream.rng.standard_normal(n).tolist()
+            walk = [w + scale * d for w, d in zip(walk, draws, strict=True)]
+        self.memory = [t, *walk, *rates]
+        offsets = [w + r * t for w, r in zip(walk, rates, strict=True)]
+        reading.values[self._index] = shifted(reading.values[self._index], offsets)
+
+
+class RandomWalk(ModifierTable, tag="random_walk", kw_only=True, frozen=True):
+    """Error that wanders off from zero: variance density**2 t; `density` in unit/sqrt(s). A `drift` without its straight part."""
+
+    field: Name
+    density: NonNegative
+
+    def build(self, stream: Stream) -> _Drift:
+        """The modifier; ValueError as `Stream.index`."""
+        return _Drift(Drift(field=self.field, density=self.density), stream)
