@@ -20,12 +20,16 @@ class Autopilot:
     Args:
         context: the world.
         vehicle: name of the vehicle.
+
+    Attributes:
+        replied_ns: simulation time at which the last call was carried out.
     """
 
     def __init__(self, context: AdapterContext, vehicle: str) -> None:
         self._context = context
         self._vehicle = vehicle
         self._root = f"{vehicle}/autopilot"
+        self.replied_ns = 0
 
     @property
     def is_there(self) -> bool:
@@ -68,6 +72,7 @@ class Autopilot:
 
         def on_reply(outcome: Reply | Progress) -> None:
             if isinstance(outcome, Reply):
+                self.replied_ns = outcome.t_ns
                 if outcome.fault is None and result is not None:
                     result(outcome.result)
                 self._told(outcome.fault.text if outcome.fault is not None else "", done)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from uwserver.adapter import AdapterContext
 from uwserver.frames import Quat, Vec3
@@ -12,6 +12,8 @@ from uwserver.ports import Value
 from uwserver_adapters.mavlink.codec import finite, vector
 
 Reading = Mapping[str, Value]
+_ASSUMED_NS = 2_000_000_000
+"""An autopilot that says nothing for so long is not believed to have done anything."""
 
 
 class State(Struct, frozen=True):
@@ -64,6 +66,8 @@ class Readings:
         self.t_ns = 0
         self._ports: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._known: tuple[int, State] = (-1, State())
+        self._assumed: dict[str, str | bool] = {}
+        self._assumed_ns = 0
         self.open_ports()
 
     def open_ports(self) -> None:
@@ -104,7 +108,29 @@ class Readings:
         """Samples are new although the time is not."""
         self._known = (-1, State())
 
+    def assume(self, t_ns: int, **fields: str | bool) -> None:
+        """The autopilot has done what it was asked, and has not said so yet: it speaks some times a second only, and who was told that the mode
+        is another goes on at once.
+
+        Args:
+            t_ns: simulation time of the change; what it says of later times counts again.
+            fields: `mode`, `armed`.
+        """
+        self._assumed.update(fields)
+        self._assumed_ns = t_ns
+        self.forget()
+
     def _state(self) -> State:
+        state = self._said()
+        if self._assumed:
+            sample = self._context.last(self._ports["autopilot"][0]) if "autopilot" in self._ports else None
+            if sample is None or not 0 <= self._assumed_ns - sample.t_ns < _ASSUMED_NS:
+                self._assumed.clear()
+            else:
+                state = structs.replace(state, **self._assumed)
+        return state
+
+    def _said(self) -> State:
         said = self.last("autopilot")
         if said is None:
             return self._without_autopilot()

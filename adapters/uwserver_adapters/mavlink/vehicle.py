@@ -301,20 +301,20 @@ class Vehicle:
     def arm(self, force: bool, done: Done) -> None:
         """Arm, and say so."""
         self.failsafes.armed()
-        self.autopilot.call("arm", {"force": force}, self._announced(done, "Arming motors"))
+        self.autopilot.call("arm", {"force": force}, self._announced(done, "Arming motors", armed=True))
 
     def disarm(self, done: Done) -> None:
         """Disarm, and say so."""
-        self.autopilot.call("disarm", {}, self._announced(done, "Disarming motors"))
+        self.autopilot.call("disarm", {}, self._announced(done, "Disarming motors", armed=False))
 
     def set_mode(self, mode: Mode, done: Done) -> None:
         """Change the mode."""
-        self.autopilot.call("set_mode", {"mode": mode.autopilot}, self._announced(done, ""))
+        self.autopilot.call("set_mode", {"mode": mode.autopilot}, self._announced(done, "", mode=mode.autopilot))
 
-    def _announced(self, done: Done, text: str) -> Done:
+    def _announced(self, done: Done, text: str, **change: str | bool) -> Done:
         def told(reason: str) -> None:
             if not reason:
-                self.readings.forget()
+                self.readings.assume(self.autopilot.replied_ns, **change)
                 if text:
                     self.tell(INFO, text)
             done(reason)

@@ -96,6 +96,7 @@ class FakeRov(FakeContext):
         self.said: dict[str, dict[str, Any]] = {name: dict(values) for name, (_, values) in INSTRUMENTS.items()}
         self.invalid: set[str] = set()
         self.until_s = 0.0
+        self.state_of: tuple[int, dict[str, Any]] | None = None
         self.items: list[Json] = []
         ports = [
             Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0)
@@ -120,6 +121,8 @@ class FakeRov(FakeContext):
             return None
         values: Mapping[str, Value] = self.state if name == "autopilot/state" else self.said[name]
         t_ns = self.tick * 4_000_000
+        if name == "autopilot/state" and self.state_of is not None:
+            t_ns, values = self.state_of
         return Sample(port, self.tick, t_ns, t_ns, name not in self.invalid, tuple(values.values()))
 
     def advance(self, seconds: float) -> None:

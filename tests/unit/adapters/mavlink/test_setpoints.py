@@ -87,6 +87,24 @@ def test_only_in_guided(bench):
     assert station.texts() == ["set points are followed in GUIDED only"]
 
 
+async def test_a_set_point_right_after_the_acknowledgement_of_its_mode(bench):
+    """The autopilot tells its state some times a second only; who was told ACCEPTED goes on at once."""
+    station = bench.station()
+    bench.run(1.0)
+    bench.rov.state_of = (bench.rov.tick * 4_000_000, dict(bench.rov.state))  # what it said before
+    assert await station.command(176, 1.0, 4.0) == 0
+    local(station, POSITION, p=(3, 4, 6))
+    assert len(bench.rov.commanded("position")) == 1
+    assert await station.command(400, 1.0) == 0
+    assert bench.vehicle.readings.state().armed
+    bench.rov.state |= {"mode": "manual", "armed": False}
+    bench.rov.state_of = None
+    bench.run(0.1)
+    assert (bench.vehicle.readings.state().mode, bench.vehicle.readings.state().armed) == ("manual", False)
+    local(station, POSITION, p=(3, 4, 6))
+    assert len(bench.rov.commanded("position")) == 1
+
+
 def test_a_far_position_is_refused_by_the_world_and_told(guided):
     station = guided.station()
     local(station, POSITION, p=(1e9, 0, 0))
