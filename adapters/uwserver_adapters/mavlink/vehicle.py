@@ -299,12 +299,14 @@ class Vehicle:
         return self.payload.servos
 
     def arm(self, force: bool, done: Done) -> None:
-        """Arm, and say so."""
+        """Arm, and say so. What the sticks last said was said to a vehicle at rest: it does not count."""
         self.failsafes.armed()
+        self.pilot.neutral()
         self.autopilot.call("arm", {"force": force}, self._announced(done, "Arming motors", armed=True))
 
     def disarm(self, done: Done) -> None:
         """Disarm, and say so."""
+        self.pilot.neutral()
         self.autopilot.call("disarm", {}, self._announced(done, "Disarming motors", armed=False))
 
     def set_mode(self, mode: Mode, done: Done) -> None:

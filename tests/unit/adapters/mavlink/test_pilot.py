@@ -137,6 +137,15 @@ def test_sticks_are_never_said_again_and_spring_back(make_bench):
     assert station.last("RC_CHANNELS").chan5_raw == 1500
 
 
+async def test_sticks_of_before_do_not_move_an_armed_vehicle(bench):
+    station = bench.station()
+    for arm in (1.0, 0.0):
+        steer(station, z=0)
+        assert bench.rov.commanded("pilot")[-1]["u"][2] == pytest.approx(0.5)
+        assert await station.command(400, arm) == 0
+        assert bench.rov.commanded("pilot")[-1]["u"] == pytest.approx((0,) * 6)
+
+
 def test_an_override_that_is_not_renewed_ends(make_bench):
     bench = make_bench(parameters={"FS_PILOT_INPUT": 0})
     station = bench.station()
