@@ -114,7 +114,12 @@ def _sensor(
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
     slot = SensorSlot(
-        port, row, sensor, _modifiers(world, port, config.modifiers), divisor, round(config.latency_s * NANOSECONDS)
+        port,
+        row,
+        sensor,
+        _modifiers(world, port, config.modifiers),
+        divisor,
+        round((config.latency_s or 0.0) * NANOSECONDS),
     )
     sides = {name: structs.replace(port, path=f"{path}/{name}") for name in config.streams}
     slot.sides = tuple(

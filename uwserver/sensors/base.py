@@ -40,7 +40,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         rate_hz: samples a second; divides the physics rate.
         profile: a shipped device file (``a50``) or the path of one; its values stand where this table gives none.
         mount: a mount of the vehicle file; or `position_frd_m` and `rpy_deg` of the sensor on the vehicle.
-        latency_s: from the measurement to its delivery.
+        latency_s: from the measurement to its delivery; 0 where neither the table nor its device says anything.
         enabled: False takes the sensor out.
         modifiers: errors, applied in the order of the file; each name is part of its random stream.
         streams: the same measurements once more, with other errors or none.
@@ -51,7 +51,7 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     mount: Name | msgspec.UnsetType = msgspec.UNSET
     position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    latency_s: NonNegative = 0.0
+    latency_s: NonNegative | msgspec.UnsetType = msgspec.UNSET
     enabled: bool = True
     modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
     streams: dict[str, StreamTable] = msgspec.field(default_factory=dict)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import threading
 from collections.abc import Iterator
@@ -223,12 +224,14 @@ def test_warming_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("kernels-new", "kernels-old"):
+    for age, name in enumerate(("kernels-new", "kernels-a", "kernels-b", "kernels-c", "kernels-d", "kernels-old")):
         (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
     monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", True, ""))
     monkeypatch.setattr("uwserver.physics.warm.warm", lambda say: say("kernels: immersed"))
     monkeypatch.setattr(command, "examine", lambda: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 0
     assert "kernels: immersed" in result.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["kernels-new"]
+    assert len(list(tmp_path.iterdir())) == 5
+    assert not (tmp_path / "kernels-old").exists()

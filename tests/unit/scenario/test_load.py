@@ -56,7 +56,7 @@ rate_hz = 10
     assert vehicle.thrusters["left"].installed_factor == 0.5
     assert vehicle.sensors["imu"].rate_hz == 60
     assert vehicle.sensors["imu"].mount is msgspec.UNSET
-    assert vehicle.sensors["imu"].latency_s == 0.0
+    assert vehicle.sensors["imu"].latency_s is msgspec.UNSET
     assert list(vehicle.sensors) == ["imu", "depth"]
 
 
