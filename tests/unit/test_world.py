@@ -9,15 +9,14 @@ import pytest
 
 from uwserver.ports import Call, Command, Refused, Reply
 from uwserver.units import NANOSECONDS
-from uwserver.world import Diverged
+from uwserver.world import Diverged, World
 
 AHEAD = (-0.5, -0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("rate", ["240", "250", "1200", "400", "333.3"])
-def test_time_is_computed_from_the_tick_and_never_drifts(make_world, rate):
-    world = make_world(rate_hz=240.0)
-    world._rate = (Fraction(rate).numerator, Fraction(rate).denominator)
+def test_time_is_computed_from_the_tick_and_never_drifts(world, rate):
+    world = World("clock", Fraction(rate), 1, world.epoch_utc, world.hydro, world.water)
     for tick in (0, 1, 7, 239, 10**6, 3600 * 24 * 1200):
         exact = Fraction(tick * NANOSECONDS) / Fraction(rate)
         assert abs(world.time_of(tick) - exact) <= Fraction(1, 2)

@@ -198,10 +198,10 @@ def leak(world):
 
 
 def compound(world):
-    assert last(world, "autopilot", "imu_f_S") == last(world, "imu", "f_S")
-    assert not world.sensors["heavy/autopilot"].held[0]  # for one of its members, the GPS, is under water
-    assert last(world, "autopilot", "gps_valid") is False
-    assert last(world, "autopilot", "compass_field_S") == last(world, "compass", "field_S")
+    assert last(world, "navigation", "imu_f_S") == last(world, "imu", "f_S")
+    assert not world.sensors["heavy/navigation"].held[0]  # for one of its members, the GPS, is under water
+    assert last(world, "navigation", "gps_valid") is False
+    assert last(world, "navigation", "compass_field_S") == last(world, "compass", "field_S")
 
 
 IN_A_WORLD = {"gps": gps, "battery": battery, "rpm": rpm, "contact": contact, "leak": leak, "compound": compound}
