@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import inspect
 import math
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from adapter_rig import serving
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
 from uwserver_adapters.mavlink.config import MavlinkConfig
 from uwserver_adapters.mavlink.dialect import Dialect
@@ -306,24 +306,6 @@ def bench() -> Bench:
 @pytest.fixture
 def make_bench() -> Callable[..., Bench]:
     return Bench
-
-
-@contextlib.asynccontextmanager
-async def serving(adapter: Any) -> AsyncIterator[FakeContext]:
-    """A running adapter."""
-    ready = asyncio.Event()
-    task = asyncio.ensure_future(adapter.run(ready))
-    try:
-        waiting = asyncio.ensure_future(ready.wait())
-        await asyncio.wait([task, waiting], timeout=5.0, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
-        if task.done():
-            task.result()
-        yield adapter.context
-        assert not task.done(), task.exception()
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 @pytest.hookimpl(tryfirst=True)

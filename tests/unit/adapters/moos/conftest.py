@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import inspect
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
+from adapter_rig import serving
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.wire import Message
 
@@ -134,24 +134,6 @@ async def eventually(condition: Callable[[], Any], what: str) -> None:
     while not condition():
         assert asyncio.get_running_loop().time() < end, what
         await asyncio.sleep(0.005)
-
-
-@contextlib.asynccontextmanager
-async def serving(adapter: Any) -> AsyncIterator[FakeContext]:
-    """A running adapter."""
-    ready = asyncio.Event()
-    task = asyncio.ensure_future(adapter.run(ready))
-    try:
-        waiting = asyncio.ensure_future(ready.wait())
-        await asyncio.wait([task, waiting], timeout=5.0, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
-        if task.done():
-            task.result()
-        yield adapter.context
-        assert not task.done(), task.exception()
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 @pytest.hookimpl(tryfirst=True)
