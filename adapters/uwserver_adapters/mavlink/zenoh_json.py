@@ -115,19 +115,19 @@ class JsonKeys:
     def _tell_frame(self, frame: Frame) -> None:
         layout = self._dialect.by_id[frame.id]
         fields = fields_of(frame, layout)
-        text = text_of(frame, layout.name, fields)
-        if self._out.is_heard:
-            self._out.put(text)
+        key = f"mavlink/{frame.system}/{frame.component}/{layout.name}"
+        whole = [self._out, self._key(key)] if self._below.is_heard else [self._out]
+        if heard := [one for one in whole if one.is_heard]:
+            text = text_of(frame, layout.name, fields)
+            for one in heard:
+                one.put(text)
         if not self._below.is_heard:
             return
-        key = f"mavlink/{frame.system}/{frame.component}/{layout.name}"
-        if (message := self._key(key)).is_heard:
-            message.put(text)
         if self._key(f"{key}/*").is_heard:
             for part in layout.parts:
                 name = name_of(part)
-                if (one := self._key(f"{key}/{name}")).is_heard:
-                    one.put(msgspec.json.encode(fields[name]))
+                if (below := self._key(f"{key}/{name}")).is_heard:
+                    below.put(msgspec.json.encode(fields[name]))
 
     def _key(self, key: str) -> _Key:
         known = self._keys.get(key)
