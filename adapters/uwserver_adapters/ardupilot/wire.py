@@ -22,7 +22,7 @@ class Frame(NamedTuple):
     """A servo packet.
 
     Attributes:
-        rate_hz: physics rate that the autopilot asks for; it moves at most 1 Hz a frame.
+        rate_hz: physics rate that the autopilot asks for; it may be another in each frame.
         number: frames answered since the autopilot started.
         pwm: pulse widths of outputs 1 to 16 or 32, us; 0: the output is not driven.
     """

@@ -71,14 +71,25 @@ class Message(Struct, frozen=True):
         return value if isinstance(value, tuple) else ()
 
 
-class _Part(Struct, frozen=True):
-    """One field in the order of the wire; `low`, `high` are None for floats."""
+class Part(Struct, frozen=True):
+    """One field.
+
+    Attributes:
+        name: as in the definition.
+        count: of an array, 0 for none.
+        is_text: of characters.
+        low, high: limits of an integer; `low` is None for floats.
+        enum: names of values; None where they have none.
+        is_bits: a set of flags.
+    """
 
     name: str
     count: int
     is_text: bool
     low: int | None
     high: int
+    enum: Mapping[int, str] | None
+    is_bits: bool
 
 
 class Layout:
@@ -88,10 +99,11 @@ class Layout:
         name: of the message.
         id: its number.
         crc_extra: guards the definition itself.
+        parts: its fields in the order of the wire.
         has_target: field names of the addressed system and component; "" where there is none.
     """
 
-    def __init__(self, definition: Any) -> None:
+    def __init__(self, definition: Any, enums: Mapping[str, Mapping[int, str]]) -> None:
         self.name: str = definition.msgname
         self.id: int = definition.id
         self.crc_extra: int = definition.crc_extra
@@ -100,8 +112,10 @@ class Layout:
         for wire, name in enumerate(definition.ordered_fieldnames):
             kind = definition.fieldtypes[definition.fieldnames.index(name)]
             low, high = _RANGES.get(kind, (None, 0))
-            parts.append(_Part(name, int(definition.array_lengths[wire]), kind == "char", low, high))
-        self._parts = tuple(parts)
+            enum = enums.get(definition.fieldenums_by_name.get(name, ""))
+            is_bits = enum is not None and definition.fielddisplays_by_name.get(name) == "bitmask"
+            parts.append(Part(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, is_bits))
+        self.parts = tuple(parts)
         names = self._names = frozenset(part.name for part in parts)
         system = "target_system" if "target_system" in names else "target" if self.name == "MANUAL_CONTROL" else ""
         self.has_target = (system, "target_component" if "target_component" in names else "")
@@ -116,7 +130,7 @@ class Layout:
         if not fields.keys() <= self._names:
             raise KeyError(f"{self.name} has no {', '.join(sorted(fields.keys() - self._names))}")
         row: list[object] = []
-        for part in self._parts:
+        for part in self.parts:
             value = fields.get(part.name, 0)
             if part.is_text and part.count:
                 row.append(value.encode("utf-8", "replace") if isinstance(value, str) else value or b"")
@@ -134,7 +148,7 @@ class Layout:
         row = self._struct.unpack(payload[:size].ljust(size, b"\0"))
         fields: dict[str, Value] = {}
         at = 0
-        for part in self._parts:
+        for part in self.parts:
             if part.is_text and part.count:
                 fields[part.name] = row[at].split(b"\0", 1)[0]
                 at += 1
@@ -147,7 +161,7 @@ class Layout:
         return Message(self.name, fields, system, component)
 
 
-def _kept(value: object, part: _Part) -> int | float:
+def _kept(value: object, part: Part) -> int | float:
     if not isinstance(value, int | float):
         return 0
     if part.low is None:
@@ -177,7 +191,11 @@ class Dialect:
         for definition in newer.mavlink_map.values():
             if definition.msgname in _NEWER:
                 definitions.setdefault(definition.id, definition)
-        self.by_id = {id: Layout(definition) for id, definition in definitions.items() if id >= 0}
+        enums = {
+            name: {number: str(entry.name) for number, entry in entries.items() if not entry.name.endswith("_ENUM_END")}
+            for name, entries in {**newer.enums, **vehicle.enums}.items()
+        }
+        self.by_id = {id: Layout(definition, enums) for id, definition in definitions.items() if id >= 0}
         self.by_name = {layout.name: layout for layout in self.by_id.values()}
         fast: Callable[[bytes], int] | None = getattr(vehicle, "mcrf4xx", None)
         self.crc: Callable[[bytes], int] = fast or (lambda data: int(vehicle.x25crc(data).crc))

@@ -38,6 +38,7 @@ class Hub:
     Attributes:
         vehicle: its state machine.
         channels: those that are open, by number.
+        dialect: the messages.
 
     Raises:
         OSError: the log cannot be written.
@@ -56,7 +57,7 @@ class Hub:
         self.channels: dict[int, Channel] = {}
         self._config = config
         self._context = context
-        self._dialect = dialect
+        self.dialect = dialect
         self._steady = steady
         self._offset = unix_s - steady()
         self._last_number = 0
@@ -87,7 +88,7 @@ class Hub:
         """
         self._last_number += 1
         streams = Streams(self.vehicle.default_rates())
-        channel = Channel(self._last_number, name, self._dialect, write, is_ready, streams)
+        channel = Channel(self._last_number, name, self.dialect, write, is_ready, streams)
         channel.has_peer, channel.heard_at = has_peer, self._steady()
         channel.allowance = _PARTS
         self.channels[channel.number] = channel
@@ -118,6 +119,10 @@ class Hub:
         while self.work(channel):
             pass
 
+    def count(self, reason: str) -> None:
+        """Something came that could not be taken."""
+        self._counters[reason] += 1
+
     def work(self, channel: Channel) -> bool:
         """Take the next frame of a channel; False when there is none."""
         event = channel.decoder.next_event()
@@ -137,7 +142,7 @@ class Hub:
         if channel.frames_in > self._config.frames_per_s:
             self._counters["flood"] += 1
             return
-        layout = self._dialect.by_id[frame.id]
+        layout = self.dialect.by_id[frame.id]
         if not self._is_trusted(frame, layout):
             return
         channel.heard_at = now
@@ -185,7 +190,7 @@ class Hub:
 
     def send(self, name: str, fields: Fields, channel: Channel | None = None) -> None:
         """Send a message to one channel, or to all; it is encoded once."""
-        layout = self._dialect.by_name[name]
+        layout = self.dialect.by_name[name]
         self._context.stats.encoded += 1
         to = self.channels.values() if channel is None else (channel,) if channel.number in self.channels else ()
         self._write(layout.id, layout.encode(fields), to)
@@ -195,7 +200,7 @@ class Hub:
         log = self._tlog
         for channel in channels:
             frame = pack(
-                self._dialect, id, payload, channel.next_seq(), self._config.system, COMPONENT, signing is not None
+                self.dialect, id, payload, channel.next_seq(), self._config.system, COMPONENT, signing is not None
             )
             if signing is not None:
                 frame = signing.sign(frame, channel.number)
@@ -227,7 +232,7 @@ class Hub:
         for channel in self.channels.values():
             for name in channel.streams.due(t_ns):
                 for payload in self._built(name, t_ns):
-                    self._write(self._dialect.by_name[name].id, payload, (channel,))
+                    self._write(self.dialect.by_name[name].id, payload, (channel,))
 
     def _built(self, name: str, t_ns: int) -> Sequence[bytes]:
         """Payloads of a message at this time, made once for all channels."""
@@ -236,7 +241,7 @@ class Hub:
             self._payloads_of = t_ns
         payloads = self._payloads.get(name)
         if payloads is None:
-            encode = self._dialect.by_name[name].encode
+            encode = self.dialect.by_name[name].encode
             payloads = self._payloads[name] = [encode(fields) for fields in self.vehicle.telemetry.build(name)]
             self._context.stats.encoded += len(payloads)
         return payloads
@@ -264,7 +269,7 @@ class Hub:
         details: dict[str, Json] = dict(sorted(self._counters.items()))
         links: list[Json] = [channel.name for channel in self.channels.values() if channel.has_peer]
         self._context.stats.details.update({"links": links, "signed": self._signing is not None, "counters": details})
-        bad = {"checksum", "unknown", "incompatible", "garbage_bytes", "flood"}
+        bad = {"checksum", "unknown", "incompatible", "garbage_bytes", "flood", "json"}
         refused = sum(n for name, n in self._counters.items() if name in bad or name.startswith("signing_"))
         self._context.stats.details["bad_input"] = refused
 

@@ -1,9 +1,10 @@
-"""Raw frames over zenoh, as BlueOS has them: vehicles speak on `mavlink_raw/out`, all others on `mavlink_raw/in`."""
+"""Zenoh as BlueOS has it: vehicles speak on `mavlink_raw/out`, others on `mavlink_raw/in`; the same as JSON below `mavlink/` (`zenoh_json.py`)."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,9 @@ from uwserver.adapter import AdapterStats
 from uwserver_adapters.mavlink.channel import Channel
 from uwserver_adapters.mavlink.endpoint import BadLink
 from uwserver_adapters.mavlink.hub import Hub
+from uwserver_adapters.mavlink.json_form import BadJson, frame_of
+from uwserver_adapters.mavlink.zenoh_json import IN as JSON_IN
+from uwserver_adapters.mavlink.zenoh_json import JsonKeys
 
 if TYPE_CHECKING:
     import zenoh
@@ -37,6 +41,7 @@ class ZenohLink:
         self._session: zenoh.Session | None = None
         self._publisher: zenoh.Publisher | None = None
         self._channel: Channel | None = None
+        self._json: JsonKeys | None = None
         self._thread = ThreadPoolExecutor(1, "zenoh of mavlink")
         self._waiting = 0
 
@@ -70,11 +75,15 @@ class ZenohLink:
         self._publisher = self._session.declare_publisher(
             OUT, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP
         )
-        self._session.declare_subscriber(IN, self._heard, allowed_origin=zenoh.Locality.REMOTE)
+        for key, take in ((IN, self._take), (JSON_IN, self._take_json)):
+            self._session.declare_subscriber(key, self._handover(take), allowed_origin=zenoh.Locality.REMOTE)
+        self._json = JsonKeys(self._session, self._thread, self._hub.dialect, self._stats)
         self._channel = self._hub.open(self.address, self._write, lambda: True)
 
     async def attend(self) -> None:
-        """Zenoh connects again by itself."""
+        """Zenoh connects again by itself; look who listens."""
+        if self._json is not None:
+            self._json.look()
 
     def close(self) -> None:
         """Close the session; its threads end with it."""
@@ -85,21 +94,40 @@ class ZenohLink:
             session.close()
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _heard(self, sample: zenoh.Sample) -> None:
-        """A thread of zenoh: hand it over at once."""
-        if self._waiting >= WAITING:
-            self._stats.dropped += 1
-            return
-        self._waiting += 1
-        self._loop.call_soon_threadsafe(self._take, sample.payload.to_bytes())
+    def _handover(self, take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
+        """For a thread of zenoh: hand it over at once."""
+
+        def heard(sample: zenoh.Sample) -> None:
+            if self._waiting >= WAITING:
+                self._stats.dropped += 1
+                return
+            self._waiting += 1
+            self._loop.call_soon_threadsafe(self._arrived, take, sample.payload.to_bytes())
+
+        return heard
+
+    def _arrived(self, take: Callable[[bytes], None], data: bytes) -> None:
+        self._waiting -= 1
+        if self._session is not None:
+            take(data)
 
     def _take(self, data: bytes) -> None:
-        self._waiting -= 1
-        if self._channel is not None and self._session is not None:
+        if self._channel is not None:
             self._hub.receive(self._channel, data)
+
+    def _take_json(self, data: bytes) -> None:
+        try:
+            frame = frame_of(data, self._hub.dialect)
+        except BadJson as error:
+            self._hub.count("json")
+            self._stats.last_error = f"{JSON_IN}: {error}"
+            return
+        self._take(frame)
 
     def _write(self, data: bytes) -> bool:
         if self._publisher is None or self._session is None:
             return False
         self._publisher.put(data)
+        if self._json is not None:
+            self._json.put(data)
         return True

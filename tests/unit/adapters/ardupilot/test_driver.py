@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
+import json
 import math
 import socket
+import struct
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
@@ -14,6 +18,7 @@ from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, ve
 from uwserver_adapters.sil.readings import Readings
 
 from uwserver.adapter import AdapterStats, Order
+from uwserver.frames import conjugate, rotate
 from uwserver.ports import Fault, Field, Port, Sample
 from uwserver.testing.ardupilot import ArduPilotPeer, read, servo_packet
 
@@ -422,3 +427,80 @@ def test_readings_that_do_not_fit() -> None:
         readings.want("imu", "gyro", [("w_S",)])
     with pytest.raises(CannotServe, match="needed is p_NB and q_NB or p_NS"):
         readings.want("pose", "imu", [("p_NB", "q_NB"), ("p_NS",)])
+
+
+# -- a real one, recorded by tests/integration/record_ardusub.py ----------------------------------------------------------------------
+
+
+def recordings() -> dict[str, list[tuple[bytes, bytes]]]:
+    """Frames of an ArduSub and what we answered, by recording."""
+    file = Path(__file__).parent / "recorded" / "ardusub.jsonl.gz"
+    about, *lines = map(json.loads, gzip.decompress(file.read_bytes()).splitlines())
+    assert about.startswith("ArduSub V")
+    found: dict[str, list[tuple[bytes, bytes]]] = {}
+    frame = b""
+    for line in lines:
+        if isinstance(line, dict):
+            pairs = found[line["recording"]] = []
+        elif line[0] == ">":
+            frame = bytes.fromhex(line[1])
+        else:
+            pairs.append((frame, line[1].encode()))
+    return found
+
+
+RECORDINGS = recordings()
+
+
+def level(pwm: int) -> float:
+    return (pwm - 1500) / 400 if pwm else 0.0
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_a_real_ardusub(name: str) -> None:
+    """Each of its frames is one tick, whatever rate it asks for; one that it repeats is answered and is none; all answers are read."""
+    size = 32 if name == "32 channels" else 16
+    last, repeated, reply = -1, 0, None
+    with rig(size) as r:
+        for data, ours in RECORDINGS[name]:
+            said = read(ours)
+            _, rate_hz, number, *pwm = struct.unpack(f"<HHI{size}H", data)
+            r.peer.send_raw(data)
+            order = r.order()
+            assert r.count("frame_rate_hz") == rate_hz
+            if number == last:
+                repeated += 1
+                assert order is None
+                assert r.peer.receive(1.0) == reply, "the same again"
+                continue
+            assert order == Order(1, [("rov/thrusters", {"u": [level(width) for width in pwm[:8]]})])
+            q_NB = said["quaternion"]
+            (stamp,) = said["timestamp"]
+            r.t_ns = round(stamp * 1e9) - 1_000_000
+            r.tick(
+                truth_pose=(said["position"], q_NB),
+                truth_velocity=(rotate(conjugate(q_NB), said["velocity"]), said["imu/gyro"]),
+                imu=(said["imu/accel_body"], said["imu/gyro"], 15.0),
+            )
+            r.driver.answer(r.t_ns)
+            reply = r.peer.receive(1.0)
+            assert reply is not None
+            again = read(reply)
+            for key in again:
+                assert again[key] == pytest.approx(said[key], rel=1e-8, abs=1e-9), key
+            last = number
+        assert r.count("frames") == len(RECORDINGS[name]) - repeated
+        assert r.count("duplicates") == repeated == (name == "960 ticks/s, first answer lost")
+        assert [r.count(other) for other in ("lost", "restarts", "strangers", "bad_magic", "bad_length")] == [0] * 5
+
+
+def test_what_the_real_ardusub_did() -> None:
+    """So that the recordings are known to hold what they are for."""
+    rates = {name: [int.from_bytes(data[2:4], "little") for data, _ in pairs] for name, pairs in RECORDINGS.items()}
+    assert set(rates["start"]) == {1200}
+    assert rates["--rate 900"][:301] == list(range(1200, 899, -1)), "it walks"
+    assert set(rates["960 ticks/s, first answer lost"]) == {1200, 960, 961}, "it follows our time"
+    assert len(RECORDINGS["start"]) == 300
+    assert {len(data) for data, _ in RECORDINGS["32 channels"]} == {72}
+    steered, _ = RECORDINGS["steered"][-1]
+    assert struct.unpack_from("<4H", steered, 8) == (1200, 1400, 1800, 1600)

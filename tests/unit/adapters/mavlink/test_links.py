@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import os
 import pty
 import socket
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from uwserver_adapters.mavlink import zenoh_json
 from uwserver_adapters.mavlink.adapter import CannotServe, MavlinkAdapter
 from uwserver_adapters.mavlink.config import MavlinkConfig
 from uwserver_adapters.mavlink.endpoint import BadLink
@@ -233,6 +236,70 @@ async def test_raw_frames_over_zenoh(serve, make_rov):
 
             await until(answered, "an answer")
             assert "HEARTBEAT" in parsed
+    finally:
+        session.close()
+
+
+async def test_json_over_zenoh(serve, make_rov, monkeypatch):
+    """The keys of mavlink-server: nothing is encoded before somebody listens, bad text is counted and refused."""
+    zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
+    text = '{{listen: {{endpoints: ["tcp/127.0.0.1:{0}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
+    port = free_port(socket.SOCK_STREAM)
+    session = await asyncio.get_running_loop().run_in_executor(
+        None, zenoh.open, zenoh.Config.from_json5(text.format(port))
+    )
+    heard: list[Any] = []
+    encoded: list[str] = []
+
+    def counted(step: str, real: Callable[..., Any], *args: Any) -> Any:
+        encoded.append(step)
+        return real(*args)
+
+    for step in ("fields_of", "text_of"):
+        monkeypatch.setattr(zenoh_json, step, partial(counted, step, getattr(zenoh_json, step)))
+
+    def has(key: str) -> list[Any]:
+        return [json.loads(s.payload.to_bytes()) for s in list(heard) if str(s.key_expr) == key]
+
+    def put(name: str, **fields: Any) -> None:
+        header = {"system_id": 255, "component_id": 190, "sequence": 3}
+        session.put("mavlink/in", json.dumps({"header": header, "message": {"type": name, **fields}}))
+
+    try:
+        async with serve(adapter(make_rov(), f"zenoh:tcp/127.0.0.1:{port}")) as context:
+            raw = session.declare_subscriber("mavlink_raw/out", heard.append)
+            await until(lambda: heard, "a raw heartbeat")
+            raw.undeclare()
+            assert not encoded, "nobody listens"
+            fields = session.declare_subscriber("mavlink/1/1/HEARTBEAT/*", heard.append)
+            await until(lambda: has("mavlink/1/1/HEARTBEAT/mavlink_version"), "fields")
+            assert has("mavlink/1/1/HEARTBEAT/mavtype")[0] == {"type": "MAV_TYPE_SUBMARINE"}
+            assert set(encoded) == {"fields_of"}, "nobody listens to whole messages"
+            fields.undeclare()
+            session.declare_subscriber("mavlink/out", heard.append)
+            session.declare_subscriber("mavlink/1/1/*", heard.append)
+            await until(lambda: has("mavlink/out") and has("mavlink/1/1/HEARTBEAT"), "whole messages")
+            sample = next(s for s in heard if str(s.key_expr) == "mavlink/out")
+            assert sample.encoding == zenoh.Encoding.APPLICATION_JSON.with_schema("mavlink")
+            assert sample.priority == zenoh.Priority.REAL_TIME
+            assert sample.congestion_control == zenoh.CongestionControl.BLOCK
+            for bad in (
+                b"",
+                b"{",
+                b"\xff\xfe",
+                b'{"header":{"system_id":300,"component_id":1},"message":{}}',
+                b"[" * 9000,
+            ):
+                session.put("mavlink/in", bad)
+            await until(lambda: context.stats.details["counters"].get("json") == 5, "five refused")
+            assert context.stats.last_error.startswith("mavlink/in: ")
+            command = {"type": "MAV_CMD_COMPONENT_ARM_DISARM"}
+            put("COMMAND_LONG", target_system=1, target_component=1, command=command, param1=1.0)
+            await until(lambda: has("mavlink/1/1/COMMAND_ACK"), "an answer")
+            ack = has("mavlink/1/1/COMMAND_ACK")[0]
+            assert ack["header"]["system_id"] == 1
+            assert ack["message"] | {"target_component": 190} == ack["message"]
+            assert (ack["message"]["command"], ack["message"]["result"]) == (command, {"type": "MAV_RESULT_ACCEPTED"})
     finally:
         session.close()
 
