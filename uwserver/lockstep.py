@@ -22,7 +22,7 @@ T = TypeVar("T")
 LOOK_S = 0.02
 """Wall time that a driver is waited for at a time; between two such waits calls are answered."""
 
-GLANCE_S = 0.001
+GLANCE_S = 0.004
 """Wall time that samples may wait for the loop while a driver steps: a wake-up for each tick would cost as much as the tick."""
 
 

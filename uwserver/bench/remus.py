@@ -23,6 +23,8 @@ from uwserver.scenario.schema import Scenario, VehicleEntry
 VARIABLE = "UWSERVER_PVS"
 BAR = 20.0
 SPEED_RADPS = 159.0
+ITS_SAMPLES = 10_000
+"""Steps of a run as its main.py has it."""
 
 
 class OurRemus:
@@ -44,14 +46,25 @@ class OurRemus:
             world.advance()
 
 
+class OurBody(OurRemus):
+    """The same by the kernel alone, without clock, commands and watchdogs."""
+
+    def run(self, steps: int) -> None:
+        """Ticks under the commands that stand."""
+        hydro = self._world.hydro
+        for _ in range(steps):
+            hydro.advance(0.0)
+
+
 class TheirRemus:
-    """`remus100.dynamics` and the attitude's step, as its main loop calls them."""
+    """`remus100.dynamics` and the attitude's step, as its main loop calls them, and that loop itself."""
 
     def __init__(self, source: Path) -> None:
         sys.path.insert(0, str(source))
         try:
             vehicles: Any = importlib.import_module("python_vehicle_simulator.vehicles.remus100")
             gnc: Any = importlib.import_module("python_vehicle_simulator.lib.gnc")
+            self._loop: Any = importlib.import_module("python_vehicle_simulator.lib.mainLoop").simulate
         finally:
             sys.path.remove(str(source))
         self._vehicle, self._attitude = vehicles.remus100(), gnc.attitudeEuler
@@ -65,6 +78,10 @@ class TheirRemus:
             self._nu, self._u = self._vehicle.dynamics(self._eta, self._nu, self._u, command, dt)
             self._eta = self._attitude(self._eta, self._nu, dt)
 
+    def loop(self, steps: int) -> None:
+        """Its main loop, which also keeps what it computed: as that grows, so does the cost of a step."""
+        self._loop(steps, 1.0 / 240.0, self._vehicle)
+
 
 def bench_remus(quick: bool, say: Callable[[str], None]) -> list[Row]:
     """Steps of ours a second over theirs.
@@ -73,29 +90,41 @@ def bench_remus(quick: bool, say: Callable[[str], None]) -> list[Row]:
         quick: two short repeats.
         say: gets a line of progress.
     """
-    title = "a step of PythonVehicleSimulator's remus100 / ours"
+    whole, bare, mixed = (
+        "a step of PythonVehicleSimulator's remus100, main loop / ours, World.advance with commands",
+        "the same, dynamics and attitude alone / ours, kernel alone",
+        "the same, dynamics and attitude alone / ours, World.advance with commands",
+    )
     source = os.environ.get(VARIABLE, "")
     if not source:
-        return [Row("physics", title, "ratio", (), BAR, note=f"not measured: {VARIABLE} does not name its src folder")]
+        return [Row("physics", whole, "ratio", (), BAR, note=f"not measured: {VARIABLE} does not name its src folder")]
     try:
         theirs = TheirRemus(Path(source))
     except ImportError as error:
-        return [Row("physics", title, "ratio", (), BAR, note=f"not measured: {source}: {error}")]
+        return [Row("physics", whole, "ratio", (), BAR, note=f"not measured: {source}: {error}")]
     say("physics: REMUS 100 against the Python Vehicle Simulator")
-    ours, repeats, ratios, rates = OurRemus(), 2 if quick else 7, [], []
+    ours, body, repeats = OurRemus(), OurBody(), 2 if quick else 7
     ours.run(100)
+    rates, loops, bares, mixes = list[float](), list[float](), list[float](), list[float]()
     for _ in range(repeats):
-        own, other = _seconds_a_step(ours, 1000 if quick else 20_000), _seconds_a_step(theirs, 100 if quick else 2000)
+        own = _seconds_a_step(ours.run, 1000 if quick else 20_000)
+        kernel = _seconds_a_step(body.run, 1000 if quick else 20_000)
+        other = _seconds_a_step(theirs.run, 100 if quick else 2000)
+        loop = _seconds_a_step(theirs.loop, 100 if quick else ITS_SAMPLES)
         rates.append(1.0 / own)
-        ratios.append(other / own)
+        loops.append(loop / own)
+        bares.append(other / kernel)
+        mixes.append(other / own)
     return [
         Row("physics", "REMUS 100, one vehicle with fins and propeller", "steps/s", tuple(rates)),
-        Row("physics", title, "ratio", tuple(ratios), BAR),
+        Row("physics", whole, "ratio", tuple(loops), BAR),
+        Row("physics", bare, "ratio", tuple(bares), BAR),
+        Row("physics", mixed, "ratio", tuple(mixes)),
     ]
 
 
-def _seconds_a_step(remus: OurRemus | TheirRemus, steps: int) -> float:
+def _seconds_a_step(run: Callable[[int], None], steps: int) -> float:
     clock = SystemTime()
     start = clock.now_ns()
-    remus.run(steps)
+    run(steps)
     return (clock.now_ns() - start) * 1e-9 / steps

@@ -19,6 +19,11 @@ class remus100:
         calls.append(dt)
         return nu, u
 """
+LOOP = """
+def simulate(N, sampleTime, vehicle):
+    for i in range(N + 1):
+        vehicle.dynamics(None, vehicle.nu, vehicle.u_actual, vehicle.stepInput(i * sampleTime), sampleTime)
+"""
 
 
 def test_ours_goes_ahead_and_turns() -> None:
@@ -45,7 +50,9 @@ def test_a_copy_is_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     (package / "__init__.py").touch()
     (package / "vehicles" / "remus100.py").write_text(THEIRS)
     (package / "lib" / "gnc.py").write_text("def attitudeEuler(eta, nu, dt):\n    return eta\n")
+    (package / "lib" / "mainLoop.py").write_text(LOOP)
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     rows = bench_remus(True, lambda line: None)
-    assert [row.unit for row in rows] == ["steps/s", "ratio"]
+    assert [row.unit for row in rows] == ["steps/s", "ratio", "ratio", "ratio"]
+    assert [row.at_least for row in rows] == [None, BAR, BAR, None]
     assert all(len(row.values) == 2 for row in rows)
