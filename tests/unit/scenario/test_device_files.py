@@ -23,6 +23,7 @@ HEAD = 'schema = 1\n[world]\norigin_lat_deg = 63.4\norigin_lon_deg = 10.4\n[vehi
 
 
 BEACON = "[vehicles.rov.sensors.device.beacons.a]\nposition_ned_m = [80.0, 30.0, 20.0]\n"
+USES = {"lbl": BEACON, "usbl": BEACON, "rpm": 'members = ["t1", "t2"]\n'}
 
 
 def scenario(folder: Path, profile: str, rest: str = "") -> Path:
@@ -33,7 +34,7 @@ def scenario(folder: Path, profile: str, rest: str = "") -> Path:
 
 def use_of(name: str) -> str:
     """What a scenario must say of a device beside its profile."""
-    return BEACON if read(DEVICES[name]).raw["kind"] in ("lbl", "usbl") else ""
+    return USES.get(read(DEVICES[name]).raw["kind"], "")
 
 
 @pytest.mark.parametrize("name", DEVICES)
@@ -42,7 +43,7 @@ def test_a_device_measures(name, tmp_path):
     world.step(240)
     assert world.ports["rov/device"].kind == read(DEVICES[name]).raw["kind"]
     assert world.sensors["rov/device"].seq > 0 or world.sensors["rov/device"].held is None
-    if use_of(name):
+    if use_of(name) == BEACON:
         sample = world.read("rov/device")
         assert sample.valid
         assert sample.value[1] == pytest.approx(87.0, abs=2.0)
