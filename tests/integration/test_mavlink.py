@@ -93,7 +93,11 @@ class Station:
         return int(self.until("COMMAND_ACK", lambda m: m.command == number).result)
 
     def mode(self, number: int) -> None:
-        assert self.command(176, 1.0, number) == 0
+        """Set a mode; for the second after the start in which the AHRS settles, the vehicle refuses."""
+        end = time.monotonic() + PATIENCE_S
+        while self.command(176, 1.0, number) != 0:
+            assert time.monotonic() < end, f"mode {number} is refused"
+            time.sleep(0.1)
         self.until("HEARTBEAT", lambda m: m.custom_mode == number)
 
 
