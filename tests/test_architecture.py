@@ -58,6 +58,7 @@ CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.t
 """All of uwserver that an adapter may import."""
 
 SHARED_BY_ADAPTERS = {
+    "uwserver_adapters.log_file",
     "uwserver_adapters.nesting",
     "uwserver_adapters.serial_port",
     "uwserver_adapters.sil",

@@ -19,16 +19,20 @@ class Bias(ModifierTable, tag="bias", kw_only=True, frozen=True):
         Raises:
             ValueError: unknown field, or `value` has another number of components than the field.
         """
-        return _Bias(self, stream)
+        return _Bias(stream, self.field, "value", self.value, self.sigma)
 
 
-class _Bias:
-    def __init__(self, config: Bias, stream: Stream) -> None:
+class _Drawn:
+    """Keeps, for each component of a field, what key `key` gives and an error of it drawn once."""
+
+    def __init__(self, stream: Stream, field: str, key: str, given: float | tuple[float, ...], sigma: float) -> None:
         self.stream = stream
-        self._index, value = stream.of_each(config.field, "value", config.value)
-        turn_on = stream.rng.normal(0.0, config.sigma, len(value)).tolist()
-        self.memory = [v + t for v, t in zip(value, turn_on, strict=True)]
+        self._index, each = stream.of_each(field, key, given)
+        turn_on = stream.rng.normal(0.0, sigma, len(each)).tolist()
+        self.memory = [g + t for g, t in zip(each, turn_on, strict=True)]
 
+
+class _Bias(_Drawn):
     def apply(self, reading: Measurement) -> None:
         reading.values[self._index] = shifted(reading.values[self._index], self.memory)
 
@@ -47,16 +51,10 @@ class Scale(ModifierTable, tag="scale", kw_only=True, frozen=True):
         Raises:
             ValueError: unknown field, or `factor` has another number of components than the field.
         """
-        return _Scale(self, stream)
+        return _Scale(stream, self.field, "factor", self.factor, self.sigma)
 
 
-class _Scale:
-    def __init__(self, config: Scale, stream: Stream) -> None:
-        self.stream = stream
-        self._index, factor = stream.of_each(config.field, "factor", config.factor)
-        turn_on = stream.rng.normal(0.0, config.sigma, len(factor)).tolist()
-        self.memory = [f + t for f, t in zip(factor, turn_on, strict=True)]
-
+class _Scale(_Drawn):
     def apply(self, reading: Measurement) -> None:
         value = reading.values[self._index]
         if isinstance(value, tuple):

@@ -19,7 +19,7 @@ from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.readings import Readings
-from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
+from uwserver_adapters.sil.world import Deaf, bound, failure, physics_hz, stand_by
 
 _log = logging.getLogger(__name__)
 
@@ -88,7 +88,7 @@ class ArduPilotAdapter:
         stats.details["frame_rate_hz"] = 0
         failed, on_reply = failure()
         with contextlib.ExitStack() as stack:
-            endpoint = stack.enter_context(self._bound())
+            endpoint = stack.enter_context(bound(socket.SOCK_DGRAM, config.bind, config.port))
             link = None if config.dvl is None else MavlinkOut(config.dvl.address)
             driver = self._driver(endpoint, link)
             stack.callback(context.attach(Deaf()))
@@ -108,19 +108,6 @@ class ArduPilotAdapter:
                     await asyncio.gather(sending, return_exceptions=True)
                 stats.peers = 0
                 stats.state = "stopped"
-
-    def _bound(self) -> socket.socket:
-        config = self.config
-        family, kind, _, _, address = socket.getaddrinfo(config.bind, config.port, type=socket.SOCK_DGRAM)[0]
-        endpoint = socket.socket(family, kind)
-        try:
-            endpoint.setblocking(False)
-            endpoint.bind(address)
-        except OSError as error:
-            endpoint.close()
-            text = f"udp {config.bind}:{config.port} cannot be bound: {error.strerror or error}"
-            raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
-        return endpoint
 
     def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
         config, context = self.config, self.context

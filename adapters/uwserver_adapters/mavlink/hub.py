@@ -68,7 +68,7 @@ class Hub:
         self._shown_at = 0.0
         self.vehicle = Vehicle(config, context, vehicle, dialect, self.send)
         self._counters = self.vehicle.counters
-        self._tlog = Tlog(config.tlog, lambda: int((steady() + self._offset) * 1e6)) if config.tlog else None
+        self._tlog = Tlog(config.tlog, lambda: int((steady() + self._offset) * 1e6), context) if config.tlog else None
 
     def _stamp(self) -> int:
         return int((self._steady() + self._offset - EPOCH_S) * STAMPS_PER_S)

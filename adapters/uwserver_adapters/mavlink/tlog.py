@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
-_BUFFER = 1 << 16
+from uwserver.adapter import AdapterContext
+from uwserver_adapters.log_file import LogFile
 
 
 class Tlog:
-    """Writes one file, anew.
+    """Writes one `LogFile`.
 
     Args:
-        path: of the file; a relative one starts from the folder in which the server was started.
+        path: of the file.
         unix_us: time, microseconds since 1970.
+        context: whose `stats` tell of errors.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be opened.
     """
 
-    def __init__(self, path: str, unix_us: Callable[[], int]) -> None:
+    def __init__(self, path: str, unix_us: Callable[[], int], context: AdapterContext) -> None:
         self._now = unix_us
-        self._file = Path(path).open("wb", buffering=_BUFFER)  # noqa: SIM115  # closed by `close`
+        self._file = LogFile(path, context)
 
     def write(self, frame: bytes) -> None:
         """One frame, sent or received."""

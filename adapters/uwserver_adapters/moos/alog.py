@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import TextIO
 
 from uwserver.adapter import AdapterContext
+from uwserver_adapters.log_file import LogFile
 
-_log = logging.getLogger(__name__)
-
-FLUSH_S = 1.0
-"""Wall time after which lines are in the file at the latest, so that a killed server loses no more."""
 _RULE = "%" * 80
-_BUFFER = 1 << 16
 
 
 class Alog:
-    """Writes one file, anew; an earlier one of this name is kept under the next free number (``dive_1.alog``). Times are seconds since its
-    start. When the disk is full, say, it ends and tells so; all else goes on.
+    """Writes one `LogFile`; an earlier one of this name is kept under the next free number (``dive_1.alog``). Times are seconds since its start.
 
     Args:
-        path: of the file; a relative one starts from the folder in which the server was started.
+        path: of the file.
         now: MOOS time, s.
         context: whose `stats` tell of errors.
 
@@ -34,12 +25,8 @@ class Alog:
 
     def __init__(self, path: str, now: Callable[[], float], context: AdapterContext) -> None:
         self._start = now()
-        self._path = path
-        self._context = context
-        self._flushing: asyncio.TimerHandle | None = None
         _keep(Path(path))
-        self._file: TextIO | None
-        self._file = Path(path).open("w", encoding="utf-8", errors="replace", buffering=_BUFFER)  # noqa: SIM115  # closed by `close`
+        self._file = LogFile(path, context)
         head = (f"LOG FILE:       {path}", "FILE OPENED BY  uwserver", f"LOGSTART        {self._start:.3f}")
         self._put("\n".join((_RULE, *(f"%% {line}" for line in head), _RULE)) + "\n")
 
@@ -52,42 +39,11 @@ class Alog:
         self._put(" ".join(words) + "\n")
 
     def _put(self, text: str) -> None:
-        if self._file is None:
-            return
-        try:
-            self._file.write(text)
-        except OSError as error:
-            self._fail(error)
-        else:
-            if self._flushing is None:
-                self._flushing = asyncio.get_running_loop().call_later(FLUSH_S, self._flush)
-
-    def _flush(self) -> None:
-        self._flushing = None
-        if self._file is not None:
-            try:
-                self._file.flush()
-            except OSError as error:
-                self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        text = f"the log {self._path} ends: {error}"
-        self._context.stats.errors += 1
-        self._context.stats.last_error = text
-        _log.warning("%s: %s", self._context.name, text)
-        file, self._file = self._file, None
-        if file is not None:
-            with contextlib.suppress(OSError):  # what it still holds cannot be written either
-                file.close()
+        self._file.write(text.encode("utf-8", "replace"))
 
     def close(self) -> None:
         """End it."""
-        if self._flushing is not None:
-            self._flushing.cancel()
-        self._flush()
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        self._file.close()
 
 
 def _keep(path: Path) -> None:

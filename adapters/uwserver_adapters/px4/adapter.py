@@ -15,7 +15,7 @@ from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver_adapters.px4.senses import Roles, Senses
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.readings import Readings
-from uwserver_adapters.sil.world import Deaf, failure, physics_hz, stand_by
+from uwserver_adapters.sil.world import Deaf, bound, failure, physics_hz, stand_by
 
 if TYPE_CHECKING:
     from uwserver_adapters.px4.driver import Px4Driver
@@ -95,7 +95,7 @@ class Px4Adapter:
         stats = context.stats
         failed, on_reply = failure()
         with contextlib.ExitStack() as stack:
-            listener = stack.enter_context(self._listening())
+            listener = stack.enter_context(bound(socket.SOCK_STREAM, config.bind, config.port))
             driver = self._driver(listener)
             stack.callback(driver.close)
             stack.callback(context.attach(Deaf()))
@@ -110,21 +110,6 @@ class Px4Adapter:
                 await failed
             finally:
                 stats.state = "stopped"
-
-    def _listening(self) -> socket.socket:
-        config = self.config
-        family, kind, _, _, address = socket.getaddrinfo(config.bind, config.port, type=socket.SOCK_STREAM)[0]
-        listener = socket.socket(family, kind)
-        try:
-            listener.setblocking(False)
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind(address)
-            listener.listen(8)
-        except OSError as error:
-            listener.close()
-            text = f"tcp {config.bind}:{config.port} cannot be bound: {error.strerror or error}"
-            raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
-        return listener
 
     def _driver(self, listener: socket.socket) -> Px4Driver:
         try:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 from collections.abc import Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterContext
 from uwserver.frames import Quat, Vec3, conjugate, rotate
 from uwserver.ports import Event, OnReply, Progress, Reply, Sample
+from uwserver_adapters.sil.channels import CannotServe
 
 _log = logging.getLogger(__name__)
 
@@ -45,6 +47,32 @@ async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
     stats.state = "running"
     ready.set()
     await asyncio.get_running_loop().create_future()
+
+
+def bound(kind: socket.SocketKind, bind: str, port: int) -> socket.socket:
+    """A non-blocking socket at an address, for datagrams or to accept connections.
+
+    Raises:
+        CannotServe: there is no such address, or it is taken.
+    """
+    try:
+        family, _, _, _, address = socket.getaddrinfo(bind, port, type=kind)[0]
+        endpoint = socket.socket(family, kind)
+        try:
+            endpoint.setblocking(False)
+            if kind == socket.SOCK_STREAM:
+                endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            endpoint.bind(address)
+            if kind == socket.SOCK_STREAM:
+                endpoint.listen(8)
+        except OSError:
+            endpoint.close()
+            raise
+    except OSError as error:
+        protocol = "tcp" if kind == socket.SOCK_STREAM else "udp"
+        text = f"{protocol} {bind}:{port} cannot be bound: {error.strerror or error}"
+        raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
+    return endpoint
 
 
 def failure() -> tuple[asyncio.Future[None], OnReply]:

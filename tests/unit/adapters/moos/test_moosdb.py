@@ -9,7 +9,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from uwserver_adapters.moos import MoosDbAdapter, alog, guests, wire
+from uwserver_adapters import log_file
+from uwserver_adapters.moos import MoosDbAdapter, guests, wire
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.database import Database
 from uwserver_adapters.moos.local import CannotListen
@@ -414,7 +415,7 @@ async def test_the_log_has_all_that_went_through(tank, connect, tmp_path: Path):
 
 async def test_the_log_is_on_disk_before_the_end(tank, connect, until, tmp_path: Path, monkeypatch):
     """Who kills the server keeps the log."""
-    monkeypatch.setattr(alog, "FLUSH_S", 0.02)
+    monkeypatch.setattr(log_file, "FLUSH_S", 0.02)
     path = tmp_path / "tank.alog"
     async with tank(bridge=BridgeTable(alog=str(path))) as context:
         client = await connect(context.stats.address, "a")
@@ -435,7 +436,7 @@ async def test_an_earlier_log_is_kept(tank, tmp_path: Path):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 async def test_a_full_disk_ends_the_log_alone(tank, connect, until, monkeypatch):
-    monkeypatch.setattr(alog, "FLUSH_S", 0.02)
+    monkeypatch.setattr(log_file, "FLUSH_S", 0.02)
     async with tank(bridge=BridgeTable(alog="/dev/full")) as context:
         await until(lambda: "the log /dev/full ends" in context.stats.last_error, "told")
         client = await connect(context.stats.address, "a")
