@@ -18,7 +18,8 @@ _BUFFER = 1 << 16
 
 
 class LogFile:
-    """Writes one file, anew. When the disk is full, say, it ends and tells so; all else goes on. Loop thread.
+    """Writes one file; an earlier one of this name is kept under the next free number (``dive_1.alog``). When the disk is full, say, it ends and
+    tells so; all else goes on. Loop thread.
 
     Args:
         path: of the file; a relative one starts from the folder in which the server was started.
@@ -32,6 +33,7 @@ class LogFile:
         self._path = path
         self._context = context
         self._flushing: asyncio.TimerHandle | None = None
+        _keep(Path(path))
         self._file: BinaryIO | None = Path(path).open("wb", buffering=_BUFFER)  # noqa: SIM115  # closed by `close`
 
     def write(self, data: bytes) -> None:
@@ -72,3 +74,11 @@ class LogFile:
         if self._file is not None:
             self._file.close()
             self._file = None
+
+
+def _keep(path: Path) -> None:
+    if path.is_file():
+        number = 1
+        while (kept := path.with_stem(f"{path.stem}_{number}")).exists():
+            number += 1
+        path.rename(kept)

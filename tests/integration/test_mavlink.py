@@ -124,6 +124,7 @@ def test_a_dive(tank: dict[str, int], url: str) -> None:
             lambda: gcs.mav.manual_control_send(1, 0, 0, 0, 0, 0),  # the heave stick right down
         )
         gcs.until("VFR_HUD", lambda m: m.alt < start / 1e3 - 0.7)
+        gcs.until("SERVO_OUTPUT_RAW", lambda m: m.servo5_raw != 1500 != m.servo8_raw)
 
 
 def test_guided_and_a_mission(tank: dict[str, int]) -> None:

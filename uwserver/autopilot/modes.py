@@ -43,6 +43,7 @@ FOLLOWS: Mapping[str, tuple[Mode, ...]] = {
     "attitude": ("guided",),
     "velocity": ("velocity", "guided"),
     "position": ("position_hold", "guided"),
+    "test": MODES,
 }
 """Modes in which a set point's port takes commands; the others refuse them, so that nobody waits for what will not come."""
 

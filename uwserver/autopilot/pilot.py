@@ -15,9 +15,9 @@ from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.goal import Later
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
-from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Mode, Orders, Saved
+from uwserver.autopilot.outputs import Outputs
+from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders, Saved
 from uwserver.autopilot.sticks import enter, stay
-from uwserver.frames import Vec3
 from uwserver.ports import Fault, Json, OnReply, Progress, Refused, Reply, Sample
 
 _PROGRESS_S = 0.5
@@ -66,6 +66,7 @@ class Craft:
         estimator, allocation, helm: its parts.
         held: the actuators, in the order of the allocation's commands.
         blocked: others on the same devices.
+        outputs: commands of `held` as parts of full ones.
         gains: at the start.
         divisor: ticks of a step.
         dt: of a step, s.
@@ -80,6 +81,7 @@ class Craft:
     helm: Helm
     held: Sequence[Held]
     blocked: Sequence[Held]
+    outputs: Outputs
     gains: Gains
     divisor: int
     dt: float
@@ -134,7 +136,7 @@ class Autopilot:
 
     def step(self, t_ns: int) -> None:
         """One step: estimate, fail-safes, guidance, control, allocation, commands."""
-        e, m, o, craft = self.estimate, self.memory, self.orders, self.craft
+        e, o, craft = self.estimate, self.orders, self.craft
         now = known(e, o.gains, t_ns)
         craft.estimator.step(e, not now.motion, not now.depth)
         if o.waits and not missing(o.mode, now):
@@ -149,7 +151,11 @@ class Autopilot:
                 self._say(f'"{craft.path}" {told}')
         elif self._errand is not None:
             self._follow_errand()
-        tau = craft.helm.demand(e, m, o, now)
+        self._command(craft.outputs.commands(o.test) if o.test else self._control(now))
+
+    def _control(self, now: Known) -> list[Given]:
+        e, m, craft = self.estimate, self.memory, self.craft
+        tau = craft.helm.demand(e, m, self.orders, now)
         commands, made = craft.allocation.allocate(tau, craft.helm.speed(e, m, now))
         m.tau = tau
         a, b, c, d, f, g = (
@@ -157,7 +163,11 @@ class Autopilot:
             for axis, (wanted, got) in enumerate(zip(tau, made, strict=True))
         )
         m.lack = (a, b, c, d, f, g)
-        for slot, command in zip(craft.held, commands, strict=True):
+        return commands
+
+    def _command(self, commands: list[Given]) -> None:
+        self.memory.outputs = self.craft.outputs.parts(commands)
+        for slot, command in zip(self.craft.held, commands, strict=True):
             if slot.active:
                 slot.actuator.apply(command)
 
@@ -204,6 +214,7 @@ class Autopilot:
         before = self.orders.mode
         self.preempt(why)
         enter(self.orders, self.estimate, self.memory, mode)
+        self.orders.test = ()
         self._open_ports()
         if before != mode:
             self._say(f'"{self.craft.path}" mode {before} -> {mode}')
@@ -234,7 +245,7 @@ class Autopilot:
             return
         self.preempt("the autopilot was disarmed")
         o = self.orders
-        o.armed, o.failsafe, o.pilot = False, "", ""
+        o.armed, o.failsafe, o.pilot, o.test = False, "", "", ()
         for slot in self.craft.held:
             slot.actuator.neutral()
         self.memory = Memory()
@@ -259,18 +270,15 @@ class Autopilot:
             self._say(f'"{self.craft.path}" fail-safe: no command of the pilot, the sticks are neutral')
         o.pilot = "lost"
 
+    def end_test(self) -> None:
+        """Nobody tries the actuators any more: as the vehicle may be on deck, it does not go on by itself."""
+        if self.orders.test:
+            self._say(f'"{self.craft.path}" no command for {self.craft.path}/test: disarmed')
+            self.disarm()
+
     def hold(self) -> None:
         """Stop following, and hold what the mode holds where the vehicle is now."""
         enter(self.orders, self.estimate, self.memory, self.orders.mode)
-
-    def references(self) -> tuple[Vec3, float, float]:
-        """Place (p_N), depth and heading that are held now; nan where the mode holds none."""
-        o, mode = self.orders, self.orders.mode
-        free = o.frame or o.attitude is not None
-        place = o.place if mode in ("position_hold", "guided", "mission") and not free else NOWHERE
-        depth = NAN if mode in ("manual", "acro", "stabilise", "heading_hold") else o.depth
-        heading = NAN if mode in ("manual", "acro") or o.attitude is not None else o.heading
-        return place, depth, heading
 
     def _take_hold(self) -> None:
         path = self.craft.path
@@ -287,6 +295,8 @@ class Autopilot:
             modes = FOLLOWS[name]
             text = f"is not followed in mode {mode}: call {self.craft.path}/set_mode with {' or '.join(modes)} first"
             slot.refusal = "" if mode in modes else text
+        if "test" in self.set_points and not self.orders.armed:
+            self.set_points["test"].refusal = f"works while the autopilot is armed: call {self.craft.path}/arm first"
 
     def set_mission(self, items: tuple[Item, ...]) -> None:
         """Put a mission in; a vehicle on the old one holds where it is."""

@@ -80,6 +80,7 @@ class Memory(Struct):
         slope: a torpedo's learnt slope, rad. `crab`: its course less its heading, rad. `through`: its speed by its propeller, m/s.
         tau: demanded wrench in B, N and N m.
         lack: what the actuators could not give of it.
+        outputs: what the actuators were told, parts of their full commands.
     """
 
     push: Vec3 = STILL
@@ -89,6 +90,7 @@ class Memory(Struct):
     through: float = 0.0
     tau: Six = (0.0,) * 6
     lack: Six = (0.0,) * 6
+    outputs: tuple[float, ...] = ()
 
 
 class Orders(Struct):
@@ -112,6 +114,7 @@ class Orders(Struct):
         items, index, reached: mission, item under way (-1 none), items done.
         entered: the item under way has set its set points.
         waited: time spent at the item's place, s.
+        test: parts of the full commands that are tried instead of control; () for none.
         failsafe: "" or the reason.
         gains: in use.
     """
@@ -147,6 +150,7 @@ class Orders(Struct):
     reached: int = 0
     entered: bool = False
     waited: float = 0.0
+    test: tuple[float, ...] = ()
     failsafe: str = ""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
@@ -26,8 +26,9 @@ from uwserver.autopilot.estimator import Estimator, Source, Surroundings
 from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.hover import Hover
+from uwserver.autopilot.outputs import Hold, Outputs
 from uwserver.autopilot.pilot import Autopilot, Craft, Held, Helm
-from uwserver.autopilot.ports import StateSensor, set_points
+from uwserver.autopilot.ports import TEST_TIMEOUT_S, StateSensor, set_points
 from uwserver.autopilot.services import services
 from uwserver.autopilot.state import Six
 from uwserver.autopilot.torpedo import Torpedo
@@ -109,6 +110,7 @@ def build_autopilot(
         helm=helm,
         held=hands.held,
         blocked=hands.blocked,
+        outputs=Outputs(hands.holds),
         gains=gains,
         divisor=divisor,
         dt=dt,
@@ -145,7 +147,9 @@ def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
 
 
 def _set_point_slots(world: World, path: str, pilot: Autopilot, config: AutopilotConfig) -> Iterator[ActuatorSlot]:
-    timeouts = {"pilot": config.pilot_timeout_s} | dict.fromkeys(("velocity", "attitude"), config.setpoint_timeout_s)
+    timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S} | dict.fromkeys(
+        ("velocity", "attitude"), config.setpoint_timeout_s
+    )
     for name, point in set_points(pilot):
         timeout = timeouts.get(name, 0.0)
         port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
@@ -213,7 +217,14 @@ class _Hands:
     """Actuators that are commanded, in the allocation's order, and others on the same devices, which are only kept from commanding them."""
 
     held: list[Held] = field(default_factory=list)
+    holds: list[Hold] = field(default_factory=list)
     blocked: list[Held] = field(default_factory=list)
+
+    def take(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
+        """Hold an actuator. A field without a largest value has `strongest` as its full command."""
+        full = tuple((field.maximum or strongest,) * field.size for field in slot.port.fields)
+        self.held.append(slot)
+        self.holds.append(Hold(tuple(names), full))
 
 
 def _controls(
@@ -230,7 +241,7 @@ def _controls(
         allocation = _thrusters(file, params, actuators, hands)
     else:
         key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
-        hands.held.append(actuators[key])
+        hands.take(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
         allocation = Wrench(_wrench_limits(file, params))
     drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
     return allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
@@ -239,9 +250,11 @@ def _controls(
 def _devices(
     file: VehicleFile,
     kinds: tuple[type, ...],
+    table: str,
     everything: tuple[str, ...],
     actuators: Mapping[str, ActuatorSlot],
     hands: _Hands,
+    strongest: float = 0.0,
 ) -> Iterator[tuple[ActuatorConfig, tuple[str, ...]]]:
     """The actuators of these kinds with the names of their devices, those of many first; no device comes twice."""
     members = {
@@ -255,7 +268,7 @@ def _devices(
             hands.blocked.append(actuators[key])
             continue
         seen.update(names)
-        hands.held.append(actuators[key])
+        hands.take(actuators[key], [f"{table}.{name}" for name in names], strongest)
         yield file.actuators[key], names
 
 
@@ -267,11 +280,12 @@ def _six(values: FloatArray) -> Six:
 def _thrusters(
     file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
 ) -> Thrusters:
-    by_name = {thruster.name: thruster for thruster in params.thrusters}
+    by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
+    strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
     kinds = (ThrusterConfig, ThrustersConfig)
     return Thrusters([
-        ([_thrust(by_name[name]) for name in names], getattr(config, "input", "u") == "force")
-        for config, names in _devices(file, kinds, tuple(by_name), actuators, hands)
+        ([by_name[name] for name in names], getattr(config, "input", "u") == "force")
+        for config, names in _devices(file, kinds, "thrusters", tuple(by_name), actuators, hands, strongest)
     ])  # fmt: skip
 
 
@@ -293,10 +307,11 @@ def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
 def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands) -> FinsAndShaft:
     groups = [
         [_fin(params, f"fins.{name}") for name in names]
-        for _, names in _devices(file, (FinConfig, FinsConfig), tuple(file.fins), actuators, hands)
+        for _, names in _devices(file, (FinConfig, FinsConfig), "fins", tuple(file.fins), actuators, hands)
     ]
     propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
-    hands.held += [actuators[key] for key in propellers]
+    for key, member in propellers.items():
+        hands.take(actuators[key], (f"propellers.{member}",))
     shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
     return FinsAndShaft(groups, shaft, len(propellers))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 
 from uwserver_adapters.mavlink.channel import Channel
-from uwserver_adapters.mavlink.codec import from_degrees
+from uwserver_adapters.mavlink.codec import from_degrees, pulse
 from uwserver_adapters.mavlink.dialect import Message
 from uwserver_adapters.mavlink.failsafe import INFO, NOTICE, WARNING
 from uwserver_adapters.mavlink.home import Place, place_of_e7
@@ -24,6 +24,9 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, UNSUPPORTED_FRAME = 0, 2, 3,
 FORCE = 21196
 """Parameter 2 of ARM_DISARM."""
 _CUSTOM = 1
+_PERCENT, _PWM = 0, 1
+_BOARD_ORDER = 2
+"""Of DO_MOTOR_TEST: kinds of throttle, and motors counted as the outputs are."""
 _WAITING = 32
 """Commands that may wait for the world."""
 
@@ -305,17 +308,32 @@ class Commands:
 
     # -- hardware ---------------------------------------------------------------------------------------------------------------------
 
-    def _motor_test(self, _: Request) -> int:
-        self._vehicle.tell(
-            WARNING, "Motor test is not supported; disarmed, clients may command thrusters by their port"
-        )
+    def _motor_test(self, request: Request) -> int:
+        """As ArduSub: one motor more at each command, and without one for half a second the vehicle disarms."""
+        kind, throttle = request.whole(2), request.p[3]
+        if not self._vehicle.readings.state().armed:
+            return self._refuse("Arm motors before testing motors.")
+        if request.p[6] != _BOARD_ORDER:
+            return self._refuse(f"Motor test: bad test type {request.p[6]:g}")
+        if kind not in (_PERCENT, _PWM) or not math.isfinite(throttle):
+            return self._refuse(f"Motor test: bad throttle type {kind}")
+        if kind == _PERCENT:
+            throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
+        deflections = self._vehicle.outputs.test(request.whole(1), throttle)
+        if deflections is None:
+            return FAILED
+        self._vehicle.autopilot.command("test", {"outputs": deflections})
+        return ACCEPTED
+
+    def _refuse(self, text: str) -> int:
+        self._vehicle.tell(WARNING, text)
         return FAILED
 
     def _set_servo(self, request: Request) -> int:
         pulse_us = request.p[2]
         return (
             ACCEPTED
-            if math.isfinite(pulse_us) and self._vehicle.payload.set_servo(request.whole(1), pulse_us)
+            if math.isfinite(pulse_us) and self._vehicle.outputs.set_servo(request.whole(1), pulse_us)
             else FAILED
         )
 

@@ -21,7 +21,7 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
     origin_deg: latitude and longitude of the origin of N; without it a ground station may tell it (SET_GPS_GLOBAL_ORIGIN).
     parameters: values that differ from the defaults, by name.
     passphrase: signs all messages, and only signed ones are taken; the same is given to the ground station.
-    tlog: file (.tlog) for all messages of all links; written anew at each start.
+    tlog: file (.tlog) for all messages of all links; an earlier one of this name is kept under a number.
     frames_per_s: taken from one peer; more are dropped and counted.
     """
 

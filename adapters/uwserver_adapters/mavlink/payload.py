@@ -8,31 +8,22 @@ TILT_STEP_DEG, TILT_LIMIT_DEG = 5.0, 45.0
 
 
 class Payload:
-    """What ArduSub keeps of camera mount, lights and servo outputs.
+    """What ArduSub keeps of camera mount and lights.
 
     Attributes:
         tilt, pan: of the camera, degrees, up and to starboard positive.
         lights: brightness of both, 0 to 1.
-        servos: pulses (us) that were set by command, by output.
     """
 
     def __init__(self) -> None:
         self.tilt = 0.0
         self.pan = 0.0
         self.lights = [0.0, 0.0]
-        self.servos: dict[int, int] = {}
 
     def point(self, tilt: float, pan: float) -> None:
         """Point the camera, degrees; it goes as far as it can."""
         self.tilt = min(TILT_LIMIT_DEG, max(-TILT_LIMIT_DEG, tilt))
         self.pan = min(TILT_LIMIT_DEG, max(-TILT_LIMIT_DEG, pan))
-
-    def set_servo(self, output: int, pulse_us: float) -> bool:
-        """Set an output; False for one that is not there, or a pulse that no servo understands."""
-        if not 1 <= output <= 16 or not 500 <= pulse_us <= 2500:
-            return False
-        self.servos[output] = round(pulse_us)
-        return True
 
     def actions(self, light_steps: Callable[[], float]) -> Mapping[int, Callable[[], None]]:
         """What buttons do here, by the number of their function in ArduSub.

@@ -28,6 +28,7 @@ class State(Struct, frozen=True):
         depth, altitude: below the surface, above the bottom, m.
         p_ref_N, depth_ref, heading_ref: set points.
         mission_index, mission_count, reached: of the mission.
+        outputs: commands of the actuators that the autopilot holds, -1 to 1.
     """
 
     has_autopilot: bool = False
@@ -47,6 +48,7 @@ class State(Struct, frozen=True):
     mission_index: int = -1
     mission_count: int = 0
     reached: int = 0
+    outputs: tuple[float, ...] = ()
 
 
 class Readings:
@@ -153,6 +155,7 @@ class Readings:
             mission_index=_whole(said.get("mission_index"), -1),
             mission_count=_whole(said.get("mission_count"), 0),
             reached=_whole(said.get("reached"), 0),
+            outputs=_row(said.get("outputs")),
         )
 
     def _without_autopilot(self) -> State:
@@ -179,6 +182,10 @@ def _quat(value: object) -> Quat | None:
     if row is None or not 0.5 < sum(entry * entry for entry in row) < 2.0:
         return None
     return (row[0], row[1], row[2], row[3])
+
+
+def _row(value: object) -> tuple[float, ...]:
+    return (vector(value, len(value)) or ()) if isinstance(value, tuple) else ()
 
 
 def _whole(value: object, default: int) -> int:

@@ -270,9 +270,10 @@ class Telemetry:
         return fields | {f"chan{k}_raw": pulse_us for k, pulse_us in enumerate(channels, 1)}
 
     def _servo_output(self) -> Fields:
-        servos = self._vehicle.servos()
+        state = self._state
+        servos = self._vehicle.outputs.pulses(state.outputs if state.armed else ())
         fields: dict[str, int] = {"time_usec": microseconds(self._readings.t_ns) & 0xFFFF_FFFF}
-        return fields | {f"servo{number}_raw": width for number, width in servos.items() if 1 <= number <= 16}
+        return fields | {f"servo{number}_raw": width for number, width in servos.items()}
 
     def _mission_current(self) -> Fields:
         return self._vehicle.missions.current()

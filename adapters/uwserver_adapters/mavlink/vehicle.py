@@ -22,6 +22,7 @@ from uwserver_adapters.mavlink.home import Home
 from uwserver_adapters.mavlink.identity import Identity
 from uwserver_adapters.mavlink.missions import Missions
 from uwserver_adapters.mavlink.modes import BY_NAME, Mode
+from uwserver_adapters.mavlink.outputs import Outputs, wired
 from uwserver_adapters.mavlink.parameters import Parameters
 from uwserver_adapters.mavlink.payload import Payload
 from uwserver_adapters.mavlink.pilot import Pilot
@@ -82,13 +83,15 @@ class Vehicle:
         self._last_yaw: float | None = None
         self._beat_at = -HEARTBEAT_S
         self._text_id = 0
+        motors = _motors(context, name)
         self.identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name))
-        given = {"MAV_SYSID": config.system, "FRAME_CONFIG": self.identity.frame, **config.parameters}
+        given = {"MAV_SYSID": config.system, "FRAME_CONFIG": self.identity.frame, **wired(motors), **config.parameters}
         self.parameters = Parameters(given)
         self.readings = Readings(context, name)
         self.autopilot = Autopilot(context, name)
         self.home = Home(config.origin_deg)
         self.payload = Payload()
+        self.outputs = Outputs(self.parameters, self.payload, motors)
         self.failsafes = Failsafes(self)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: self.tell(INFO, text))
         self.missions = Missions(self)
@@ -294,14 +297,11 @@ class Vehicle:
         """Streams of a new channel: rates (Hz) by group."""
         return {group: self.parameters.value(f"MAV1_{suffix}") for group, (suffix, _) in GROUPS.items()}
 
-    def servos(self) -> Mapping[int, int]:
-        """Pulses (us) by output, as far as they are known."""
-        return self.payload.servos
-
     def arm(self, force: bool, done: Done) -> None:
         """Arm, and say so. What the sticks last said was said to a vehicle at rest: it does not count."""
         self.failsafes.armed()
         self.pilot.neutral()
+        self.outputs.begin_test()
         self.autopilot.call("arm", {"force": force}, self._announced(done, "Arming motors", armed=True))
 
     def disarm(self, done: Done) -> None:
@@ -356,6 +356,12 @@ def _thrusters(context: AdapterContext, vehicle: str) -> int:
         port for path, port in context.ports.items() if port.kind == "thrusters" and path.startswith(f"{vehicle}/")
     )
     return sum(port.fields[0].size for port in ports)
+
+
+def _motors(context: AdapterContext, vehicle: str) -> int:
+    """How many outputs its autopilot has."""
+    port = context.ports.get(f"{vehicle}/autopilot/test")
+    return port.fields[0].size if port is not None else 0
 
 
 def _epoch_ns(context: AdapterContext) -> int:

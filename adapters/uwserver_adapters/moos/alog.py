@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 from uwserver.adapter import AdapterContext
 from uwserver_adapters.log_file import LogFile
@@ -12,7 +11,7 @@ _RULE = "%" * 80
 
 
 class Alog:
-    """Writes one `LogFile`; an earlier one of this name is kept under the next free number (``dive_1.alog``). Times are seconds since its start.
+    """Writes one `LogFile`. Times are seconds since its start.
 
     Args:
         path: of the file.
@@ -25,7 +24,6 @@ class Alog:
 
     def __init__(self, path: str, now: Callable[[], float], context: AdapterContext) -> None:
         self._start = now()
-        _keep(Path(path))
         self._file = LogFile(path, context)
         head = (f"LOG FILE:       {path}", "FILE OPENED BY  uwserver", f"LOGSTART        {self._start:.3f}")
         self._put("\n".join((_RULE, *(f"%% {line}" for line in head), _RULE)) + "\n")
@@ -44,14 +42,6 @@ class Alog:
     def close(self) -> None:
         """End it."""
         self._file.close()
-
-
-def _keep(path: Path) -> None:
-    if path.is_file():
-        number = 1
-        while (kept := path.with_stem(f"{path.stem}_{number}")).exists():
-            number += 1
-        path.rename(kept)
 
 
 def _line(text: str) -> str:

@@ -28,6 +28,18 @@ def test_what_was_written_is_on_the_disk_before_it_is_closed(tmp_path: Path, mon
     asyncio.run(scene())
 
 
+def test_earlier_logs_are_kept_under_a_number(tmp_path: Path) -> None:
+    async def scene() -> None:
+        for text in (b"first", b"second", b"third"):
+            log = LogFile(str(tmp_path / "dive.tlog"), FakeContext())
+            log.write(text)
+            log.close()
+
+    asyncio.run(scene())
+    names = ("dive_1.tlog", "dive_2.tlog", "dive.tlog")
+    assert [(tmp_path / name).read_bytes() for name in names] == [b"first", b"second", b"third"]
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, as Linux has it")
 def test_a_full_disk_ends_the_log_and_nothing_else(caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:

@@ -87,7 +87,7 @@ class Flight:
 def flight(model: str, *, start: tuple[float, float, float] = (0.0, 0.0, 3.0), yaw_deg: float = 0.0,
            current: tuple[float, float, float] = (0.0, 0.0, 0.0), speed: float = 0.0, bottom: float | None = 30.0,
            without: tuple[str, ...] = (), autopilot: dict[str, Any] | None = None, seed: int = 3,
-           origin: bool = False) -> Flight:  # fmt: skip
+           origin: bool = False, override: dict[str, Any] | None = None) -> Flight:  # fmt: skip
     """A vehicle with AHRS, depth sensor and, over a bottom, DVL; 0.5 s old, so that its sensors have spoken."""
     builder = ScenarioBuilder("flight", seed=seed, rate_hz=RATE, adapters={})
     if origin:
@@ -95,7 +95,7 @@ def flight(model: str, *, start: tuple[float, float, float] = (0.0, 0.0, 3.0), y
     builder.current(velocity_ned_mps=current)
     config = {"start_position_ned_m": start, **(autopilot or {})}
     builder.vehicle("v", model, position_ned_m=start, attitude_rpy_deg=[0, 0, yaw_deg], velocity_frd_mps=[speed, 0, 0],
-                    autopilot=config)  # fmt: skip
+                    autopilot=config, override=override or {})  # fmt: skip
     if "ahrs" not in without:
         builder.sensor("v", "ahrs", "attitude", rate_hz=40, noise_deg=0.05, tilt_sigma_deg=0.3, heading_sigma_deg=0.3)
     if bottom is not None:

@@ -466,11 +466,11 @@ def test_steps_follow_the_physics_rate(fly):
 def test_ports_and_services_are_those_of_the_contract(fly):
     f = fly("bluerov2", bottom=None)
     ports = {path.removeprefix("v/autopilot/"): port for path, port in f.world.ports.items() if "/autopilot/" in path}
-    assert set(ports) == {"pilot", "depth", "altitude", "heading", "attitude", "velocity", "position", "state"}
+    assert set(ports) == {"pilot", "depth", "altitude", "heading", "attitude", "velocity", "position", "test", "state"}
     assert all(port.kind == "autopilot" for port in ports.values())
     assert [field.name for field in ports["state"].fields] == [
         "mode", "armed", "p_N", "position_valid", "v_N", "velocity_valid", "q_NB", "w_B", "depth", "altitude", "p_ref_N",
-        "depth_ref", "heading_ref", "mission_index", "mission_count", "reached", "tau", "failsafe",
+        "depth_ref", "heading_ref", "mission_index", "mission_count", "reached", "tau", "failsafe", "outputs",
     ]  # fmt: skip
     assert ports["pilot"].timeout_s == ports["velocity"].timeout_s == ports["attitude"].timeout_s == 1.0
     assert ports["depth"].timeout_s is None
@@ -479,3 +479,76 @@ def test_ports_and_services_are_those_of_the_contract(fly):
         "arm", "disarm", "set_mode", "goto", "cancel_goto", "set_mission", "get_mission", "start_mission", "clear_mission",
         "set_position", "get_gains", "set_gain",
     } <= services  # fmt: skip
+    assert ports["test"].timeout_s == 0.5
+
+
+# -- outputs, and the test of them ---------------------------------------------------------------------------------------------------------
+
+
+def test_outputs_are_the_commands_as_parts_of_full_ones(fly):
+    f = fly("bluerov2", bottom=None)
+    assert f.state["outputs"] == (0.0,) * 6
+    f.call("arm")
+    f.run(1.0, pilot={"u": [0.4, 0, 0, 0, 0, 0]})
+    assert any(f.state["outputs"])
+    assert f.state["outputs"] == pytest.approx(f.world.hydro.thrusters["command"].tolist())
+    f.call("disarm")
+    f.run(0.2)
+    assert f.state["outputs"] == (0.0,) * 6
+
+
+def test_outputs_of_fins_and_shaft_and_of_thrust_in_newtons(fly):
+    f = fly("remus100", bottom=None, start=(0.0, 0.0, 10.0))
+    f.call("arm")
+    f.run(1.0, pilot={"u": [1.0, 0, 0, 0, 1.0, 1.0]})
+    servos = f.world.hydro.servos
+    assert f.state["outputs"] == pytest.approx((servos["command"] / servos["high"]).tolist())
+    names = f.world.ports["v/autopilot/state"].fields[-1].doc.split(": ")[1].split(", ")
+    assert len(names) == len(servos)
+    assert names[-1].startswith("propellers.")
+
+    f = fly("bluerov2", bottom=None, override={"actuators": {"thrusters": {"input": "force"}}})
+    f.call("arm")
+    f.send("test", outputs=[1.0, 0, 0, 0, 0, -0.5])
+    f.run(0.1)
+    strongest = f.world.pilots.all["v"].craft.allocation._high[0]
+    assert f.world.hydro.thrusters["command"] == pytest.approx([strongest, 0, 0, 0, 0, -0.5 * strongest])
+
+
+def test_a_test_moves_one_actuator_and_ends_disarmed(fly):
+    f = fly("bluerov2", bottom=None)
+    assert "call v/autopilot/arm first" in f.refusal("autopilot/test", outputs=[0.2] * 6)
+    f.call("set_mode", mode="stabilise")
+    f.call("arm")
+    f.run(1.0, test={"outputs": [0, 0, -0.25, 0, 0, 0]}, pilot={"u": [1.0, 0, 0, 0, 0, 0]})
+    assert f.world.hydro.thrusters["command"].tolist() == [0, 0, -0.25, 0, 0, 0]
+    assert f.state["outputs"] == (0, 0, -0.25, 0, 0, 0)
+    f.run(0.7, pilot={"u": [1.0, 0, 0, 0, 0, 0]})
+    assert not f.state["armed"]
+    assert not f.world.hydro.thrusters["command"].any()
+    assert any("no command for v/autopilot/test: disarmed" in text for text in f.events)
+
+
+def test_a_fail_safe_ends_a_test(fly):
+    f = fly("bluerov2", bottom=None)
+    f.call("arm")
+    f.send("test", outputs=[0.1] * 6)
+    f.run(0.1)
+    f.call("set_mode", mode="surface")
+    f.run(0.2)
+    assert f.state["outputs"] != (0.1,) * 6
+    f.run(1.0)
+    assert f.state["armed"], "the watchdog of a test that is over disarms nobody"
+
+
+def test_a_test_is_part_of_a_snapshot(fly):
+    f = fly("bluerov2", bottom=None)
+    f.call("arm")
+    f.send("test", outputs=[0.1, 0, 0, 0, 0, 0])
+    f.run(0.1)
+    before = snapshot.take(f.world)
+    f.call("disarm")
+    f.run(0.1)
+    snapshot.restore(f.world, before)
+    f.run(0.1)
+    assert f.state["outputs"] == (0.1, 0, 0, 0, 0, 0)

@@ -39,6 +39,7 @@ STATE: dict[str, tuple[Any, dict[str, Any]]] = {
     "reached": (0, {"type": "int"}),
     "tau": ((0.0,) * 6, {"shape": (6,)}),
     "failsafe": ("", {"type": "str"}),
+    "outputs": ((0.0,) * 8, {"shape": (8,)}),
 }
 INSTRUMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "imu": ("imu", {"f_S": (0.0, 0.0, -9.80665), "w_S": (0.01, -0.02, 0.03), "temperature": 12.5}),
@@ -58,6 +59,7 @@ SET_POINTS = {
     "attitude": [("q_NB", (4,), 1e6), ("heave", (), 1.0)],
     "velocity": [("v_B", (3,), 20.0), ("v_N", (3,), 20.0), ("yaw_rate", (), 10.0), ("heading", (), 100.0)],
     "position": [("p_N", (3,), 1e6), ("heading", (), 100.0)],
+    "test": [("outputs", (8,), 1.0)],
 }
 MODES = [
     "manual",
@@ -108,6 +110,8 @@ class FakeRov(FakeContext):
             fields = tuple(Field(name, "1", "x", **more) for name, (_, more) in STATE.items())
             ports.append(Port("rov/autopilot/state", "sensor", "autopilot", fields, "x", 10.0))
             for name, entries in SET_POINTS.items():
+                if name == "test":
+                    entries = [("outputs", (thrusters,), 1.0)]
                 wanted = tuple(Field(f, "1", "x", shape=s, minimum=-m, maximum=m) for f, s, m in entries)
                 ports.append(Port(f"rov/autopilot/{name}", "actuator", "autopilot", wanted, "x", timeout_s=1.0))
             services = [Service(f"rov/autopilot/{name}", "x", arguments) for name, arguments in SERVICES.items()]

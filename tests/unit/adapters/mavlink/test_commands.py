@@ -193,3 +193,69 @@ async def test_message_intervals(bench):
     assert len(station.of("ATTITUDE_QUATERNION")) == count
     assert await station.command(511, 999.0, 50_000.0) == FAILED
     assert await station.command(511, 31.0, -7.0) == DENIED
+
+
+# -- motors and servo outputs --------------------------------------------------------------------------------------------------------------
+
+
+def pulses(station):
+    message = station.last("SERVO_OUTPUT_RAW")
+    return [getattr(message, f"servo{k}_raw") for k in range(1, 17)]
+
+
+def show(bench, station):
+    bench.run(1.1)
+    station.heard.clear()
+    bench.run(1.1)
+    return pulses(station)
+
+
+async def test_servo_outputs_are_those_of_the_motors_and_the_payload(bench):
+    station = bench.station()
+    assert show(bench, station) == [1500] * 8 + [1100, 1500] + [0] * 6  # lights dark, camera level
+    bench.rov.state["outputs"] = (1.0, -1.0, 0.25, 0.0, 0.0, 0.0, 0.0, -0.5)
+    assert show(bench, station)[:8] == [1500] * 8, "disarmed"
+    bench.rov.state["armed"] = True
+    assert show(bench, station)[:8] == [1900, 1100, 1600, 1500, 1500, 1500, 1500, 1300]
+    assert await station.command(205, 45.0) == ACCEPTED
+    assert await station.command(183, 12, 1700) == ACCEPTED
+    assert show(bench, station)[8:12] == [1100, 1900, 0, 1700]
+    assert await station.command(183, 3, 1700) == FAILED, "an output of a motor is the autopilot's"
+
+
+def test_lights_of_a_button(bench):
+    station = bench.station()
+    bench.vehicle.parameters.set("BTN3_FUNCTION", 32.0)
+    station.send("MANUAL_CONTROL", 1, 0, 0, 500, 0, 8)
+    assert show(bench, station)[8] == 1200  # one of eight steps
+
+
+def test_six_motors_leave_the_camera_where_it_is(make_bench):
+    bench = make_bench(thrusters=6)
+    station = bench.station()
+    assert show(bench, station) == [1500] * 6 + [0, 1500, 1100, 1500] + [0] * 6
+
+
+async def test_a_motor_test(bench):
+    station = bench.station()
+    assert await station.command(209, 0, 1, 1600, 1, 0, 2) == FAILED
+    assert station.texts()[-1] == "Arm motors before testing motors."
+    await station.command(400, 1.0)
+    for motor, kind, throttle in ((0, 1, 1600), (7, 1, 1100), (2, 0, 75.0)):
+        assert await station.command(209, motor, kind, throttle, 1, 0, 2) == ACCEPTED
+    assert bench.rov.commanded("test")[-1] == {"outputs": (0.25, 0, 0.5, 0, 0, 0, 0, -1.0)}
+    assert await station.command_int(209, (0, 1, 1500, 1), 0, 2, 0.0) == ACCEPTED
+    assert bench.rov.commanded("test")[-1] == {"outputs": (0, 0, 0.5, 0, 0, 0, 0, -1.0)}
+    for bad in (
+        (8, 1, 1600, 1, 0, 2),
+        (-1, 1, 1600, 1, 0, 2),
+        (0, 2, 1600, 1, 0, 2),
+        (0, 1, math.nan, 1, 0, 2),
+        (0, 1, 1600, 1, 0, 0),
+    ):
+        assert await station.command(209, *bad) == FAILED, bad
+    assert len(bench.rov.commanded("test")) == 4
+    await station.command(400, 0.0)
+    await station.command(400, 1.0)
+    assert await station.command(209, 1, 1, 1700, 1, 0, 2) == ACCEPTED
+    assert bench.rov.commanded("test")[-1] == {"outputs": (0, 0.5, 0, 0, 0, 0, 0, 0)}, "a test begins with all at rest"
