@@ -16,10 +16,12 @@ STAMP := $(VENV)/.installed
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
 
+# MAVProxy is a peer of the tests, and needs neither vtk nor OpenCV of its windows.
 install: $(STAMP)  ## create .venv with everything installed and compile the physics
 $(STAMP): pyproject.toml clients/python/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[solid,bench,docs,dev]" -e clients/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps "MAVProxy>=1.8.71"
 	$(BIN)/python -m uwserver.physics.warm
 	@touch $@
 

@@ -218,12 +218,12 @@ def converse(process: subprocess.Popen[str], steps: list[tuple[str, str]], log: 
     """Write a line, wait for its answer, and so on."""
     assert process.stdin is not None
     for line, answer in steps:
-        before = log.stat().st_size
+        before = len(log.read_bytes()) if line else 0
         if line:
             process.stdin.write(line + "\n")
             process.stdin.flush()
         end = time.monotonic() + PATIENCE_S
-        while answer not in log.read_text(errors="replace")[before if line else 0 :]:
+        while answer.encode() not in log.read_bytes()[before:]:
             text = log.read_text(errors="replace")
             assert process.poll() is None, text
             assert time.monotonic() < end, f'no "{answer}" after "{line}":\n{text[-3000:]}'
