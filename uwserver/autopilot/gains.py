@@ -25,7 +25,6 @@ class Gains(Table, kw_only=True, frozen=True):
         heading_p: heading to yaw rate, 1/s.
         climb_p, climb_i: vertical speed to acceleration, 1/s and 1/s2.
         depth_p: depth to vertical speed, 1/s. A torpedo: depth error to its path's slope, rad/m.
-        depth_i: a torpedo's integral of the depth error to its path's slope, rad/(m s).
         velocity_p, velocity_i: horizontal speed to acceleration, 1/s and 1/s2.
         position_p: horizontal position to speed, 1/s.
         unwind: how fast an integral gives way to an actuator at its limit, 1/s.
@@ -57,7 +56,6 @@ class Gains(Table, kw_only=True, frozen=True):
     climb_p: Gain = 2.5
     climb_i: Gain = 0.8
     depth_p: Gain = 0.8
-    depth_i: Gain = 0.0
     velocity_p: Gain = 2.0
     velocity_i: Gain = 0.6
     position_p: Gain = 0.5

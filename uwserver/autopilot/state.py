@@ -77,7 +77,8 @@ class Memory(Struct):
     Attributes:
         push: learnt acceleration in N that keeps the vehicle where it is (buoyancy, current), m/s2.
         twist: learnt angular acceleration in B, rad/s2.
-        slope: a torpedo's learnt slope, rad. `crab`: its course less its heading, rad. `through`: its speed by its propeller, m/s.
+        crab, sag: of a torpedo, its course less its heading, and the slope of its way down less that of its axis, rad.
+        through: its speed by its propeller, m/s.
         tau: demanded wrench in B, N and N m.
         lack: what the actuators could not give of it.
         outputs: what the actuators were told, parts of their full commands.
@@ -85,8 +86,8 @@ class Memory(Struct):
 
     push: Vec3 = STILL
     twist: Vec3 = STILL
-    slope: float = 0.0
     crab: float = 0.0
+    sag: float = 0.0
     through: float = 0.0
     tau: Six = (0.0,) * 6
     lack: Six = (0.0,) * 6

@@ -38,7 +38,7 @@ def enter(o: Orders, e: Estimate, m: Memory, mode: Mode) -> None:
     o.speed, o.looks, o.radius, o.origin = NAN, False, 1.0, NOWHERE
     o.settled = o.astray = False
     o.entered, o.waited = False, 0.0
-    m.twist, m.slope = STILL, 0.0
+    m.twist = STILL
     stay(o, e)
 
 

@@ -12,11 +12,11 @@ from uwserver.frames import conjugate, rotate, rpy_from_quat
 
 _UP_M = 0.3
 _CRAB_S = 4.0
-"""Time constant with which the drift across the heading is learnt, s."""
+"""Time constant with which the drift across the heading is learnt, s; likewise that across the pitch."""
+_LEVEL = 0.03
+"""Slope of the way (rad) up to which the latter is learnt: on a steep way a current along it looks like drift."""
 _START_S = 3.0
 """Time constant of the speed while it is not measured, s."""
-_NEAR_M = 1.0
-"""The depth's integral learns within this error."""
 
 
 class Torpedo:
@@ -41,7 +41,7 @@ class Torpedo:
     def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
         """The wrench (B) that carries out the orders; moves set points by the sticks."""
         u = self.speed(e, m, known)
-        self._learn(e, m, u, known)
+        self._learn(e, m, o, u, known)
         pressure = max(u, SLOW_MPS) ** 2
         surge = self._surge(e, m, o, u, known)
         turned = surge if surge == surge else 0.0
@@ -55,10 +55,15 @@ class Torpedo:
             return (surge, 0.0, 0.0, roll, pitch, yaw)
         return (surge, 0.0, 0.0, *self._moment(e, m, o, u, known))
 
-    def _learn(self, e: Estimate, m: Memory, u: float, known: Known) -> None:
+    def _learn(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> None:
         if known.velocity and u > SLOW_MPS:
             crab = wrapped(math.atan2(e.v[1], e.v[0]) - heading_of(e))
             m.crab += (clamped(crab, 0.5) - m.crab) * self._dt / _CRAB_S
+        if known.depth and u > SLOW_MPS:
+            _, pitch, _ = rpy_from_quat(e.q)
+            slope = clamped(e.v[2] / u, 0.5)
+            weight = 1.0 / (1.0 + (slope / _LEVEL) ** 2)
+            m.sag += weight * (clamped(slope + pitch, o.gains.max_tilt_rad) - m.sag) * self._dt / _CRAB_S
 
     # -- ahead ----------------------------------------------------------------------------------------------------------------------
 
@@ -131,11 +136,8 @@ class Torpedo:
             dive = o.velocity[2]
             o.depth = e.p[2] + clamped(o.depth + dive * self._dt - e.p[2], 1.0)
         off = o.depth - e.p[2]
-        wanted = g.depth_p * off + m.slope + dive / max(u, SLOW_MPS)
-        slope = clamped(wanted, g.max_tilt_rad)
-        if abs(off) < _NEAR_M and slope == wanted:
-            m.slope = clamped(m.slope + g.depth_i * off * self._dt, g.max_tilt_rad)
-        return -slope
+        slope = g.depth_p * off + dive / max(u, SLOW_MPS)
+        return clamped(m.sag - slope, g.max_tilt_rad)
 
     def _course(self, e: Estimate, m: Memory, o: Orders, known: Known) -> None:
         """Set the heading so that the vehicle follows its line, its circle, or its velocity."""
