@@ -13,7 +13,7 @@ RUN test "$(uname -m)" = x86_64 \
     || { apt-get update && apt-get install -y --no-install-recommends g++ python3-dev && rm -rf /var/lib/apt/lists/*; }
 COPY . /src
 RUN python3.11 -m venv /opt/uwserver/venv \
-    && /opt/uwserver/venv/bin/pip install "/src[solid,mavlink]" "/src/clients/python[msgpack]" \
+    && /opt/uwserver/venv/bin/pip install "/src[solid,mavlink,zenoh]" "/src/clients/python[msgpack]" \
     && cd /opt/uwserver/venv/lib/python3.11/site-packages \
     # Example models, tests and the installer itself: a third of the size.
     && rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils \

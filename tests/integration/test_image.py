@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -154,8 +154,9 @@ class Served:
         return self.log.read_text()
 
 
-def served(image: Image, log: Path, environment: dict[str, str]) -> Iterator[Served]:
-    command = image.command(*image.config["Entrypoint"], *image.config["Cmd"], environment=environment)
+def served(image: Image, log: Path, environment: dict[str, str], arguments: Sequence[str] = ()) -> Iterator[Served]:
+    inside = [*image.config["Entrypoint"], *(arguments or image.config["Cmd"])]
+    command = image.command(*inside, environment=environment)
     with log.open("w") as out, subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True) as process:
         try:
             yield Served(process, log)
@@ -228,3 +229,29 @@ def test_makes_a_token_and_prints_the_line_to_type(container_without_token: Serv
     answer = container_without_token.beside(*uwclient(*arguments))
     assert answer.returncode == 0, answer.stderr
     assert "bluerov2/depth" in answer.stdout
+
+
+STATION = """
+from pymavlink import mavutil
+station = mavutil.mavlink_connection("udpin:127.0.0.1:14550", dialect="ardupilotmega", source_system=255)
+beat = station.wait_heartbeat(timeout=40)
+print("heard", beat.type, flush=True)
+station.mav.command_long_send(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
+print("version", station.recv_match(type="AUTOPILOT_VERSION", blocking=True, timeout=10).flight_sw_version >> 24, flush=True)
+"""
+
+
+@pytest.fixture
+def rov(image: Image, tmp_path: Path) -> Iterator[Served]:
+    yield from served(image, tmp_path / "log", {}, ("run", "bluerov2_qgc"))
+
+
+def test_a_ground_station_in_its_network_hears_it_by_itself(rov: Served) -> None:
+    rov.until("Ctrl-C ends it")
+    answer = rov.beside(sys.executable, "-c", STATION)
+    assert answer.stdout.split() == ["heard", "12", "version", "4"], answer.stderr
+
+
+def test_holds_what_the_adapters_need(image: Image) -> None:
+    imports = "import pymavlink, zenoh, pybullet, embreex; print('all')"
+    assert run(*image.command("python", "-c", imports)).strip() == "all"
