@@ -19,7 +19,7 @@ RUN python3.11 -m venv /opt/uwserver/venv \
     && rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils \
     && rm -rf pip pip-*.dist-info setuptools setuptools-*.dist-info pkg_resources _distutils_hack distutils-precedence.pth \
     && find pymavlink/dialects -name "*.py" ! -name __init__.py ! -path "*/v20/ardupilotmega.py" ! -path "*/v20/development.py" -delete \
-    && rm -rf pymavlink/generator \
+    && rm -rf pymavlink/generator lxml lxml-*.dist-info \
     && find numpy numba llvmlite scipy trimesh -type d -name tests -prune -exec rm -rf {} + \
     && find /opt/uwserver -type d -name __pycache__ -prune -exec rm -rf {} +
 # Compiles the kernels, and writes the byte code of what a server imports; so the run-time stage starts at once from a read-only disk.
