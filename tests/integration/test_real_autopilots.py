@@ -18,154 +18,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from autopilot_server import PATIENCE_S, PX4_SENSORS, SCENARIO, Server, ardusub_scenario, serving, until
+from autopilot_server import PATIENCE_S, PRESSURE_50_HZ, SCENARIO, Server, ardusub_scenario, serving, until
 
 ARDUSUB = os.environ.get("UWSERVER_ARDUSUB", "")
 PX4 = os.environ.get("UWSERVER_PX4", "")
 
 needs_ardusub = pytest.mark.skipif(not ARDUSUB, reason="UWSERVER_ARDUSUB is not set: an ardusub binary of a SITL build")
 needs_px4 = pytest.mark.skipif(not PX4, reason="UWSERVER_PX4 is not set: a px4 binary of a SITL build")
-
-
-class Gcs:
-    """The least of a ground station that can dive a submarine: heartbeats, pilot input, commands. An ArduSub comes to it."""
-
-    NEUTRAL = 1500
-    MODES: ClassVar[dict[str, int]] = {"STABILIZE": 0, "ALT_HOLD": 2, "GUIDED": 4, "POSHOLD": 16, "MANUAL": 19}
-
-    def __init__(self) -> None:
-        from pymavlink.dialects.v20 import ardupilotmega
-
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(0.02)
-        self.port = int(self.socket.getsockname()[1])
-        self.mav = ardupilotmega.MAVLink(None, 255, 190)
-        self.mav.robust_parsing = True
-        self.last: dict[str, Any] = {}
-        self.texts: list[str] = []
-        self.sticks: dict[int, int] = {}
-        self._address: Any = None
-        self._sent = 0.0
-        self._asked = False
-
-    def close(self) -> None:
-        self.socket.close()
-
-    def begin(self) -> None:
-        """Another autopilot will come."""
-        self.last.clear()
-        self._address, self._asked = None, False
-
-    def send(self, message: Any) -> None:
-        if self._address is not None:
-            with contextlib.suppress(ConnectionRefusedError):
-                self.socket.sendto(message.pack(self.mav), self._address)
-            self.mav.seq = (self.mav.seq + 1) % 256
-
-    def turn(self) -> None:
-        """Hear what there is, say what is due."""
-        with contextlib.suppress(TimeoutError, ConnectionRefusedError):
-            data, self._address = self.socket.recvfrom(65536)
-            for message in self.mav.parse_buffer(data) or []:
-                self.last[message.get_type()] = message
-                if message.get_type() == "STATUSTEXT":
-                    self.texts.append(message.text)
-        now = time.monotonic()
-        if now - self._sent > 0.1:
-            self._sent = now
-            self.send(self.mav.heartbeat_encode(6, 8, 0, 0, 0))
-            sticks = [self.sticks.get(channel, self.NEUTRAL) for channel in range(1, 9)]
-            self.send(self.mav.rc_channels_override_encode(1, 1, *sticks))
-            if not self._asked and "HEARTBEAT" in self.last:
-                self._asked = True
-                self.send(self.mav.request_data_stream_encode(1, 1, 0, 20, 1))
-
-    def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
-        end = time.monotonic() + patience_s
-        while not (value := condition()):
-            assert time.monotonic() < end, f"not within {patience_s:g} s: {what}; it said {self.texts[-8:]}"
-            self.turn()
-        return value
-
-    @property
-    def time_s(self) -> float:
-        """Its time, that of the simulation."""
-        return float(self.last["GLOBAL_POSITION_INT"].time_boot_ms) * 1e-3
-
-    @property
-    def altitude(self) -> float:
-        """As it believes, m."""
-        return float(self.last["GLOBAL_POSITION_INT"].alt) * 1e-3
-
-    def hold(self, seconds: float, look: Callable[[], float]) -> list[float]:
-        """What `look` said in so many seconds of simulation."""
-        seen, end = [look()], self.time_s + seconds
-        while self.time_s < end:
-            self.turn()
-            seen.append(look())
-        return seen
-
-    def command(self, number: int, *params: float, patience_s: float = PATIENCE_S) -> None:
-        """COMMAND_LONG, again each second until it is accepted."""
-        given = [*params, *[0.0] * (7 - len(params))]
-        end = time.monotonic() + patience_s
-        while True:
-            self.last.pop("COMMAND_ACK", None)
-            self.send(self.mav.command_long_encode(1, 1, number, 0, *given))
-            again = time.monotonic() + 1.0
-            while time.monotonic() < again:
-                self.turn()
-                answer = self.last.get("COMMAND_ACK")
-                if answer is not None and answer.command == number and answer.result == 0:
-                    return
-            assert time.monotonic() < end, f"command {number} {params}: {answer}; it said {self.texts[-8:]}"
-
-    def mode(self, name: str) -> None:
-        self.command(176, 1.0, float(self.MODES[name]))
-        self.until(lambda: self.last["HEARTBEAT"].custom_mode == self.MODES[name], f"mode {name}")
-
-    def arm(self) -> None:
-        self.command(400, 1.0)
-
-
-def params_beside(binary: Path) -> Path:
-    named = os.environ.get("UWSERVER_ARDUSUB_PARAMS")
-    if named:
-        return Path(named)
-    found = [folder / "Tools/autotest/default_params/sub.parm" for folder in binary.resolve().parents]
-    return next(file for file in found if file.is_file())
-
-
-@contextlib.contextmanager
-def ardusub(folder: Path, server: Server, gcs: Gcs, *options: str, params: str = "") -> Iterator[None]:
-    """A real one, killed with the test: it hears no SIGTERM while it waits for a simulator."""
-    extra = folder / "extra.parm"
-    extra.write_text(f"FRAME_CONFIG 2\nRNGFND1_TYPE 100\nRNGFND1_MAX 50\n{params}")
-    command = [
-        ARDUSUB, "--model", "JSON:127.0.0.1", "--sim-port-out", str(server.addresses["autopilot"][1]), "--speedup", "1",
-        "--home", "33.810313,-118.393867,0,0", "--defaults", f"{params_beside(Path(ARDUSUB))},{extra}",
-        "--serial0", f"udpclient:127.0.0.1:{gcs.port}", "-w", *options,
-    ]  # fmt: skip
-    with (folder / "ardusub.log").open("wb") as log:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, cwd=folder)
-        try:
-            yield
-        finally:
-            process.kill()
-            process.wait()
-
-
-def place(server: Server) -> tuple[float, float, float]:
-    north, east, down = server.last("rov/truth/pose")["p_NB"]
-    return north, east, down
-
-
-@pytest.fixture
-def gcs() -> Iterator[Gcs]:
-    pytest.importorskip("pymavlink", reason="pymavlink is not installed")
-    with contextlib.closing(Gcs()) as station:
-        yield station
 
 
 PACED_BY_US = 'no_time_sync = true\nrangefinders = ["altimeter"]'
@@ -319,7 +178,7 @@ def test_px4_flies_with_us(tmp_path: Path) -> None:
         port=4560,
         depth=5.0,
         clock="max_speed = 1.0",
-        sensors=PX4_SENSORS,
+        sensors=PRESSURE_50_HZ,
         adapter='kind = "px4_hil"\ndepth = "depth"',
     )
     binary = Path(PX4).resolve()
