@@ -1,6 +1,7 @@
 """The least of a ground station, and a real ArduSub for it to dive: for the opt-in tests `test_real_*.py`.
 
-`UWSERVER_ARDUSUB` names an `ardusub` of a SITL build; its `Tools/autotest` is looked for in the tree around it, or named by `UWSERVER_ARDUSUB_AUTOTEST`.
+`UWSERVER_ARDUSUB` names an `ardusub` of a SITL build; its `Tools/autotest` is looked for in the tree around it, or named by
+`UWSERVER_ARDUSUB_AUTOTEST`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,19 @@ HOME = (33.810313, -118.393867)
 
 NED_FRAME, ABOVE_HOME, ABOVE_GROUND = 1, 6, 11
 """MAV_FRAME: local NED, altitude over home and over ground, both with latitude and longitude as integers."""
+
+
+SENSORS = """
+[vehicles.rov.sensors.altimeter]
+kind = "altimeter"
+profile = "ping1d"
+rate_hz = 10
+[vehicles.rov.sensors.dvl]
+kind = "dvl"
+profile = "a50"
+rate_hz = 8
+"""
+"""Of a vehicle `rov`, beside an IMU."""
 
 
 class Gcs:
@@ -120,7 +134,7 @@ class Gcs:
         """As it believes, deg, -180 to 180."""
         return math.degrees(self.last["ATTITUDE"].yaw)
 
-    def hold(self, seconds: float, look: Callable[[], float] = lambda: 0.0) -> list[float]:
+    def hold(self, seconds: float, look: Callable[[], Any] = lambda: None) -> list[Any]:
         """What `look` said in so many seconds of simulation."""
         seen, end = [look()], self.time_s + seconds
         while self.time_s < end:
@@ -208,8 +222,9 @@ def autotest() -> Path:
     return next(folder for folder in found if folder.is_dir())
 
 
-def defaults() -> Path:
-    return autotest() / "default_params/sub.parm"
+def defaults(frame: int) -> Path:
+    """Those of a FRAME_CONFIG: `sub.parm` gives output 8 to a camera, so that its Heavy has seven thrusters."""
+    return autotest() / "default_params" / {1: "sub.parm", 2: "sub-6dof.parm"}[frame]
 
 
 @contextlib.contextmanager
@@ -221,7 +236,7 @@ def ardusub(
     extra.write_text(f"FRAME_CONFIG {frame}\nRNGFND1_TYPE 100\nRNGFND1_MAX 50\nBARO_SPEC_GRAV 1.024\n{params}")
     command = [
         ARDUSUB, "--model", "JSON:127.0.0.1", "--sim-port-out", str(server.addresses["autopilot"][1]),
-        "--speedup", f"{speedup:g}", "--home", f"{HOME[0]},{HOME[1]},0,0", "--defaults", f"{defaults()},{extra}",
+        "--speedup", f"{speedup:g}", "--home", f"{HOME[0]},{HOME[1]},0,0", "--defaults", f"{defaults(frame)},{extra}",
         "--serial0", f"udpclient:127.0.0.1:{gcs.port}", "-w", *options,
     ]  # fmt: skip
     with (folder / "ardusub.log").open("wb") as log:
@@ -237,6 +252,15 @@ def place(server: Server) -> tuple[float, float, float]:
     """Where the vehicle is in truth: north, east, down; m."""
     north, east, down = server.last("rov/truth/pose")["p_NB"]
     return north, east, down
+
+
+def kept(gcs: Gcs, server: Server, what: str, allowed: float = 0.3, seconds: float = 5.0) -> None:
+    """`watch_altitude_maintained` of ArduPilot's autotests: the depth, believed and true, stays within `allowed` of what it is now."""
+    seen = gcs.hold(seconds, lambda: (gcs.altitude, place(server)[2]))
+    believed = max(abs(altitude - seen[0][0]) for altitude, _ in seen)
+    true = max(abs(down - seen[0][1]) for _, down in seen)
+    print(f"{what}: at {seen[0][0]:.2f} m, believed within {believed:.3f} m, true within {true:.3f} m in {seconds:g} s")
+    assert max(believed, true) < allowed
 
 
 def settled(details: dict[str, Any]) -> tuple[int, int, int]:
