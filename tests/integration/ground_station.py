@@ -179,6 +179,17 @@ class Gcs:
         status = "EKF_STATUS_REPORT"
         self.until(lambda: status in self.last and self.last[status].flags & 0x10, "absolute position", 180)
 
+    def locate_by_odometry(self) -> None:
+        """The same without GPS: it is told an origin, and takes the rest from a DVL."""
+        self.until(lambda: self.last.get("EKF_STATUS_REPORT"), "an estimator", 180)
+        self.until(lambda: any("fusing odometry" in text for text in self.texts), "EKF3 is fusing odometry", 180)
+        lat, lon = HOME
+        for _ in range(3):
+            self.send(self.mav.set_gps_global_origin_encode(1, round(lat * 1e7), round(lon * 1e7), 0))
+            self.turn()
+        self.until(lambda: self.last["EKF_STATUS_REPORT"].flags & 0x8, "relative position", 180)
+        self.until(lambda: self.last.get("GLOBAL_POSITION_INT"), "a position", 60)
+
     def dive(self, altitude: float, stick: int, patience_s: float = 180) -> None:
         """By the throttle to an altitude, m, and the stick back to neutral."""
         down = self.altitude > altitude

@@ -144,7 +144,7 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
         adapter=BY_DVL if by_dvl else "", params=WITHOUT_GPS if by_dvl else "",
     ) as server:  # fmt: skip
         if by_dvl:
-            aided(gcs)
+            gcs.locate_by_odometry()
         else:
             gcs.locate()
         gcs.mode("ALT_HOLD")
@@ -178,18 +178,6 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
         swept = drifts(1.0)[-1]
         print(f"{aid}, 1 m/s: carried {swept:.2f} m in 10 s")
         assert 2.0 < swept < 10.0, "full thrust against it, and still too weak"
-
-
-def aided(gcs: Gcs) -> None:
-    """Without GPS: an origin from the ground station, and the DVL for the rest."""
-    gcs.until(lambda: gcs.last.get("EKF_STATUS_REPORT"), "an estimator", 180)
-    gcs.until(lambda: any("fusing odometry" in text for text in gcs.texts), "EKF3 is fusing odometry", 180)
-    lat, lon = degrees_at(0.0, 0.0)
-    for _ in range(3):
-        gcs.send(gcs.mav.set_gps_global_origin_encode(1, round(lat * 1e7), round(lon * 1e7), 0))
-        gcs.turn()
-    gcs.until(lambda: gcs.last["EKF_STATUS_REPORT"].flags & 0x8, "relative position", 180)
-    gcs.until(lambda: gcs.last.get("GLOBAL_POSITION_INT"), "a position", 60)
 
 
 def mission_of(file: Path) -> list[tuple[int, int, tuple[float, float, float, float], float, float, float]]:

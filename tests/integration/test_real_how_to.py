@@ -39,6 +39,10 @@ def station() -> Iterator[Gcs]:
         yield gcs
 
 
+def command_of_the_page() -> str:
+    return block("ardusub --model").replace("\\\n", " ").strip()
+
+
 class Desk:
     """A user's folder, with a server and an autopilot that are started and ended in any order."""
 
@@ -129,7 +133,7 @@ def moving(server: Server, ticks: int = 1200) -> None:
 @pytest.mark.parametrize("first", ["server", "autopilot"])
 def test_the_shipped_scenario(tmp_path: Path, station: Gcs, first: str) -> None:
     """Dives; survives the death of either side; Ctrl-C ends the server in order while the autopilot flies."""
-    with contextlib.closing(Desk(tmp_path, block("ardusub --model").replace("\\\n", " ").strip())) as desk:
+    with contextlib.closing(Desk(tmp_path, command_of_the_page())) as desk:
         if first == "autopilot":
             desk.start_autopilot()
             time.sleep(3.0)
@@ -173,7 +177,7 @@ def test_the_shipped_scenario(tmp_path: Path, station: Gcs, first: str) -> None:
 def test_four_hundred_hertz(tmp_path: Path, station: Gcs, pace: str) -> None:
     """What the page says about `--rate 400`, with either clock; no frame is lost or repeated, and the depth is kept within 0.3 m."""
     text = SHIPPED.replace("rate_hz = 1200", "rate_hz = 400") + block("[vehicles.bluerov2.sensors.pressure]")
-    command = block("ardusub --model").replace("\\\n", " ").strip() + " --rate 400"
+    command = command_of_the_page() + " --rate 400"
     if pace != "ours":
         text = re.sub(r"^max_speed.*\n", "", text, flags=re.M).replace("no_time_sync = true", "no_time_sync = false")
         command = command.replace("--speedup 1", pace)
@@ -193,3 +197,21 @@ def test_four_hundred_hertz(tmp_path: Path, station: Gcs, pace: str) -> None:
         assert settled(stats["details"]) == (0, 0, 0)
         assert stats["last_error"] == ""
         assert stats["details"]["frame_rate_hz"] == 400
+
+
+def test_the_dvl_alone(tmp_path: Path, station: Gcs) -> None:
+    """The page's two listings for a vehicle without GPS, added to the shipped scenario: POSHOLD is accepted."""
+    (tmp_path / "dvl.toml").write_text(SHIPPED + block("[adapters.ardusub.dvl]"))
+    with contextlib.closing(Desk(tmp_path, command_of_the_page())) as desk:
+        with (tmp_path / "frame.parm").open("a") as file:
+            file.write(block("GPS1_TYPE 0"))
+        server = desk.serve("dvl.toml")
+        desk.start_autopilot()
+        with station.says("started relative aiding"):
+            station.locate_by_odometry()
+        station.arm()
+        station.mode("POSHOLD")
+        station.hold(5.0)
+        details = server.stats(ADAPTER)["details"]
+        print(f"DVL alone: {station.texts[-6:]}, {details}")
+        assert settled(details) == (0, 0, 0)
