@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from autopilot_server import PATIENCE_S, Server
+from autopilot_server import PATIENCE_S, PRESSURE_50_HZ, Server, ardusub_scenario, serving
 
 ARDUSUB = os.environ.get("UWSERVER_ARDUSUB", "")
 
@@ -238,6 +238,10 @@ def defaults(frame: int) -> Path:
     return autotest() / "default_params" / {1: "sub.parm", 2: "sub-6dof.parm"}[frame]
 
 
+DEEP = '[seabed]\nkind = "flat"\ndepth_m = 60.0\n'
+"""A seabed."""
+
+
 @contextlib.contextmanager
 def ardusub(
     folder: Path, server: Server, gcs: Gcs, *options: str, params: str = "", frame: int = 2, speedup: float = 1
@@ -274,6 +278,35 @@ def kept(gcs: Gcs, server: Server, what: str, allowed: float = 0.3, seconds: flo
     assert max(believed, true) < allowed
 
 
+def yaw_of(server: Server) -> float:
+    """Its true heading, rad."""
+    w, x, y, z = server.last("rov/truth/pose")["q_NB"]
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 def settled(details: dict[str, Any]) -> tuple[int, int, int]:
     """What must be nothing after a flight: repeated frames, lost ones, restarts."""
     return details["duplicates"], details["lost"], details["restarts"]
+
+
+@contextlib.contextmanager
+def diving(
+    folder: Path, gcs: Gcs, *, depth: float = 0.2, seabed: str = DEEP, model: str = "bluerov2_heavy", frame: int = 2,
+    params: str = "", adapter: str = "",
+) -> Iterator[Server]:  # fmt: skip
+    """A vehicle under ArduSub at six times real time; no frame may be repeated or lost."""
+    text = ardusub_scenario(
+        rate=400,
+        depth=depth,
+        clock="max_speed = 6.0",
+        adapter=f'no_time_sync = true\nrangefinders = ["altimeter"]\n{adapter}',
+        sensors=PRESSURE_50_HZ + SENSORS + seabed,
+    ).replace('"bluerov2_heavy"', f'"{model}"')
+    with (
+        serving(folder, text) as server,
+        ardusub(folder, server, gcs, "--rate", "400", params=params, frame=frame),
+    ):
+        server.follow("rov/truth/pose")
+        yield server
+        details = server.stats()["details"]
+        assert settled(details) == (0, 0, 0), details

@@ -7,28 +7,13 @@ where that is said.
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from autopilot_server import PRESSURE_50_HZ, Server, ardusub_scenario, serving
-from ground_station import (
-    ABOVE_GROUND,
-    ABOVE_HOME,
-    HOME,
-    SENSORS,
-    Gcs,
-    ardusub,
-    autotest,
-    degrees_at,
-    kept,
-    needs_ardusub,
-    place,
-    settled,
-)
+from autopilot_server import Server
+from ground_station import Gcs, diving, kept, needs_ardusub, place, yaw_of
 
 pytestmark = needs_ardusub
 
@@ -46,30 +31,6 @@ EK3_SRC1_POSZ 1
 EK3_SRC1_VELZ 0
 EK3_SRC1_YAW 1
 """
-DEEP = '[seabed]\nkind = "flat"\ndepth_m = 60.0\n'
-
-
-@contextlib.contextmanager
-def diving(
-    folder: Path, gcs: Gcs, *, depth: float = 0.2, seabed: str = DEEP, model: str = "bluerov2_heavy", frame: int = 2,
-    params: str = "", adapter: str = "",
-) -> Iterator[Server]:  # fmt: skip
-    """A vehicle under ArduSub at six times real time; no frame may be repeated or lost."""
-    text = ardusub_scenario(
-        rate=400,
-        depth=depth,
-        clock="max_speed = 6.0",
-        adapter=f'no_time_sync = true\nrangefinders = ["altimeter"]\n{adapter}',
-        sensors=PRESSURE_50_HZ + SENSORS + seabed,
-    ).replace('"bluerov2_heavy"', f'"{model}"')
-    with (
-        serving(folder, text) as server,
-        ardusub(folder, server, gcs, "--rate", "400", params=params, frame=frame),
-    ):
-        server.follow("rov/truth/pose")
-        yield server
-        details = server.stats()["details"]
-        assert settled(details) == (0, 0, 0), details
 
 
 def float_by(server: Server, newton: float) -> None:
@@ -166,6 +127,7 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
             print(f"{aid}, {speed} m/s: at most {max(drift):.3f} m, {drift[-1]:.3f} m after 10 s")
             assert max(drift) < 1.0
         drifts(0.3)
+        gcs.hold(10.0)
         start = place(server)
         gcs.sticks[5] = 1600
         gcs.hold(10.0)
@@ -178,79 +140,6 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
         swept = drifts(1.0)[-1]
         print(f"{aid}, 1 m/s: carried {swept:.2f} m in 10 s")
         assert 2.0 < swept < 10.0, "full thrust against it, and still too weak"
-
-
-def mission_of(file: Path) -> list[tuple[int, int, tuple[float, float, float, float], float, float, float]]:
-    """A file of waypoints ("QGC WPL 110")."""
-    items = []
-    for line in file.read_text().splitlines()[1:]:
-        if line.strip() and not line.startswith("#"):
-            _, _, frame, command, *numbers = line.split()
-            a, b, c, d, lat, lon, alt = map(float, numbers[:7])
-            items.append((int(frame), int(command), (a, b, c, d), lat, lon, alt))
-    return items
-
-
-def off_track(server: Server, lat: float, lon: float, altitude: float) -> float:
-    """True distance from a place, m."""
-    north, east, down = place(server)
-    per_degree = 111318.84502145034
-    there = (lat - HOME[0]) * per_degree, (lon - HOME[1]) * per_degree * math.cos(math.radians(HOME[0]))
-    return math.dist((north, east, down), (*there, -altitude))
-
-
-def test_it_dives_a_mission(tmp_path: Path, gcs: Gcs) -> None:
-    """DiveMission: ArduPilot's own file to waypoint 5, 160 m of square at 50 m of depth, then a circle of 50 m; each within 5 m."""
-    items = mission_of(autotest() / "ArduSub_Tests/DiveMission/sub_mission.txt")
-    with diving(tmp_path, gcs) as server:
-        gcs.locate()
-        gcs.upload(items)
-        gcs.mode("ALT_HOLD")
-        gcs.arm()
-        gcs.mode("AUTO")
-        begun = gcs.time_s
-        for number in (1, 2, 3):
-            gcs.until(lambda: number in gcs.reached, f"waypoint {number}", 180)  # noqa: B023
-            error = off_track(server, *items[number][3:])
-            print(f"waypoint {number} after {gcs.time_s - begun:.0f} s, {error:.2f} m off")
-            assert error < 5.0
-        gcs.until(lambda: gcs.last["MISSION_CURRENT"].seq >= 5, "waypoint 5 is next", 300)
-        print(f"waypoint 5 is next after {gcs.time_s - begun:.0f} s")
-
-
-def test_it_goes_where_it_is_told(tmp_path: Path, gcs: Gcs) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT in GUIDED: more than 10 m within 200 s; DO_REPOSITION, over home and over ground: within 5 m in 120 s."""
-    with diving(tmp_path, gcs, seabed='[seabed]\nkind = "flat"\ndepth_m = 50.0\n') as server:
-        gcs.locate()
-        gcs.mode("ALT_HOLD")
-        gcs.arm()
-        gcs.mode("GUIDED")
-
-        def goes(
-            what: str, frame: int, north: float, east: float, altitude: float, depth: float, within: float
-        ) -> None:
-            lat, lon = degrees_at(north, east)
-            where = round(lat * 1e7), round(lon * 1e7), altitude
-            if what == "DO_REPOSITION":
-                gcs.accepted(gcs.mav.command_int_encode(1, 1, frame, 192, 0, 0, 0, 0, 0, 0, *where), 192)
-            else:
-                gcs.send(
-                    gcs.mav.set_position_target_global_int_encode(
-                        0, 1, 1, frame, 0b1111111111111000, *where, *[0.0] * 8
-                    )
-                )
-            begun = gcs.time_s
-            gcs.until(lambda: math.dist(place(server), (north, east, depth)) < 0.5, f"{what} to {where}", 120)
-            took = gcs.time_s - begun
-            gcs.hold(10.0)
-            error = math.dist(place(server), (north, east, depth))
-            print(f"{what}: within 0.5 m after {took:.0f} s, {error:.2f} m off 10 s later")
-            assert took < within
-            assert error < 1.0
-
-        goes("SET_POSITION_TARGET_GLOBAL_INT", ABOVE_HOME, 8.0, 9.0, -10.0, 10.0, 200.0)
-        goes("DO_REPOSITION", ABOVE_HOME, 18.0, 19.0, -25.0, 25.0, 120.0)
-        goes("DO_REPOSITION", ABOVE_GROUND, 28.0, 29.0, 22.0, 28.0, 120.0)
 
 
 def test_it_keeps_its_height_over_ground(tmp_path: Path, gcs: Gcs) -> None:
@@ -343,11 +232,6 @@ def test_the_vehicle_with_six_thrusters(tmp_path: Path, gcs: Gcs) -> None:
         print(f"six thrusters, ahead 1700 us: {north:.2f} m north, {east:.2f} m east in 5 s")
         assert north > 0.5
         assert abs(east) < north
-
-
-def yaw_of(server: Server) -> float:
-    w, x, y, z = server.last("rov/truth/pose")["q_NB"]
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 @pytest.mark.parametrize("first", [1, 17])
