@@ -12,13 +12,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 
 PATIENCE_S = 60.0
 
-PX4_SENSORS = """
+PRESSURE_50_HZ = """
 [vehicles.rov.sensors.pressure]
 kind = "pressure"
 rate_hz = 50
@@ -27,7 +27,7 @@ kind = "pressure"
 output = "depth"
 rate_hz = 50
 """
-"""Those of the vehicle file have rates that do not divide 1000 Hz."""
+"""Those of the vehicle file have 48 Hz, which divides neither 1000 nor 400."""
 
 SCENARIO = """
 schema = 1
@@ -92,8 +92,8 @@ class Server:
     def status(self) -> dict[str, Any]:
         return dict(self.call("world/status"))
 
-    def stats(self) -> dict[str, Any]:
-        return dict(self.status()["adapters"]["autopilot"])
+    def stats(self, adapter: str = "autopilot") -> dict[str, Any]:
+        return dict(self.status()["adapters"][adapter])
 
     def follow(self, port: str) -> None:
         """Take in a sensor from now on."""
@@ -115,27 +115,35 @@ def free_port(kind: socket.SocketKind) -> int:
         return int(probe.getsockname()[1])
 
 
+def run(scenario: str, folder: Path, errors: IO[str]) -> subprocess.Popen[str]:
+    """`uwserver run` in a folder."""
+    command = [sys.executable, "-u", "-m", "uwserver", "run", scenario]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=folder)
+
+
+def addresses(process: subprocess.Popen[str], errors: IO[str]) -> dict[str, tuple[str, int]]:
+    """Where its adapters are to be found, once it serves."""
+    found: dict[str, tuple[str, int]] = {}
+    assert process.stdout is not None
+    for line in process.stdout:
+        match = re.fullmatch(r"  (\w+): (\S+):(\d+)\n", line)
+        if match:
+            found[match[1]] = match[2], int(match[3])
+        if line.startswith("Ctrl-C"):
+            return found
+    errors.seek(0)
+    pytest.fail(f"the server did not start: {errors.read()}")
+
+
 @contextlib.contextmanager
 def serving(folder: Path, text: str) -> Iterator[Server]:
     """Run a scenario until the test is over; its end must be in order."""
     file = folder / "autopilot.toml"
     file.write_text(text)
-    command = [sys.executable, "-u", "-m", "uwserver", "run", str(file)]
     with (folder / "errors").open("w+") as errors:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=folder)
+        process = run(str(file), folder, errors)
         try:
-            addresses: dict[str, tuple[str, int]] = {}
-            assert process.stdout is not None
-            for line in process.stdout:
-                match = re.fullmatch(r"  (\w+): (\S+):(\d+)\n", line)
-                if match:
-                    addresses[match[1]] = match[2], int(match[3])
-                if line.startswith("Ctrl-C"):
-                    break
-            else:
-                errors.seek(0)
-                pytest.fail(f"the server did not start: {errors.read()}")
-            server = Server(process, addresses)
+            server = Server(process, addresses(process, errors))
             try:
                 yield server
             finally:

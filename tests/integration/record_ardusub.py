@@ -1,7 +1,7 @@
 """Records what a real ArduSub and the adapter `ardupilot_json` say to each other.
 
 ``UWSERVER_ARDUSUB=... python tests/integration/record_ardusub.py FILE VERSION``, in a network namespace (``unshare -n``, loopback up), as
-`test_real_autopilots.py` says. A relay between the two keeps the datagrams. FILE is gzip of JSON lines: what this is, with the VERSION of ArduSub;
+`ground_station` says. A relay between the two keeps the datagrams. FILE is gzip of JSON lines: what this is, with the VERSION of ArduSub;
 then for each recording what it is, and its datagrams in order, [">", hex] from ArduSub, ["<", text] to it.
 """
 
@@ -21,7 +21,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from autopilot_server import ardusub_scenario, serving
-from test_real_autopilots import Gcs, ardusub
+from ground_station import Gcs, ardusub
 
 ABOUT = "uwserver 0.1.0, bluerov2_heavy at 5 m depth; recorded by tests/integration/record_ardusub.py"
 Log = list[tuple[str, bytes]]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from autopilot_server import PATIENCE_S, PX4_SENSORS, SCENARIO, ardusub_scenario, free_port, serving, until
+from autopilot_server import PATIENCE_S, PRESSURE_50_HZ, SCENARIO, ardusub_scenario, free_port, serving, until
 
 from uwserver.testing.ardupilot import ArduPilotPeer
 
@@ -202,7 +202,7 @@ def test_what_does_not_fit_is_told_at_the_start(tmp_path: Path, wrong: str, righ
 def test_px4_hand_made(tmp_path: Path) -> None:
     mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
     adapter = 'kind = "px4_hil"\nodometry_hz = 50'
-    text = SCENARIO.format(rate=1000, imu=250, port=0, depth=5.0, clock="", sensors=PX4_SENSORS, adapter=adapter)
+    text = SCENARIO.format(rate=1000, imu=250, port=0, depth=5.0, clock="", sensors=PRESSURE_50_HZ, adapter=adapter)
     with (
         serving(tmp_path, text) as server,
         socket.create_connection(server.addresses["autopilot"], timeout=10) as stream,

@@ -94,6 +94,7 @@ class ArduPilotPeer:
 
     Attributes:
         number: of the next frame.
+        rate_hz: physics rate that its frames ask for.
         time_s: its own clock.
         skipped: answers that did not move its clock.
         resets: answers whose time lay before the last one's.
@@ -106,14 +107,14 @@ class ArduPilotPeer:
         self.resets = 0
         self._last_s = 0.0
         self._channels = channels
-        self._rate_hz = rate_hz
+        self.rate_hz = rate_hz
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect((host, port))
 
     def send(self, pwm: Sequence[int], number: int | None = None) -> None:
         """Send a frame, by default the next."""
         chosen = self.number if number is None else number
-        self._socket.send(servo_packet(chosen, pwm, self._rate_hz, self._channels))
+        self._socket.send(servo_packet(chosen, pwm, self.rate_hz, self._channels))
 
     def send_raw(self, data: bytes) -> None:
         """Send anything."""

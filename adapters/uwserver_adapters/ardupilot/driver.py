@@ -28,7 +28,8 @@ QUIET_S = 0.5
 NO_ECHO_M = 1000.0
 """Distance that stands for a rangefinder without echo: out of any range, where a missing key would leave the last one."""
 RATE_FRAMES = 400
-"""Frames in a row that ask for another rate than the physics has before it is told."""
+"""Frames in a row that ask for the same other rate than the physics has before it is told: a wish that still walks to its goal,
+1 Hz a frame after a start with `--rate`, is none."""
 
 COUNTS = ("frames", "duplicates", "lost", "restarts", "strangers", "bad_magic", "bad_length", "limited")
 """Keys of the adapter's details that count."""
@@ -221,11 +222,7 @@ class ArduPilotDriver:
             self._counts["lost"] += frame.number - self._last - 1
         self._last = frame.number
         self._counts["frames"] += 1
-        self._counts["frame_rate_hz"] = frame.rate_hz
-        if frame.rate_hz != self._physics_hz:
-            self._compare(frame.rate_hz)
-        else:
-            self._odd_frames = 0
+        self._compare(frame.rate_hz)
         return True
 
     def _admits(self, frame: Frame, address: Address, now: float) -> bool:
@@ -243,7 +240,9 @@ class ArduPilotDriver:
         return True
 
     def _compare(self, rate_hz: int) -> None:
-        self._odd_frames += 1
+        stays = rate_hz == self._counts["frame_rate_hz"]
+        self._counts["frame_rate_hz"] = rate_hz
+        self._odd_frames = self._odd_frames + 1 if stays and rate_hz != self._physics_hz else 0
         if self._odd_frames == RATE_FRAMES:
             text = f"the autopilot asks for {rate_hz} frames/s, the physics has {self._physics_hz:g} ticks/s"
             self._stats.last_error = f"{text}: start it with --rate {self._physics_hz:g}, or set [world] rate_hz"

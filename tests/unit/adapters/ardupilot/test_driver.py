@@ -363,6 +363,16 @@ def test_another_frame_rate_is_told_and_never_followed(caplog: pytest.LogCapture
         assert r.t_ns == (RATE_FRAMES + 5) * 1_000_000
 
 
+def test_a_wish_that_walks_to_its_goal_is_not_told() -> None:
+    """After a start with `--rate` the field goes from 1200 to that rate by 1 Hz a frame."""
+    with rig(rate_hz=1200 + 2 * RATE_FRAMES) as r:
+        for number in range(2 * RATE_FRAMES + 5):
+            r.step([1500] * 8, number)
+            r.peer.rate_hz = max(1200, r.peer.rate_hz - 1)
+        assert r.count("frame_rate_hz") == 1200
+        assert r.stats.last_error == ""
+
+
 def test_silence() -> None:
     with rig() as r:
         r.step([1500] * 8)
