@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timezone
@@ -77,6 +78,7 @@ class Vehicle:
         self.epoch_ns = _epoch_ns(context)
         self.tether_turns = 0.0
         self._context = context
+        self._own_ports = re.compile(rf'"{re.escape(name)}/(?:autopilot/)?([^"]*)"')
         self._dialect = dialect
         self._config = config
         self._last_yaw: float | None = None
@@ -272,7 +274,9 @@ class Vehicle:
             self.readings.forget()
             self.failsafes.restart()
             self.pilot.tick(self._now)
-        self.tell(_SEVERITIES.get(event.event, INFO), event.text or event.event)
+        # Without our own name most texts fit in one message: Cockpit does not join the pieces of a longer one.
+        text = self._own_ports.sub(r"\1", event.text or event.event)
+        self.tell(_SEVERITIES.get(event.event, INFO), text)
 
     def _count_turns(self) -> None:
         q = self.readings.state().q_NB
