@@ -103,8 +103,8 @@ def _translated(item: Item, home: Home) -> Json:
         waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(_place(item, home))}
         if item.command == _WAYPOINT and p2 > 0.0:
             waypoint["radius_m"] = p2
-        if math.isfinite(p4) and p4 != 0.0 and item.command == _WAYPOINT:
-            waypoint["heading_deg"] = p4  # zero is what ground stations send for "none"
+        if 0.0 < abs(p4) <= 360.0 and item.command == _WAYPOINT:
+            waypoint["heading_deg"] = p4  # NaN, 0 and (Cockpit) 999 are what ground stations send for "none"
         hold = _FOREVER_S if item.command == _LOITER else p1
         if math.isfinite(hold) and hold > 0.0:
             waypoint["hold_s"] = min(hold, _FOREVER_S)

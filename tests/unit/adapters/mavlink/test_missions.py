@@ -66,6 +66,15 @@ async def test_every_supported_item(bench):
     assert rest[4] == {"kind": "surface"}
 
 
+@pytest.mark.parametrize("nowhere", [0.0, math.nan, 999.0, -999.0])
+async def test_a_heading_of_no_compass_is_none(bench, nowhere):
+    """Cockpit puts 999 into the heading of each waypoint."""
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    assert await upload(bench, station, [HOME, (3, WAYPOINT, (0.0, 5.0, 0.0, nowhere), x, y, -8.0)]) == ACCEPTED
+    assert "heading_deg" not in bench.rov.items[0]
+
+
 async def test_the_download_tells_what_was_uploaded(bench):
     station, other = bench.station(), bench.station(254)
     x, y = place(bench, 20.0, 30.0)

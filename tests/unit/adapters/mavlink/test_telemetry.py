@@ -6,6 +6,7 @@ import math
 
 import pytest
 from uwserver_adapters.mavlink.codec import datum
+from uwserver_adapters.mavlink.modes import MODES
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Event
@@ -174,6 +175,17 @@ def test_identity(bench):
     assert bytes(version.flight_custom_version) == b"uwserver"
     needed = 1 | 2 | 4 | 64 | 128 | 256 | 2048 | 8192
     assert version.capabilities & needed == needed
+
+
+@pytest.mark.parametrize(
+    ("asked", "count"), [(0, len(MODES)), (1, 1), (len(MODES), 1), (len(MODES) + 1, 0), (math.nan, len(MODES))]
+)
+def test_modes_come_one_by_one_or_all(bench, asked, count):
+    """QGroundControl asks for mode 1, then for the next of the last that it was told."""
+    station = bench.station()
+    station.send("COMMAND_LONG", 1, 1, 512, 0, 435, asked, 0, 0, 0, 0, 0)
+    assert len(station.of("UNKNOWN_435")) == count
+    assert station.last("COMMAND_ACK").result == (0 if count else 4)
 
 
 def test_timesync_and_silence_to_a_ping(bench):
