@@ -323,6 +323,8 @@ class Vehicle:
                 self.readings.assume(self.autopilot.replied_ns, **change)
                 if text:
                     self.tell(INFO, text)
+                if change.get("armed"):
+                    self.announce("HOME_POSITION")  # as ArduPilot; QGroundControl waits for it
             done(reason)
 
         return told
