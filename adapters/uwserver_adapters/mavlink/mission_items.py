@@ -20,6 +20,8 @@ INVALID_SEQUENCE, DENIED, CANCELLED = 13, 14, 15
 LARGEST = 700
 """Items that fit."""
 _WAYPOINT, _LOITER, _LOITER_TIME, _RTL, _LAND, _NAV_DELAY = 16, 17, 19, 20, 21, 93
+TAKEOFF = 22
+"""QGroundControl wants it at the begin of each mission; a submarine has nothing to do for it, and ArduSub goes on to the next item."""
 _DELAY, _YAW, _SPEED, _HOME = 112, 115, 178, 179
 _MISSION = 2
 """Frame of items without a place."""
@@ -84,7 +86,7 @@ def item_of(message: Message) -> Item:
 def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]:
     """Items for the autopilot, and for each the number of the uploaded one.
 
-    The first uploaded item is home, as ArduPilot has it, and is left out.
+    The first uploaded item is home, as ArduPilot has it, and is left out, as take-offs are.
 
     Raises:
         BadItem: the first that cannot be taken.
@@ -92,6 +94,8 @@ def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]
     made: list[Json] = []
     numbers: list[int] = []
     for item in items[1:]:
+        if item.command == TAKEOFF:
+            continue
         made.append(_translated(item, home))
         numbers.append(item.seq)
     return made, numbers

@@ -20,6 +20,7 @@ from uwserver_adapters.mavlink.mission_items import (
     INVALID_SEQUENCE,
     LARGEST,
     NO_SPACE,
+    TAKEOFF,
     UNSUPPORTED,
     BadItem,
     Item,
@@ -155,6 +156,8 @@ class Missions:
             if reason:
                 self._vehicle.tell(WARNING, f"Mission refused: {reason}")
             else:
+                if any(item.command == TAKEOFF for item in upload.items):
+                    self._vehicle.tell(INFO, "Mission: the take-off is left out")
                 self._items, self._numbers, self._known_count = upload.items, numbers, len(items)
                 self._reached, self._start_at = 0, 0
             self._end(upload, INVALID if reason else ACCEPTED)

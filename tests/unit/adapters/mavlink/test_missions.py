@@ -66,6 +66,19 @@ async def test_every_supported_item(bench):
     assert rest[4] == {"kind": "surface"}
 
 
+async def test_a_take_off_is_left_out_and_told(bench):
+    """QGroundControl lets nobody plan a mission without one."""
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    items = [HOME, (3, 22, (0.0,) * 4, x, y, 50.0), (3, WAYPOINT, (0.0,) * 4, x, y, -8.0)]
+    assert await upload(bench, station, items) == ACCEPTED
+    assert [item["kind"] for item in bench.rov.items] == ["waypoint"]
+    assert "Mission: the take-off is left out" in [m.text for m in station.of("STATUSTEXT")]
+    bench.rov.state |= {"mode": "mission", "mission_index": 0, "mission_count": 1}
+    bench.run(1.0)
+    assert station.last("MISSION_CURRENT").seq == 2
+
+
 @pytest.mark.parametrize("nowhere", [0.0, math.nan, 999.0, -999.0])
 async def test_a_heading_of_no_compass_is_none(bench, nowhere):
     """Cockpit puts 999 into the heading of each waypoint."""
@@ -98,7 +111,7 @@ async def test_the_download_tells_what_was_uploaded(bench):
     ("bad", "result"),
     [
         ((3, SERVO, (9.0, 1500.0, 0.0, 0.0), 0, 0, 0.0), UNSUPPORTED),
-        ((3, 22, (0.0,) * 4, 0, 0, 0.0), UNSUPPORTED),
+        ((3, 24, (0.0,) * 4, 0, 0, 0.0), UNSUPPORTED),
         ((11, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, -5.0), BAD_FRAME),
         ((8, WAYPOINT, (0.0,) * 4, 0, 0, -5.0), BAD_FRAME),
         ((3, WAYPOINT, (0.0,) * 4, 950_000_000, 0, -5.0), 10),
