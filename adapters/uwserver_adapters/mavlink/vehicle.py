@@ -28,7 +28,7 @@ from uwserver_adapters.mavlink.payload import Payload
 from uwserver_adapters.mavlink.pilot import Pilot
 from uwserver_adapters.mavlink.readings import Readings
 from uwserver_adapters.mavlink.setpoints import SetPoints
-from uwserver_adapters.mavlink.streams import GROUPS
+from uwserver_adapters.mavlink.streams import GROUPS, POSITION
 from uwserver_adapters.mavlink.telemetry import Telemetry
 
 HEARTBEAT_S = 1.0
@@ -206,8 +206,13 @@ class Vehicle:
 
     def _data_stream(self, message: Message, channel: Channel) -> None:
         rate = message.whole("req_message_rate") if message.whole("start_stop") else 0
-        if not channel.streams.set_group(message.whole("req_stream_id"), rate):
+        group = message.whole("req_stream_id")
+        if not channel.streams.set_group(group, rate):
             self.counters["refused"] += 1
+        elif rate and group in (0, POSITION):
+            # QGroundControl does not ask a submarine for home, and plans no mission before it knows it.
+            for fields in self.telemetry.build("HOME_POSITION"):
+                self.send("HOME_POSITION", fields, channel)
 
     def _mission_current(self, message: Message) -> None:
         if not self.missions.set_current(message.whole("seq")):
