@@ -66,6 +66,30 @@ async def test_every_supported_item(bench):
     assert rest[4] == {"kind": "surface"}
 
 
+@pytest.mark.parametrize(
+    ("current", "mode", "command", "z", "result", "down"),
+    [
+        (2, "guided", WAYPOINT, -8.0, ACCEPTED, 8.0),
+        (3, "guided", WAYPOINT, -6.0, ACCEPTED, 6.0),
+        (2, "manual", WAYPOINT, -8.0, ERROR, None),
+        (2, "guided", LAND, -8.0, ERROR, None),
+        (2, "guided", WAYPOINT, math.nan, 10, None),
+    ],
+)
+async def test_go_to_location(bench, current, mode, command, z, result, down):
+    """As QGroundControl sends a submarine somewhere: an item of no mission."""
+    station = bench.station()
+    bench.rov.state |= {"mode": mode, "p_N": (1.0, 2.0, 5.0), "position_valid": True, "p_ref_N": None}
+    x, y = place(bench, 20.0, 30.0)
+    station.send("MISSION_ITEM", 1, 1, 0, 3, command, current, 1, 0.0, 0.0, 0.0, 0.0, x * 1e-7, y * 1e-7, z, 0)
+    await asyncio.sleep(0)
+    assert int(station.last("MISSION_ACK").type) == result
+    gone = [told["p_N"] for told in bench.rov.commanded("position")]
+    there = (20.0, 30.0) if current == 2 else (1.0, 2.0)
+    assert gone == ([] if down is None else [pytest.approx((*there, down), abs=1.0)])  # floats hold a metre
+    assert not station.of("MISSION_REQUEST_INT")
+
+
 async def test_a_take_off_is_left_out_and_told(bench):
     """QGroundControl lets nobody plan a mission without one."""
     station = bench.station()
