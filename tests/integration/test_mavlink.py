@@ -257,7 +257,7 @@ def test_mavproxy(tank: dict[str, int], tmp_path: Path) -> None:
                 process,
                 [
                     ("", "Detected vehicle 1:1"),
-                    ("", "Received 446 parameters"),
+                    ("", "Received 467 parameters"),
                     ("param show JS_GAIN_DEFAULT", "0.5"),
                     ("param set JS_GAIN_DEFAULT 0.6", ""),
                     ("mode ALT_HOLD", "Mode ALT_HOLD"),

@@ -231,12 +231,16 @@ class Commands:
         number = request.whole(1)
         if number == 244:  # MESSAGE_INTERVAL, of the message in parameter 2
             return self._get_interval(Request(510, (math.nan, request.p[2]), False, 0, request.channel, request.peer))
-        return self._give(self._vehicle.message_name(number), request)
+        name = self._vehicle.message_name(number)
+        # QGroundControl asks for one mode after the other, each when it has the last, and for ever when it is given all.
+        return self._give(name, request, only=request.whole(2) if name == "AVAILABLE_MODES" else 0)
 
-    def _give(self, name: str, request: Request) -> int:
+    def _give(self, name: str, request: Request, only: int = 0) -> int:
+        """Send a message; of several that belong together only one, counted from 1, or with 0 all."""
         if name not in self._vehicle.telemetry.names:
             return FAILED
         messages = self._vehicle.telemetry.build(name)
+        messages = messages[only - 1 : only] if only > 0 else messages
         # After the acknowledgement, as with ArduPilot: many scripts wait for the one, then for the other.
         request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
         return ACCEPTED if messages else FAILED

@@ -55,12 +55,12 @@ class Identity:
         }
 
     def available_modes(self) -> Sequence[Fields]:
-        """Fields of AVAILABLE_MODES, one message a mode."""
+        """Fields of AVAILABLE_MODES, one message a mode. None is a MAV_STANDARD_MODE, as with ArduPilot: ground stations would call them by other
+        names, and start missions by the old ones."""
         return [
             {
                 "number_modes": len(MODES),
                 "mode_index": index,
-                "standard_mode": mode.standard,
                 "custom_mode": mode.number,
                 "mode_name": mode.name,
             }

@@ -86,9 +86,10 @@ class Instruments:
         number = self._readings.number
         latitude, longitude = number("gps", "latitude"), number("gps", "longitude")
         satellites = number("gps", "satellites")
-        fields["satellites_visible"] = 0xFF if satellites is None else satellites
         if latitude is None or longitude is None:
-            return {**fields, "fix_type": 1 if self._readings.has("gps") else 0}
+            # ArduPilot has no satellites then, and Cockpit would show those of "not known", 255, as a number.
+            return {**fields, "satellites_visible": satellites or 0, "fix_type": 1 if self._readings.has("gps") else 0}
+        fields["satellites_visible"] = 0xFF if satellites is None else satellites
         height = number("gps", "height") or 0.0
         scaled = {"horizontal_accuracy": "h_acc", "vertical_accuracy": "v_acc", "velocity_accuracy": "vel_acc"}
         fields |= {to: value * 1e3 for field, to in scaled.items() if (value := number("gps", field)) is not None}

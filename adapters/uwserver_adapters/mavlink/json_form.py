@@ -63,10 +63,11 @@ def text_of(frame: Frame, name: str, fields: dict[str, object]) -> bytes:
 
 
 def frame_of(data: bytes, dialect: Dialect) -> bytes:
-    """The frame of a text. Fields that are left out are zero, as MAVLink 2 has it.
+    """The frame of a text. Fields that are left out are zero, as MAVLink 2 has it, and those that the message has not are not looked at, as with
+    mavlink2rest: the sender may know a newer definition (Cockpit addresses its TIMESYNC).
 
     Raises:
-        BadJson: it is no JSON, or no such message, or a field that it has not, or cannot have this value.
+        BadJson: it is no JSON, or no such message, or a field cannot have this value.
     """
     if len(data) > LONGEST:
         raise BadJson(f"{len(data)} bytes, at most {LONGEST}")
@@ -74,14 +75,12 @@ def frame_of(data: bytes, dialect: Dialect) -> bytes:
         envelope = _DECODER.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadJson(str(error)) from None
-    given = dict(envelope.message)
-    name = given.pop("type", None)
+    given = envelope.message
+    name = given.get("type")
     layout = dialect.by_name.get(name) if isinstance(name, str) else None
     if layout is None:
         raise BadJson(f"message.type: no message {name!r:.60}")
-    fields = {part.name: _meant(part, given.pop(name_of(part))) for part in layout.parts if name_of(part) in given}
-    if given:
-        raise BadJson(f"{layout.name} has no {min(given)!r:.60}")
+    fields = {part.name: _meant(part, given[name_of(part)]) for part in layout.parts if name_of(part) in given}
     header = envelope.header
     return pack(dialect, layout.id, layout.encode(fields), header.sequence, header.system_id, header.component_id)
 

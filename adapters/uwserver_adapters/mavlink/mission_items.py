@@ -19,7 +19,9 @@ INVALID_SEQUENCE, DENIED, CANCELLED = 13, 14, 15
 """MAV_MISSION_RESULT."""
 LARGEST = 700
 """Items that fit."""
-_WAYPOINT, _LOITER, _LOITER_TIME, _RTL, _LAND, _NAV_DELAY = 16, 17, 19, 20, 21, 93
+WAYPOINT, _LOITER, _LOITER_TIME, _RTL, _LAND, _NAV_DELAY = 16, 17, 19, 20, 21, 93
+TAKEOFF = 22
+"""QGroundControl wants it at the begin of each mission; a submarine has nothing to do for it, and ArduSub goes on to the next item."""
 _DELAY, _YAW, _SPEED, _HOME = 112, 115, 178, 179
 _MISSION = 2
 """Frame of items without a place."""
@@ -84,7 +86,7 @@ def item_of(message: Message) -> Item:
 def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]:
     """Items for the autopilot, and for each the number of the uploaded one.
 
-    The first uploaded item is home, as ArduPilot has it, and is left out.
+    The first uploaded item is home, as ArduPilot has it, and is left out, as take-offs are.
 
     Raises:
         BadItem: the first that cannot be taken.
@@ -92,6 +94,8 @@ def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]
     made: list[Json] = []
     numbers: list[int] = []
     for item in items[1:]:
+        if item.command == TAKEOFF:
+            continue
         made.append(_translated(item, home))
         numbers.append(item.seq)
     return made, numbers
@@ -99,12 +103,12 @@ def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]
 
 def _translated(item: Item, home: Home) -> Json:
     p1, p2, _, p4 = item.params
-    if item.command in (_WAYPOINT, _LOITER, _LOITER_TIME):
-        waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(_place(item, home))}
-        if item.command == _WAYPOINT and p2 > 0.0:
+    if item.command in (WAYPOINT, _LOITER, _LOITER_TIME):
+        waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(place_of(item, home))}
+        if item.command == WAYPOINT and p2 > 0.0:
             waypoint["radius_m"] = p2
-        if math.isfinite(p4) and p4 != 0.0 and item.command == _WAYPOINT:
-            waypoint["heading_deg"] = p4  # zero is what ground stations send for "none"
+        if 0.0 < abs(p4) <= 360.0 and item.command == WAYPOINT:
+            waypoint["heading_deg"] = p4  # NaN, 0 and (Cockpit) 999 are what ground stations send for "none"
         hold = _FOREVER_S if item.command == _LOITER else p1
         if math.isfinite(hold) and hold > 0.0:
             waypoint["hold_s"] = min(hold, _FOREVER_S)
@@ -127,7 +131,12 @@ def _translated(item: Item, home: Home) -> Json:
     raise BadItem(UNSUPPORTED, f"item {item.seq}: command {item.command} is not supported in a mission")
 
 
-def _place(item: Item, home: Home) -> tuple[float, float, float]:
+def place_of(item: Item, home: Home) -> tuple[float, float, float]:
+    """Where an item is, in N, m.
+
+    Raises:
+        BadItem: its frame or place cannot be used, or the origin is not known.
+    """
     if item.frame == LOCAL_NED:
         return item.x / 1e4, item.y / 1e4, item.z
     if item.frame not in GLOBAL_FRAMES:
@@ -150,7 +159,7 @@ def untranslated(items: Sequence[Json], home: Home) -> list[Item]:
     """A mission that came another way (a scenario, another adapter), for the download: home, then one item for each, in the local frame."""
     at = home.home
     x, y = (0, 0) if at is None else (round(degrees_e7(at.latitude)), round(degrees_e7(at.longitude)))
-    first = Item(0, 0, _WAYPOINT, (0.0,) * 4, x, y, 0.0 if at is None else at.altitude)
+    first = Item(0, 0, WAYPOINT, (0.0,) * 4, x, y, 0.0 if at is None else at.altitude)
     return [first, *(_item(seq, item, home) for seq, item in enumerate(items, 1) if isinstance(item, dict))]
 
 
@@ -174,6 +183,6 @@ def _item(seq: int, item: dict[str, Json], home: Home) -> Item:
     params = (number("hold_s"), number("radius_m"), 0.0, number("heading_deg"))
     there = home.place((north, east, down))
     if there is None:
-        return Item(seq, LOCAL_NED, _WAYPOINT, params, round(north * 1e4), round(east * 1e4), down)
+        return Item(seq, LOCAL_NED, WAYPOINT, params, round(north * 1e4), round(east * 1e4), down)
     x, y = round(degrees_e7(there.latitude)), round(degrees_e7(there.longitude))
-    return Item(seq, 0, _WAYPOINT, params, x, y, there.altitude)
+    return Item(seq, 0, WAYPOINT, params, x, y, there.altitude)

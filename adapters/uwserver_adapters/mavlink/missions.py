@@ -20,13 +20,17 @@ from uwserver_adapters.mavlink.mission_items import (
     INVALID_SEQUENCE,
     LARGEST,
     NO_SPACE,
+    TAKEOFF,
     UNSUPPORTED,
+    WAYPOINT,
     BadItem,
     Item,
     item_of,
+    place_of,
     translate,
     untranslated,
 )
+from uwserver_adapters.mavlink.modes import GUIDED
 from uwserver_adapters.mavlink.setpoints import LOCAL_NED
 
 if TYPE_CHECKING:
@@ -35,6 +39,8 @@ if TYPE_CHECKING:
 ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
 """Wall time after which an item that does not come is asked for again, and the upload is given up."""
 FENCE, RALLY, ALL = 1, 2, 255
+GO_THERE, GO_TO_HEIGHT = 2, 3
+"""Values of `current` of items that belong to no mission."""
 
 
 class Upload(Struct):
@@ -121,6 +127,9 @@ class Missions:
 
     def take(self, message: Message, channel: Channel, now: float) -> None:
         """MISSION_ITEM_INT or MISSION_ITEM: one item."""
+        if message.whole("current") in (GO_THERE, GO_TO_HEIGHT):
+            self._go(message, channel)
+            return
         upload, peer = self._upload, (message.system, message.component)
         if upload is None or upload.peer != peer:
             self._acknowledge(channel, peer, message.whole("mission_type"), INVALID_SEQUENCE if upload is None else DENIED)  # fmt: skip
@@ -144,6 +153,31 @@ class Missions:
         else:
             self._complete(upload)
 
+    def _go(self, message: Message, channel: Channel) -> None:
+        """Go there at once, in GUIDED, or keep the place and go to its height: ArduPilot's way, which QGroundControl takes with submarines."""
+        vehicle, peer = self._vehicle, (message.system, message.component)
+        state = vehicle.readings.state()
+        try:
+            item = item_of(message)
+            point = place_of(item, vehicle.home)
+        except BadItem as reason:
+            vehicle.tell(WARNING, str(reason))
+            self._acknowledge(channel, peer, 0, reason.result)
+            return
+        here = state.p_ref_N or state.p_N
+        if message.whole("current") == GO_TO_HEIGHT and here is not None:
+            point = (here[0], here[1], point[2])
+
+        def done(reason: str) -> None:
+            if reason:
+                vehicle.tell(WARNING, f"Go there: {reason}")
+            self._acknowledge(channel, peer, 0, ERROR if reason else ACCEPTED)
+
+        if item.command != WAYPOINT or state.mode != GUIDED.autopilot:
+            done("only in GUIDED, to a waypoint")
+        else:
+            vehicle.autopilot.command("position", {"p_N": list(point)}, done)
+
     def _complete(self, upload: Upload) -> None:
         try:
             items, numbers = translate(upload.items, self._vehicle.home)
@@ -155,6 +189,8 @@ class Missions:
             if reason:
                 self._vehicle.tell(WARNING, f"Mission refused: {reason}")
             else:
+                if any(item.command == TAKEOFF for item in upload.items):
+                    self._vehicle.tell(INFO, "Mission: the take-off is left out")
                 self._items, self._numbers, self._known_count = upload.items, numbers, len(items)
                 self._reached, self._start_at = 0, 0
             self._end(upload, INVALID if reason else ACCEPTED)

@@ -13,21 +13,19 @@ class Mode(Struct, frozen=True):
         name: as ground stations show it.
         autopilot: what carries it out.
         is_guided: set points of a companion computer count.
-        standard: number of MAV_STANDARD_MODE, 0 where there is none.
     """
 
     number: int
     name: str
     autopilot: str
     is_guided: bool = False
-    standard: int = 0
 
 
 MANUAL = Mode(19, "MANUAL", "manual")
 GUIDED = Mode(4, "GUIDED", "guided", is_guided=True)
-AUTO = Mode(3, "AUTO", "mission", standard=6)
-ALT_HOLD = Mode(2, "ALT_HOLD", "depth_hold", standard=3)
-POSHOLD = Mode(16, "POSHOLD", "position_hold", standard=1)
+AUTO = Mode(3, "AUTO", "mission")
+ALT_HOLD = Mode(2, "ALT_HOLD", "depth_hold")
+POSHOLD = Mode(16, "POSHOLD", "position_hold")
 SURFACE = Mode(9, "SURFACE", "surface")
 MODES = (
     Mode(0, "STABILIZE", "stabilise"),

@@ -13,8 +13,8 @@ from uwserver_adapters.mavlink.modes import ALT_HOLD, shown
 if TYPE_CHECKING:
     from uwserver_adapters.mavlink.vehicle import Vehicle
 
-NO_POSITION, NO_VELOCITY, NO_ACCELERATION, FORCE, NO_YAW, NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x200, 0x400, 0x800
-"""Bits of the type mask: what is not meant."""
+NO_POSITION, NO_VELOCITY, NO_ACCELERATION, NO_YAW, NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x400, 0x800
+"""Bits of the type mask: what is not meant. 0x200, that the acceleration is a force, means nothing without one, and ground stations set it."""
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD = 1, 7, 8, 9, 12
 _FROM_HERE = (LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD)
 _TURNED = (BODY_NED, BODY_OFFSET_NED, BODY_FRD)
@@ -72,7 +72,7 @@ class SetPoints:
     def _follow(self, message: Message, mask: int, p: Vec3 | None, v: Vec3 | None, yaw_from: float) -> None:
         if not shown(self._vehicle.readings.state().mode).is_guided:
             return self._refuse("set points are followed in GUIDED only")
-        if mask & FORCE or not mask & NO_ACCELERATION:
+        if not mask & NO_ACCELERATION:
             return self._refuse("set points of acceleration or force are not supported")
         yaw, rate = message.number("yaw"), message.number("yaw_rate")
         value: dict[str, object] = {}

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from uwserver_adapters.mavlink.codec import nanoseconds
 
+POSITION = 6
+"""Number of the group that tells places."""
 GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
     1: ("RAW_SENS", ("RAW_IMU", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")),
     2: (
@@ -13,7 +15,7 @@ GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
         ("SYS_STATUS", "POWER_STATUS", "MEMINFO", "MISSION_CURRENT", "GPS_RAW_INT", "NAV_CONTROLLER_OUTPUT", "NAMED_VALUE_FLOAT"),
     ),
     3: ("RC_CHAN", ("SERVO_OUTPUT_RAW", "RC_CHANNELS")),
-    6: ("POSITION", ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")),
+    POSITION: ("POSITION", ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")),
     10: ("EXTRA1", ("ATTITUDE", "AHRS2")),
     11: ("EXTRA2", ("VFR_HUD",)),
     12: ("EXTRA3", ("SYSTEM_TIME", "RANGEFINDER", "DISTANCE_SENSOR", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION")),

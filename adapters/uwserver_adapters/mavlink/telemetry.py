@@ -113,7 +113,7 @@ class Telemetry:
 
     def _current_mode(self) -> Fields:
         mode = shown(self._state.mode)
-        return {"standard_mode": mode.standard, "custom_mode": mode.number, "intended_custom_mode": mode.number}
+        return {"custom_mode": mode.number, "intended_custom_mode": mode.number}
 
     def _sys_status(self) -> Fields:
         readings, state = self._readings, self._state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timezone
@@ -28,7 +29,7 @@ from uwserver_adapters.mavlink.payload import Payload
 from uwserver_adapters.mavlink.pilot import Pilot
 from uwserver_adapters.mavlink.readings import Readings
 from uwserver_adapters.mavlink.setpoints import SetPoints
-from uwserver_adapters.mavlink.streams import GROUPS
+from uwserver_adapters.mavlink.streams import GROUPS, POSITION
 from uwserver_adapters.mavlink.telemetry import Telemetry
 
 HEARTBEAT_S = 1.0
@@ -78,6 +79,7 @@ class Vehicle:
         self.epoch_ns = _epoch_ns(context)
         self.tether_turns = 0.0
         self._context = context
+        self._own_ports = re.compile(rf'"{re.escape(name)}/(?:autopilot/)?([^"]*)"')
         self._dialect = dialect
         self._config = config
         self._last_yaw: float | None = None
@@ -207,8 +209,13 @@ class Vehicle:
 
     def _data_stream(self, message: Message, channel: Channel) -> None:
         rate = message.whole("req_message_rate") if message.whole("start_stop") else 0
-        if not channel.streams.set_group(message.whole("req_stream_id"), rate):
+        group = message.whole("req_stream_id")
+        if not channel.streams.set_group(group, rate):
             self.counters["refused"] += 1
+        elif rate and group in (0, POSITION):
+            # QGroundControl does not ask a submarine for home, and plans no mission before it knows it.
+            for fields in self.telemetry.build("HOME_POSITION"):
+                self.send("HOME_POSITION", fields, channel)
 
     def _mission_current(self, message: Message) -> None:
         if not self.missions.set_current(message.whole("seq")):
@@ -275,7 +282,9 @@ class Vehicle:
             self.readings.forget()
             self.failsafes.restart()
             self.pilot.tick(self._now)
-        self.tell(_SEVERITIES.get(event.event, INFO), event.text or event.event)
+        # Without our own name most texts fit in one message: Cockpit does not join the pieces of a longer one.
+        text = self._own_ports.sub(r"\1", event.text or event.event)
+        self.tell(_SEVERITIES.get(event.event, INFO), text)
 
     def _count_turns(self) -> None:
         q = self.readings.state().q_NB
@@ -319,6 +328,8 @@ class Vehicle:
                 self.readings.assume(self.autopilot.replied_ns, **change)
                 if text:
                     self.tell(INFO, text)
+                if change.get("armed"):
+                    self.announce("HOME_POSITION")  # as ArduPilot; QGroundControl waits for it
             done(reason)
 
         return told

@@ -66,6 +66,52 @@ async def test_every_supported_item(bench):
     assert rest[4] == {"kind": "surface"}
 
 
+@pytest.mark.parametrize(
+    ("current", "mode", "command", "z", "result", "down"),
+    [
+        (2, "guided", WAYPOINT, -8.0, ACCEPTED, 8.0),
+        (3, "guided", WAYPOINT, -6.0, ACCEPTED, 6.0),
+        (2, "manual", WAYPOINT, -8.0, ERROR, None),
+        (2, "guided", LAND, -8.0, ERROR, None),
+        (2, "guided", WAYPOINT, math.nan, 10, None),
+    ],
+)
+async def test_go_to_location(bench, current, mode, command, z, result, down):
+    """As QGroundControl sends a submarine somewhere: an item of no mission."""
+    station = bench.station()
+    bench.rov.state |= {"mode": mode, "p_N": (1.0, 2.0, 5.0), "position_valid": True, "p_ref_N": None}
+    x, y = place(bench, 20.0, 30.0)
+    station.send("MISSION_ITEM", 1, 1, 0, 3, command, current, 1, 0.0, 0.0, 0.0, 0.0, x * 1e-7, y * 1e-7, z, 0)
+    await asyncio.sleep(0)
+    assert int(station.last("MISSION_ACK").type) == result
+    gone = [told["p_N"] for told in bench.rov.commanded("position")]
+    there = (20.0, 30.0) if current == 2 else (1.0, 2.0)
+    assert gone == ([] if down is None else [pytest.approx((*there, down), abs=1.0)])  # floats hold a metre
+    assert not station.of("MISSION_REQUEST_INT")
+
+
+async def test_a_take_off_is_left_out_and_told(bench):
+    """QGroundControl lets nobody plan a mission without one."""
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    items = [HOME, (3, 22, (0.0,) * 4, x, y, 50.0), (3, WAYPOINT, (0.0,) * 4, x, y, -8.0)]
+    assert await upload(bench, station, items) == ACCEPTED
+    assert [item["kind"] for item in bench.rov.items] == ["waypoint"]
+    assert "Mission: the take-off is left out" in [m.text for m in station.of("STATUSTEXT")]
+    bench.rov.state |= {"mode": "mission", "mission_index": 0, "mission_count": 1}
+    bench.run(1.0)
+    assert station.last("MISSION_CURRENT").seq == 2
+
+
+@pytest.mark.parametrize("nowhere", [0.0, math.nan, 999.0, -999.0])
+async def test_a_heading_of_no_compass_is_none(bench, nowhere):
+    """Cockpit puts 999 into the heading of each waypoint."""
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    assert await upload(bench, station, [HOME, (3, WAYPOINT, (0.0, 5.0, 0.0, nowhere), x, y, -8.0)]) == ACCEPTED
+    assert "heading_deg" not in bench.rov.items[0]
+
+
 async def test_the_download_tells_what_was_uploaded(bench):
     station, other = bench.station(), bench.station(254)
     x, y = place(bench, 20.0, 30.0)
@@ -89,7 +135,7 @@ async def test_the_download_tells_what_was_uploaded(bench):
     ("bad", "result"),
     [
         ((3, SERVO, (9.0, 1500.0, 0.0, 0.0), 0, 0, 0.0), UNSUPPORTED),
-        ((3, 22, (0.0,) * 4, 0, 0, 0.0), UNSUPPORTED),
+        ((3, 24, (0.0,) * 4, 0, 0, 0.0), UNSUPPORTED),
         ((11, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, -5.0), BAD_FRAME),
         ((8, WAYPOINT, (0.0,) * 4, 0, 0, -5.0), BAD_FRAME),
         ((3, WAYPOINT, (0.0,) * 4, 950_000_000, 0, -5.0), 10),

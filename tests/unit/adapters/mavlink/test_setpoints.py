@@ -58,6 +58,16 @@ def test_yaw(guided):
     assert guided.rov.commanded("position")[-1]["heading"] == pytest.approx((1.0,))
 
 
+def test_a_change_of_depth_as_ground_stations_send_it(guided):
+    """QGroundControl 0xFFF8, Cockpit 0xFF8: with the bit for a force, of which there is none."""
+    station = guided.station()
+    for mask in (0xFFF8, 0xFF8):
+        local(station, mask, frame=7, p=(0.0, 0.0, 2.0))
+    gone = [told["p_N"] for told in guided.rov.commanded("position")]
+    x, y, z = guided.vehicle.readings.state().p_N
+    assert gone == [pytest.approx((x, y, z + 2.0))] * 2
+
+
 @pytest.mark.parametrize(
     ("mask", "more"),
     [
@@ -66,7 +76,7 @@ def test_yaw(guided):
         (POSITION & ~0x400, {"yaw": math.nan}),
         (POSITION, {"frame": 2}),
         (POSITION & ~0x1C0, {}),
-        (POSITION | 0x200, {}),
+        (POSITION & ~0x1C0 | 0x200, {}),
         (0xFFF, {}),
     ],
 )

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from uwserver_adapters.mavlink.codec import datum
+from uwserver_adapters.mavlink.modes import MODES
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Event
@@ -176,6 +177,17 @@ def test_identity(bench):
     assert version.capabilities & needed == needed
 
 
+@pytest.mark.parametrize(
+    ("asked", "count"), [(0, len(MODES)), (1, 1), (len(MODES), 1), (len(MODES) + 1, 0), (math.nan, len(MODES))]
+)
+def test_modes_come_one_by_one_or_all(bench, asked, count):
+    """QGroundControl asks for mode 1, then for the next of the last that it was told."""
+    station = bench.station()
+    station.send("COMMAND_LONG", 1, 1, 512, 0, 435, asked, 0, 0, 0, 0, 0)
+    assert len(station.of("UNKNOWN_435")) == count
+    assert station.last("COMMAND_ACK").result == (0 if count else 4)
+
+
 def test_timesync_and_silence_to_a_ping(bench):
     station = bench.station()
     bench.run(1.0)
@@ -195,6 +207,14 @@ def test_the_clock_is_that_of_the_scenario(bench):
     assert told.time_unix_usec - epoch_us == pytest.approx(told.time_boot_ms * 1000, abs=1000)
 
 
+def test_without_a_position_there_are_no_satellites(bench):
+    station = bench.station()
+    bench.rov.invalid.add("gps")
+    bench.run(1.0)
+    told = station.last("GPS_RAW_INT")
+    assert (told.fix_type, told.satellites_visible) == (1, 0)
+
+
 def test_events_are_told_and_long_texts_come_in_pieces(bench):
     station = bench.station()
     bench.rov.say(Event("fault", 1, 1, "x" * 120))
@@ -209,6 +229,21 @@ def test_events_are_told_and_long_texts_come_in_pieces(bench):
         (2, 2, 0, 50),
         (2, 2, 1, 50),
         (2, 2, 2, 0),
+    ]
+
+
+def test_events_name_our_ports_shortly(bench):
+    station = bench.station()
+    for path in ("rov/autopilot/pilot", "rov/thrusters", "rov2/dvl"):
+        bench.rov.say(Event("watchdog", 1, 1, f'no command for "{path}" in 1 s: it went to neutral'))
+    bench.rov.say(Event("mode", 1, 1, '"rov/autopilot" armed in mode depth_hold'))
+    assert [m.text for m in station.of("STATUSTEXT")] == [
+        "no command for pilot in 1 s: it went to neutral",
+        "no command for thrusters in 1 s: it went to neutra",
+        "l",
+        'no command for "rov2/dvl" in 1 s: it went to neutr',
+        "al",
+        "autopilot armed in mode depth_hold",
     ]
 
 
