@@ -23,6 +23,8 @@ WAYPOINT, _LOITER, _LOITER_TIME, _RTL, _LAND, _NAV_DELAY = 16, 17, 19, 20, 21, 9
 TAKEOFF = 22
 """QGroundControl wants it at the begin of each mission; a submarine has nothing to do for it, and ArduSub goes on to the next item."""
 _DELAY, _YAW, _SPEED, _HOME = 112, 115, 178, 179
+_NO_HEADING_DEG = (0.0, 999.0)
+"""What ground stations send for "none", beside NaN: zero, and Cockpit 999."""
 _MISSION = 2
 """Frame of items without a place."""
 _FOREVER_S = 1e6
@@ -107,8 +109,8 @@ def _translated(item: Item, home: Home) -> Json:
         waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(place_of(item, home))}
         if item.command == WAYPOINT and p2 > 0.0:
             waypoint["radius_m"] = p2
-        if 0.0 < abs(p4) <= 360.0 and item.command == WAYPOINT:
-            waypoint["heading_deg"] = p4  # NaN, 0 and (Cockpit) 999 are what ground stations send for "none"
+        if math.isfinite(p4) and abs(p4) not in _NO_HEADING_DEG and item.command == WAYPOINT:
+            waypoint["heading_deg"] = p4
         hold = _FOREVER_S if item.command == _LOITER else p1
         if math.isfinite(hold) and hold > 0.0:
             waypoint["hold_s"] = min(hold, _FOREVER_S)

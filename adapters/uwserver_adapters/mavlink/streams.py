@@ -18,7 +18,8 @@ GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
     POSITION: ("POSITION", ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")),
     10: ("EXTRA1", ("ATTITUDE", "AHRS2")),
     11: ("EXTRA2", ("VFR_HUD",)),
-    12: ("EXTRA3", ("SYSTEM_TIME", "RANGEFINDER", "DISTANCE_SENSOR", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION")),
+    12: ("EXTRA3", ("SYSTEM_TIME", "RANGEFINDER", "DISTANCE_SENSOR", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION",
+                     "GIMBAL_DEVICE_ATTITUDE_STATUS")),
 }  # fmt: skip
 """Number of the group -> end of its parameter's name, messages."""
 ON_REQUEST = (

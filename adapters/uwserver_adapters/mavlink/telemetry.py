@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from uwserver.frames import rpy_from_quat
+from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver_adapters.mavlink.codec import (
     compass_centidegrees,
     degrees,
     degrees_e7,
+    from_degrees,
     microseconds,
     milliseconds,
     wrapped,
@@ -18,6 +19,7 @@ from uwserver_adapters.mavlink.codec import (
 from uwserver_adapters.mavlink.dialect import Fields
 from uwserver_adapters.mavlink.instruments import UNKNOWN_16, Instruments
 from uwserver_adapters.mavlink.modes import shown
+from uwserver_adapters.mavlink.payload import TILT_LIMIT_DEG
 from uwserver_adapters.mavlink.readings import Readings, State
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ GYRO, ACCELEROMETER, MAGNETOMETER, ABSOLUTE_PRESSURE, GPS = 1, 2, 4, 8, 32
 RATE_CONTROL, ATTITUDE_CONTROL, YAW_CONTROL, Z_CONTROL, XY_CONTROL = 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14
 OUTPUTS, AHRS, BATTERY, PREARM = 1 << 15, 1 << 21, 1 << 25, 1 << 28
 """Bits of MAV_SYS_STATUS_SENSOR."""
+_LEVEL_FROM_BOW = 4 | 8 | 32
+"""Bits of GIMBAL_DEVICE_FLAGS: roll and pitch from the horizon, yaw from the vehicle."""
 _INSTRUMENTS = {"imu": GYRO | ACCELEROMETER, "magnetometer": MAGNETOMETER, "depth": ABSOLUTE_PRESSURE,
                 "pressure": ABSOLUTE_PRESSURE, "gps": GPS, "attitude": AHRS, "battery": BATTERY}  # fmt: skip
 
@@ -65,6 +69,7 @@ class Telemetry:
             "POSITION_TARGET_GLOBAL_INT": self._position_target_global,
             "RC_CHANNELS": self._rc_channels,
             "SERVO_OUTPUT_RAW": self._servo_output,
+            "GIMBAL_DEVICE_ATTITUDE_STATUS": self._gimbal,
             "MISSION_CURRENT": self._mission_current,
             "HOME_POSITION": lambda: vehicle.home.home_position(microseconds(self._readings.t_ns)),
             "GPS_GLOBAL_ORIGIN": lambda: vehicle.home.global_origin(microseconds(self._readings.t_ns)),
@@ -275,14 +280,20 @@ class Telemetry:
         fields: dict[str, int] = {"time_usec": microseconds(self._readings.t_ns) & 0xFFFF_FFFF}
         return fields | {f"servo{number}_raw": width for number, width in servos.items()}
 
+    def _gimbal(self) -> Fields:
+        """The camera's mount: level in roll and pitch, its yaw from the bow."""
+        payload = self._vehicle.payload
+        q = quat_from_rpy(0.0, from_degrees(payload.tilt), from_degrees(payload.pan))
+        return {"time_boot_ms": self._boot_ms, "flags": _LEVEL_FROM_BOW, "q": q}
+
     def _mission_current(self) -> Fields:
         return self._vehicle.missions.current()
 
     def _named_values(self) -> Sequence[Fields]:
         vehicle = self._vehicle
         values = {
-            "CamTilt": vehicle.payload.tilt,
-            "CamPan": vehicle.payload.pan,
+            "CamTilt": 0.5 - 0.5 * vehicle.payload.tilt / TILT_LIMIT_DEG,
+            "CamPan": 0.5 - 0.5 * vehicle.payload.pan / TILT_LIMIT_DEG,
             "TetherTrn": vehicle.tether_turns,
             "Lights1": vehicle.payload.lights[0],
             "Lights2": vehicle.payload.lights[1],

@@ -220,6 +220,10 @@ async def test_servo_outputs_are_those_of_the_motors_and_the_payload(bench):
     assert await station.command(205, 45.0) == ACCEPTED
     assert await station.command(183, 12, 1700) == ACCEPTED
     assert show(bench, station)[8:12] == [1100, 1900, 0, 1700]
+    told = {m.name: m.value for m in station.of("NAMED_VALUE_FLOAT")}
+    assert (told["CamTilt"], told["CamPan"]) == (0.0, 0.5), "as ArduSub tells a camera that looks up"
+    w, x, y, z = station.last("GIMBAL_DEVICE_ATTITUDE_STATUS").q
+    assert (w, x, y, z) == pytest.approx((math.cos(math.pi / 8), 0, math.sin(math.pi / 8), 0))
     assert await station.command(183, 3, 1700) == FAILED, "an output of a motor is the autopilot's"
 
 

@@ -90,7 +90,7 @@ def test_shift_gain_hold_lights_and_camera(bench):
     bench.run(1.0)
     told = {m.name: m.value for m in station.of("NAMED_VALUE_FLOAT")}
     assert told == pytest.approx(
-        {"CamTilt": 5.0, "CamPan": 0.0, "TetherTrn": 0.0, "Lights1": 0.125, "Lights2": 0.0, "PilotGain": 0.75,
+        {"CamTilt": 0.5 - 2.5 / 45.0, "CamPan": 0.5, "TetherTrn": 0.0, "Lights1": 0.125, "Lights2": 0.0, "PilotGain": 0.75,
          "InputHold": 0.0, "RollPitch": 0.0, "RFTarget": 0.0}
     )  # fmt: skip
 
