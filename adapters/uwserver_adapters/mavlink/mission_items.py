@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from msgspec import Struct
 
 from uwserver.ports import Json
-from uwserver_adapters.mavlink.codec import degrees_e7, vector
+from uwserver_adapters.mavlink.codec import degrees_e7, from_degrees, vector
 from uwserver_adapters.mavlink.dialect import Message
 from uwserver_adapters.mavlink.home import Home
 from uwserver_adapters.mavlink.setpoints import GLOBAL_FRAMES, LOCAL_NED
@@ -107,7 +107,7 @@ def _translated(item: Item, home: Home) -> Json:
         waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(place_of(item, home))}
         if item.command == WAYPOINT and p2 > 0.0:
             waypoint["radius_m"] = p2
-        if 0.0 < abs(p4) <= 360.0 and item.command == WAYPOINT:
+        if 0.0 < abs(from_degrees(p4)) <= math.tau and item.command == WAYPOINT:
             waypoint["heading_deg"] = p4  # NaN, 0 and (Cockpit) 999 are what ground stations send for "none"
         hold = _FOREVER_S if item.command == _LOITER else p1
         if math.isfinite(hold) and hold > 0.0:
