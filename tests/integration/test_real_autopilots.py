@@ -1,8 +1,8 @@
-"""Autopilots that others wrote, against a running server.
+"""ArduSub against a running server; test_real_px4.py is for PX4.
 
 Opt-in: `UWSERVER_ARDUSUB` names an `ardusub` of a SITL build (its `Tools/autotest/default_params/sub.parm` is looked for in the tree around it,
-or named by `UWSERVER_ARDUSUB_PARAMS`), `UWSERVER_PX4` a `px4` of a SITL build. ArduSub's numbers are those of its own autotests. Both autopilots
-may listen on all interfaces, whatever they are told: run these in a network namespace (``unshare -n``, loopback up).
+or named by `UWSERVER_ARDUSUB_PARAMS`). Its numbers are those of its own autotests. It may listen on all interfaces, whatever it is told: run
+these in a network namespace (``unshare -n``, loopback up).
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from autopilot_server import PATIENCE_S, PX4_SENSORS, SCENARIO, Server, ardusub_scenario, serving, until
+from autopilot_server import PATIENCE_S, Server, ardusub_scenario, serving, until
 
 ARDUSUB = os.environ.get("UWSERVER_ARDUSUB", "")
-PX4 = os.environ.get("UWSERVER_PX4", "")
 
 needs_ardusub = pytest.mark.skipif(not ARDUSUB, reason="UWSERVER_ARDUSUB is not set: an ardusub binary of a SITL build")
-needs_px4 = pytest.mark.skipif(not PX4, reason="UWSERVER_PX4 is not set: a px4 binary of a SITL build")
 
 
 class Gcs:
@@ -33,11 +31,11 @@ class Gcs:
     NEUTRAL = 1500
     MODES: ClassVar[dict[str, int]] = {"STABILIZE": 0, "ALT_HOLD": 2, "GUIDED": 4, "POSHOLD": 16, "MANUAL": 19}
 
-    def __init__(self) -> None:
+    def __init__(self, port: int = 0) -> None:
         from pymavlink.dialects.v20 import ardupilotmega
 
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
+        self.socket.bind(("127.0.0.1", port))
         self.socket.settimeout(0.02)
         self.port = int(self.socket.getsockname()[1])
         self.mav = ardupilotmega.MAVLink(None, 255, 190)
@@ -75,11 +73,15 @@ class Gcs:
         if now - self._sent > 0.1:
             self._sent = now
             self.send(self.mav.heartbeat_encode(6, 8, 0, 0, 0))
-            sticks = [self.sticks.get(channel, self.NEUTRAL) for channel in range(1, 9)]
-            self.send(self.mav.rc_channels_override_encode(1, 1, *sticks))
-            if not self._asked and "HEARTBEAT" in self.last:
-                self._asked = True
-                self.send(self.mav.request_data_stream_encode(1, 1, 0, 20, 1))
+            self.steer()
+
+    def steer(self) -> None:
+        """Pilot input."""
+        sticks = [self.sticks.get(channel, self.NEUTRAL) for channel in range(1, 9)]
+        self.send(self.mav.rc_channels_override_encode(1, 1, *sticks))
+        if not self._asked and "HEARTBEAT" in self.last:
+            self._asked = True
+            self.send(self.mav.request_data_stream_encode(1, 1, 0, 20, 1))
 
     def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
         end = time.monotonic() + patience_s
@@ -308,30 +310,3 @@ def test_ardusub_holds_position_by_the_dvl(tmp_path: Path, gcs: Gcs) -> None:
         n, e, _ = place(server)
         print(f"POSHOLD by DVL: {math.hypot(n - north, e - east):.3f} m in 10 s; {gcs.texts[-4:]}")
         assert math.hypot(n - north, e - east) < 1.0
-
-
-@needs_px4
-def test_px4_flies_with_us(tmp_path: Path) -> None:
-    """It connects, is given time, and sends outputs; `UWSERVER_PX4` is started in its own build folder."""
-    text = SCENARIO.format(
-        rate=1000,
-        imu=250,
-        port=4560,
-        depth=5.0,
-        clock="max_speed = 1.0",
-        sensors=PX4_SENSORS,
-        adapter='kind = "px4_hil"\ndepth = "depth"',
-    )
-    binary = Path(PX4).resolve()
-    environment = os.environ | {"PX4_SIM_MODEL": "gazebo-classic_uuv_bluerov2_heavy"}
-    with serving(tmp_path, text) as server, (tmp_path / "px4.log").open("wb") as log:
-        command = [str(binary), "-d", str(binary.parents[1] / "etc")]
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=tmp_path, env=environment
-        )
-        try:
-            until(lambda: server.stats()["details"]["controls"] > 500, "outputs of PX4")
-            assert server.stats()["peers"] == 1
-        finally:
-            process.kill()
-            process.wait()
