@@ -25,7 +25,7 @@ WAITING = 1 << 20
 PATIENCE_S = 1.0
 """Wall time that a disarmed autopilot has for its outputs: some of its modes give none while nothing moves. An armed one has all of it."""
 
-COUNTS = ("controls", "missed", "bad", "limited", "connections")
+COUNTS = ("controls", "late", "missed", "bad", "limited", "connections")
 """Keys of the adapter's details that count."""
 
 
@@ -39,7 +39,7 @@ class Connection:
         self.is_greeted = False
         self.controls: codec.Controls | None = None
         self.is_fresh = False
-        self.patience_end = 0.0
+        self.patience_end = math.inf
 
     @property
     def is_locked(self) -> bool:
@@ -177,8 +177,10 @@ class Px4Driver:
         for event in link.codec.receive(data):
             link.is_greeted = True
             if isinstance(event, codec.Controls):
-                link.controls, link.is_fresh = event, True
+                link.controls = event
+                link.is_fresh = event.t_us >= self._senses.told_ns // codec.MICROSECOND_NS
                 self._counts["controls"] += 1
+                self._counts["late"] += not link.is_fresh
                 self._counts["limited"] += event.limited
                 self._counts["is_locked"] = link.is_locked
             elif isinstance(event, codec.Interval):

@@ -13,7 +13,7 @@ import pytest
 mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
 
 from uwserver_adapters.px4 import codec  # noqa: E402  # needs pymavlink
-from uwserver_adapters.px4.driver import COUNTS, Px4Driver  # noqa: E402
+from uwserver_adapters.px4.driver import COUNTS, PATIENCE_S, Px4Driver  # noqa: E402
 from uwserver_adapters.px4.senses import Roles, Senses  # noqa: E402
 from uwserver_adapters.sil.channels import Outputs  # noqa: E402
 from uwserver_adapters.sil.readings import Readings  # noqa: E402
@@ -68,8 +68,9 @@ class FakePx4:
         self.send(self.mav.heartbeat_encode(0, 12, 0, 0, 0))
         self.send(self.mav.command_long_encode(0, 0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 115, 5e3, 0, 0, 0, 0, 0))
 
-    def controls(self, levels: list[float], mode: int = 128 | 1, flags: int = 1) -> None:
-        self.send(self.mav.hil_actuator_controls_encode(1, [*levels, *[0.0] * (16 - len(levels))], mode, flags))
+    def controls(self, levels: list[float], mode: int = 128 | 1, flags: int = 1, t_us: int = 2**40) -> None:
+        """Outputs, those for the newest sensor message unless told otherwise."""
+        self.send(self.mav.hil_actuator_controls_encode(t_us, [*levels, *[0.0] * (16 - len(levels))], mode, flags))
 
     def send(self, message: Any) -> None:
         self.stream.sendall(message.pack(self.mav))
@@ -226,16 +227,52 @@ def test_of_several_controls_the_last_counts() -> None:
         assert r.order() is None
 
 
-@pytest.mark.parametrize(("mode", "flags"), [(1, 1), (128 | 1, 0)])
-def test_disarmed_or_without_lockstep_it_does_not_wait(mode: int, flags: int) -> None:
+def test_outputs_for_an_older_sample_let_nobody_go_on() -> None:
+    """As PX4 sends them when sensor messages went out before it had any outputs: else it would lag by one for ever."""
+    with rig() as r, connected(r) as px4:
+        for _ in range(3):
+            assert r.order() is not None
+            r.tick()
+        px4.controls([0.1], t_us=8000)
+        assert r.order() is None
+        assert (r.stats.details["controls"], r.stats.details["late"]) == (1, 1)
+        px4.controls([0.2], t_us=12000)
+        order = r.order()
+        assert order is not None
+        assert order.commands[0][1]["u"][0] == pytest.approx(0.2)
+        assert r.stats.details["late"] == 1
+
+
+def test_disarmed_it_waits_too_but_not_for_ever() -> None:
+    """PX4 has outputs for each sample also while disarmed, and its estimator misses each one that it has no time for; some modes have none."""
     with rig() as r, connected(r) as px4:
         assert r.order() is not None
-        px4.controls([0.5] * 8, mode, flags)
+        px4.controls([0.5] * 8, mode=1)
+        assert r.order() == Order(4, [("rov/thrusters", {"u": [0.0] * 8})])
+        r.tick()
+        assert r.order() is None, "it waits"
+        assert r.stats.details["is_locked"] is True
+        r.now += PATIENCE_S
+        for _ in range(3):
+            assert r.order() == Order(4, ()), "freely again"
+            r.tick()
+        assert r.stats.details["missed"] == 1
+        assert r.stats.details["is_locked"] is False
+        px4.controls([0.5] * 8, mode=1)
+        assert r.order() is not None
+        r.tick()
+        assert r.order() is None, "and in lock-step again"
+
+
+def test_without_lockstep_it_does_not_wait() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        px4.controls([0.5] * 8, flags=0)
         for _ in range(3):
             order = r.order()
             assert order is not None
-            moved = 0.5 if mode & 128 else 0.0
-            assert order.commands == [("rov/thrusters", {"u": [moved] * 8})]
+            assert order.commands == [("rov/thrusters", {"u": [0.5] * 8})]
+            r.tick()
 
 
 def test_without_lockstep_the_world_is_no_faster_than_time() -> None:
