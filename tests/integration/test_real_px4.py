@@ -21,7 +21,16 @@ import uwserver_scenarios
 from autopilot_server import Server, serving, until
 from test_real_autopilots import Gcs
 
+from uwserver.frames import rpy_from_quat
+from uwserver.units import deg
+
 PX4 = os.environ.get("UWSERVER_PX4", "")
+TICKS = 4
+"""Of the physics in one step of PX4."""
+
+PARAMS = {"EKF2_MAG_TYPE": 5, "UUV_THRUST_SAT": 1, "UUV_TORQUE_SAT": 1, "UUV_MGM_THRTL": 0.4, "UUV_SGM_THRTL": 0.4}
+"""See docs/how-to/px4.md."""
+
 MODEL = os.environ.get("UWSERVER_PX4_MODEL", "gazebo-classic_uuv_bluerov2_heavy")
 
 pytestmark = pytest.mark.skipif(not PX4, reason="UWSERVER_PX4 is not set: a px4 binary of a SITL build")
@@ -88,5 +97,110 @@ def scenario(clock: str = "max_speed = 1.0", **adapter: object) -> str:
     return text.replace("[adapters.px4]\n", f"[adapters.px4]\n{keys}")
 
 
+def details(server: Server) -> dict[str, int]:
+    return dict(server.status()["adapters"]["px4"]["details"])
+
+
+def steps(server: Server) -> tuple[int, int]:
+    """Samples that it was given, outputs that came back."""
+    status = server.status()
+    return status["tick"] // TICKS, status["adapters"]["px4"]["details"]["controls"]
+
+
+def place(server: Server) -> tuple[float, float, float]:
+    north, east, down = server.last("bluerov2/truth/pose")["p_NB"]
+    return north, east, down
+
+
+def angles_deg(server: Server) -> tuple[float, float, float]:
+    """Roll, pitch, yaw of the world."""
+    roll, pitch, yaw = rpy_from_quat(server.last("bluerov2/truth/pose")["q_NB"])
+    return deg(roll), deg(pitch), deg(yaw)
+
+
+def turned_deg(before: float, after: float) -> float:
+    return (after - before + 180.0) % 360.0 - 180.0
+
+
 def wait_for_estimator(station: Station) -> None:
-    station.until(lambda: "ATTITUDE" in station.last, "an attitude", 120)
+    """Until it believes that it lies still."""
+    station.until(lambda: "ATTITUDE" in station.last and "LOCAL_POSITION_NED" in station.last, "an estimate", 180)
+    begun = station.time_s
+    station.until(lambda: station.time_s > begun + 5.0, "5 s of it", 180)
+    station.until(
+        lambda: abs(station.last["LOCAL_POSITION_NED"].vz) < 0.1 and abs(station.angles_deg[0]) < 1.0, "a steady estimate", 60
+    )
+
+
+def arm(station: Station) -> None:
+    """In MANUAL it arms with the throttle at its bottom only, for it thinks of aircraft."""
+    station.mode("MANUAL")
+    station.surge = -1.0
+    station.hold(0.5, lambda: 0.0)
+    station.arm()
+    station.surge = 0.0
+    station.until(lambda: station.is_armed, "armed")
+
+
+def test_px4_flies_with_us(tmp_path: Path) -> None:
+    """Each demand moves the vehicle of the world the right way, attitude and place are held, and no step is lost."""
+    with (
+        contextlib.closing(Station()) as station,
+        serving(tmp_path, scenario()) as server,
+        px4(tmp_path / "px4", **PARAMS),
+    ):
+        server.follow("bluerov2/truth/pose")
+        server.follow("bluerov2/truth/velocity")
+        wait_for_estimator(station)
+        arm(station)
+        begun, wall, before = station.time_s, time.monotonic(), steps(server)
+
+        station.up = -1.0
+        station.until(lambda: place(server)[2] > 2.0, "2 m deep", 60)
+        station.up = 0.0
+        station.mode("STABILIZED")
+        station.hold(4.0, lambda: 0.0)
+        level = station.hold(5.0, lambda: max(abs(angle) for angle in angles_deg(server)[:2]))
+        print(f"STABILIZED: roll and pitch within {max(level):.2f} deg of level")
+        assert max(level) < 3.0
+
+        for stick in (1.0, -1.0):
+            yaw = angles_deg(server)[2]
+            station.yaw = stick
+            level = station.hold(3.0, lambda: max(abs(angle) for angle in angles_deg(server)[:2]))
+            station.yaw = 0.0
+            turned = turned_deg(yaw, angles_deg(server)[2])
+            print(f"yaw stick {stick:+g} for 3 s: {turned:+.1f} deg, roll and pitch within {max(level):.2f} deg")
+            assert 40.0 < turned * stick < 140.0
+            assert max(level) < 10.0
+            station.hold(4.0, lambda: 0.0)
+        assert abs(turned_deg(station.angles_deg[2], angles_deg(server)[2])) < 3.0, "it knows where it looks"
+
+        for axis, (stick, demand) in enumerate((("surge", 1.0), ("sway", 1.0), ("up", -1.0))):
+            setattr(station, stick, demand)
+            tilt = station.hold(3.0, lambda: max(abs(angle) for angle in angles_deg(server)[:2]))
+            velocity = server.last("bluerov2/truth/velocity")["v_NB_B"]
+            setattr(station, stick, 0.0)
+            print(f"{stick} {demand:+g} for 3 s: {[round(v, 3) for v in velocity]} m/s, tilt within {max(tilt):.1f} deg")
+            assert velocity[axis] > 0.2
+            assert velocity[axis] > 2.0 * max(abs(v) for other, v in enumerate(velocity) if other != axis)
+            assert max(tilt) < 20.0
+            station.hold(3.0, lambda: 0.0)
+
+        station.mode("POSCTL")
+        station.hold(10.0, lambda: 0.0)
+        held = place(server)
+        away = station.hold(15.0, lambda: math.dist(held, place(server)))
+        believed = station.last["LOCAL_POSITION_NED"]
+        wrong = math.dist((believed.x, believed.y, believed.z), place(server))
+        print(f"POSCTL: within {max(away):.3f} m of where it was for 15 s, believed {wrong:.3f} m from there")
+        assert max(away) < 0.2
+        assert wrong < 0.15
+
+        after, counts = steps(server), details(server)
+        given, answered = (b - a for a, b in zip(before, after, strict=True))
+        took = (station.time_s - begun) / (time.monotonic() - wall)
+        print(f"{given} steps, {answered} outputs, at {took:.2f} of real time; {counts}; it said {station.texts}")
+        assert abs(given - answered) <= 1, "outputs for each"
+        assert (counts["missed"], counts["bad"], counts["limited"], counts["connections"]) == (0, 0, 0, 1)
+        assert counts["late"] <= 1, "one from before the lock-step at most"
