@@ -14,12 +14,11 @@ import socket
 import sys
 import tempfile
 import threading
-import time
 from pathlib import Path
 
 from autopilot_server import serving
 from pymavlink.dialects.v20 import common as mavlink
-from test_real_px4 import Station, px4, scenario, wait_for_estimator
+from test_real_px4 import PARAMS, Station, arm, px4, scenario, wait_for_estimator
 
 ABOUT = "uwserver 0.1.0, scenario bluerov2_px4; recorded by tests/integration/record_px4.py"
 PORT = 4560
@@ -52,47 +51,42 @@ class Relay(threading.Thread):
 
 
 def record() -> tuple[Log, int]:
-    """All bytes, and the place in them when it was about to be armed."""
+    """All bytes, and the place in them when it was armed and steered."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with serving(folder, scenario(port=0)) as server:
+        text = scenario().replace(f"port = {PORT}", "port = 0")
+        with serving(folder, text) as server:
             relay = Relay(server.addresses["px4"])
             relay.start()
             station = Station()
             try:
-                with px4(folder / "px4"):
+                with px4(folder / "px4", **PARAMS):
                     wait_for_estimator(station)
-                    station.mode("MANUAL")
-                    station.surge, station.yaw = 1.0, 0.5
-                    armed = len(relay.log)
-                    station.arm()
-                    end = time.monotonic() + 5.0
-                    while time.monotonic() < end:
-                        station.turn()
+                    arm(station)
+                    station.surge, station.sway = 1.0, 0.5
+                    steered = len(relay.log)
+                    station.hold(3.0, lambda: 0.0)
             finally:
                 station.close()
                 relay.over.set()
                 relay.join()
-    return relay.log, armed
+    return relay.log, steered
 
 
-def first_armed(log: Log, start: int) -> int:
-    """Place of the first outputs from `start` on that are those of an armed vehicle."""
-    parser = mavlink.MAVLink(None, 1, 1)
+def is_outputs(data: bytes) -> bool:
+    """Whether there are actuator outputs among these bytes of PX4."""
+    parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
-    for place in range(start, len(log)):
-        way, data = log[place]
-        if way == ">" and any(getattr(message, "mode", 0) & 128 for message in parser.parse_buffer(data) or ()):
-            return place
-    raise AssertionError("it was not armed")
+    return any(message.get_type() == "HIL_ACTUATOR_CONTROLS" for message in parser.parse_buffer(data) or ())
 
 
 def main(file: Path, version: str) -> None:
     """Record, and write."""
+    log, steered = record()
+    outputs = [place for place, (way, data) in enumerate(log) if way == ">" and is_outputs(data)]
+    first, armed = outputs[0], next(place for place in outputs if place >= steered)
     lines: list[object] = [f"{version} and {ABOUT}"]
-    log, place = record()
-    armed = first_armed(log, place)
-    for what, part in (("start", log[:300]), ("armed", log[armed - 100 :][:700])):
+    for what, part in (("start", log[:60]), ("locks", log[first - 40 :][:440]), ("steered", log[armed:][:400])):
         lines.append({"recording": what})
         lines.extend([way, data.hex()] for way, data in part)
     text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)

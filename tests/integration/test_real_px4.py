@@ -45,6 +45,13 @@ class Station(Gcs):
         super().__init__(14550)
         self.surge = self.sway = self.up = self.yaw = 0.0
 
+    def begin(self) -> None:
+        """Another will come: forget what the last one said."""
+        with contextlib.suppress(TimeoutError):
+            while True:
+                self.socket.recv(65536)
+        super().begin()
+
     def steer(self) -> None:
         x, y, z, r = (round(stick * 1000.0) for stick in (self.up, self.sway, (self.surge + 1.0) / 2.0, self.yaw))
         self.send(self.mav.manual_control_encode(1, x, y, z, r, 0))
@@ -128,7 +135,9 @@ def wait_for_estimator(station: Station) -> None:
     begun = station.time_s
     station.until(lambda: station.time_s > begun + 5.0, "5 s of it", 180)
     station.until(
-        lambda: abs(station.last["LOCAL_POSITION_NED"].vz) < 0.1 and abs(station.angles_deg[0]) < 1.0, "a steady estimate", 60
+        lambda: abs(station.last["LOCAL_POSITION_NED"].vz) < 0.1 and abs(station.angles_deg[0]) < 1.0,
+        "a steady estimate",
+        60,
     )
 
 
@@ -181,7 +190,9 @@ def test_px4_flies_with_us(tmp_path: Path) -> None:
             tilt = station.hold(3.0, lambda: max(abs(angle) for angle in angles_deg(server)[:2]))
             velocity = server.last("bluerov2/truth/velocity")["v_NB_B"]
             setattr(station, stick, 0.0)
-            print(f"{stick} {demand:+g} for 3 s: {[round(v, 3) for v in velocity]} m/s, tilt within {max(tilt):.1f} deg")
+            print(
+                f"{stick} {demand:+g} for 3 s: {[round(v, 3) for v in velocity]} m/s, tilt within {max(tilt):.1f} deg"
+            )
             assert velocity[axis] > 0.2
             assert velocity[axis] > 2.0 * max(abs(v) for other, v in enumerate(velocity) if other != axis)
             assert max(tilt) < 20.0
@@ -204,3 +215,46 @@ def test_px4_flies_with_us(tmp_path: Path) -> None:
         assert abs(given - answered) <= 1, "outputs for each"
         assert (counts["missed"], counts["bad"], counts["limited"], counts["connections"]) == (0, 0, 0, 1)
         assert counts["late"] <= 1, "one from before the lock-step at most"
+
+
+def test_px4_starts_first_and_restarts_on_a_living_world(tmp_path: Path) -> None:
+    """It waits for a simulator, and a new one goes on in the world of the old one."""
+    with contextlib.closing(Station()) as station:
+        with px4(tmp_path / "first"):
+            log = tmp_path / "first" / "px4.log"
+            until(lambda: "Waiting for simulator" in log.read_text(errors="replace"), "PX4 waits")
+            with serving(tmp_path, scenario()) as server:
+                wait_for_estimator(station)
+                print(f"it waited, then: {details(server)}")
+                assert details(server)["connections"] == 1
+            station.begin()
+        with serving(tmp_path, scenario()) as server:
+            for start in (1, 2):
+                with px4(tmp_path / f"px4_{start}"):
+                    wait_for_estimator(station)
+                    arm(station)
+                    counts = details(server)
+                    print(f"start {start}: {counts}")
+                    assert counts["connections"] == start
+                    assert counts["bad"] == 0
+                station.begin()
+                until(lambda: server.status()["adapters"]["px4"]["peers"] == 0, "it is gone")
+
+
+@pytest.mark.parametrize("clock", ["max_speed = 1.0", ""], ids=["in real time", "as fast as it goes"])
+def test_px4_keeps_up(tmp_path: Path, clock: str) -> None:
+    """How fast is printed; that no step is lost is checked."""
+    with (
+        contextlib.closing(Station()) as station,
+        serving(tmp_path, scenario(clock)) as server,
+        px4(tmp_path / "px4", **PARAMS),
+    ):
+        wait_for_estimator(station)
+        before, begun = steps(server), time.monotonic()
+        while time.monotonic() < begun + 20.0:
+            station.turn()
+        after, took = steps(server), time.monotonic() - begun
+        given, answered = (b - a for a, b in zip(before, after, strict=True))
+        print(f"{given / took:.1f} steps/s for {took:.0f} s, {answered} outputs for {given} steps: {details(server)}")
+        assert abs(given - answered) <= 1
+        assert details(server)["missed"] == 0

@@ -39,12 +39,17 @@ class Connection:
         self.is_greeted = False
         self.controls: codec.Controls | None = None
         self.is_fresh = False
-        self.patience_end = math.inf
+        self.told_s = math.inf
 
     @property
     def is_locked(self) -> bool:
         """Whether the next tick waits for its outputs. Before the first ones, or built without lock-step, it would wait for ever."""
         return self.controls is not None and self.controls.is_lockstep
+
+    @property
+    def patience_end(self) -> float:
+        """Wall time until which its outputs are waited for, s."""
+        return math.inf if self.controls is not None and self.controls.is_armed else self.told_s + PATIENCE_S
 
 
 class Px4Driver:
@@ -99,8 +104,7 @@ class Px4Driver:
         """Send what is new."""
         link = self._link
         if link is not None:
-            is_armed = link.controls is not None and link.controls.is_armed
-            link.patience_end = math.inf if is_armed else self._steady() + PATIENCE_S
+            link.told_s = self._steady()
             self._send(link, self._senses.messages(link.codec, t_ns))
 
     def refuse(self, fault: Fault) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
+import tomllib
 import uwserver_scenarios
 
 SCENARIOS = Path(uwserver_scenarios.__file__).parent
