@@ -36,7 +36,6 @@ class Gcs:
 
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", port))
-        self.socket.settimeout(0.02)
         self.port = int(self.socket.getsockname()[1])
         self.mav = ardupilotmega.MAVLink(None, 255, 190)
         self.mav.robust_parsing = True
@@ -63,12 +62,14 @@ class Gcs:
 
     def turn(self) -> None:
         """Hear what there is, say what is due."""
-        with contextlib.suppress(TimeoutError, ConnectionRefusedError):
-            data, self._address = self.socket.recvfrom(65536)
-            for message in self.mav.parse_buffer(data) or []:
-                self.last[message.get_type()] = message
-                if message.get_type() == "STATUSTEXT":
-                    self.texts.append(message.text)
+        with contextlib.suppress(TimeoutError, BlockingIOError, ConnectionRefusedError):
+            for patience_s in (0.02, *[0.0] * 50):
+                self.socket.settimeout(patience_s)
+                data, self._address = self.socket.recvfrom(65536)
+                for message in self.mav.parse_buffer(data) or []:
+                    self.last[message.get_type()] = message
+                    if message.get_type() == "STATUSTEXT":
+                        self.texts.append(message.text)
         now = time.monotonic()
         if now - self._sent > 0.1:
             self._sent = now
