@@ -56,7 +56,6 @@ class Gcs:
 
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", port))
-        self.socket.settimeout(0.02)
         self.port = int(self.socket.getsockname()[1])
         self.mav = ardupilotmega.MAVLink(None, 255, 190)
         self.mav.robust_parsing = True
@@ -87,23 +86,32 @@ class Gcs:
 
     def turn(self) -> None:
         """Hear what there is, say what is due."""
-        with contextlib.suppress(TimeoutError, ConnectionRefusedError):
-            data, self._address = self.socket.recvfrom(65536)
-            for message in self.mav.parse_buffer(data) or []:
-                self.last[message.get_type()] = message
-                if message.get_type() == "STATUSTEXT":
-                    self.texts.append(message.text)
-                elif message.get_type() == "MISSION_ITEM_REACHED":
-                    self.reached.append(message.seq)
+        with contextlib.suppress(TimeoutError, BlockingIOError, ConnectionRefusedError):
+            for patience_s in (0.02, *[0.0] * 50):
+                self.socket.settimeout(patience_s)
+                data, self._address = self.socket.recvfrom(65536)
+                for message in self.mav.parse_buffer(data) or []:
+                    self._take(message)
         now = time.monotonic()
         if now - self._sent > 0.02:
             self._sent = now
             self.send(self.mav.heartbeat_encode(6, 8, 0, 0, 0))
-            sticks = [self.sticks.get(channel, self.NEUTRAL) for channel in range(1, 9)]
-            self.send(self.mav.rc_channels_override_encode(1, 1, *sticks))
-            if not self._asked and "HEARTBEAT" in self.last:
-                self._asked = True
-                self.send(self.mav.request_data_stream_encode(1, 1, 0, 20, 1))
+            self.steer()
+
+    def _take(self, message: Any) -> None:
+        self.last[message.get_type()] = message
+        if message.get_type() == "STATUSTEXT":
+            self.texts.append(message.text)
+        elif message.get_type() == "MISSION_ITEM_REACHED":
+            self.reached.append(message.seq)
+
+    def steer(self) -> None:
+        """Pilot input."""
+        sticks = [self.sticks.get(channel, self.NEUTRAL) for channel in range(1, 9)]
+        self.send(self.mav.rc_channels_override_encode(1, 1, *sticks))
+        if not self._asked and "HEARTBEAT" in self.last:
+            self._asked = True
+            self.send(self.mav.request_data_stream_encode(1, 1, 0, 20, 1))
 
     def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
         end = time.monotonic() + patience_s

@@ -1,26 +1,19 @@
-"""Autopilots that others wrote, against a running server: ArduSub at 1200 Hz, and PX4.
+"""ArduSub at 1200 Hz against a running server.
 
-Opt-in: `UWSERVER_ARDUSUB` names an `ardusub` of a SITL build (see `ground_station`), `UWSERVER_PX4` a `px4` of a SITL build. ArduSub's numbers
-are those of its own autotests; `test_real_dives` has more of them, `test_real_how_to` the shipped scenario. Both autopilots may listen on all
-interfaces, whatever they are told: run these in a network namespace (``unshare -n``, loopback up).
+Opt-in: `UWSERVER_ARDUSUB` names an `ardusub` of a SITL build (see `ground_station`). Its numbers are those of its own autotests; `test_real_dives`
+and `test_real_missions` have more of them, `test_real_how_to` the shipped scenario; `test_real_px4` is for PX4. It may listen on all interfaces,
+whatever it is told: run these in a network namespace (``unshare -n``, loopback up).
 """
 
 from __future__ import annotations
 
 import math
 import os
-import subprocess
 import time
 from pathlib import Path
 
-import pytest
-from autopilot_server import PRESSURE_50_HZ, SCENARIO, ardusub_scenario, serving, until
+from autopilot_server import ardusub_scenario, serving, until
 from ground_station import SENSORS, Gcs, ardusub, kept, needs_ardusub, place, settled
-
-PX4 = os.environ.get("UWSERVER_PX4", "")
-
-needs_px4 = pytest.mark.skipif(not PX4, reason="UWSERVER_PX4 is not set: a px4 binary of a SITL build")
-
 
 PACED_BY_US = 'no_time_sync = true\nrangefinders = ["altimeter"]'
 
@@ -107,30 +100,3 @@ def test_ardusub_as_fast_as_it_goes(tmp_path: Path, gcs: Gcs) -> None:
         details, took = server.stats()["details"], time.monotonic() - begun
         print(f"free-running: {(details['frames'] - before) / took:.0f} frames/s, {details}")
         assert settled(details) == (0, 0, 0)
-
-
-@needs_px4
-def test_px4_flies_with_us(tmp_path: Path) -> None:
-    """It connects, is given time, and sends outputs; `UWSERVER_PX4` is started in its own build folder."""
-    text = SCENARIO.format(
-        rate=1000,
-        imu=250,
-        port=4560,
-        depth=5.0,
-        clock="max_speed = 1.0",
-        sensors=PRESSURE_50_HZ,
-        adapter='kind = "px4_hil"\ndepth = "depth"',
-    )
-    binary = Path(PX4).resolve()
-    environment = os.environ | {"PX4_SIM_MODEL": "gazebo-classic_uuv_bluerov2_heavy"}
-    with serving(tmp_path, text) as server, (tmp_path / "px4.log").open("wb") as log:
-        command = [str(binary), "-d", str(binary.parents[1] / "etc")]
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=tmp_path, env=environment
-        )
-        try:
-            until(lambda: server.stats()["details"]["controls"] > 500, "outputs of PX4")
-            assert server.stats()["peers"] == 1
-        finally:
-            process.kill()
-            process.wait()

@@ -43,12 +43,14 @@ class Controls(NamedTuple):
     """Actuator outputs.
 
     Attributes:
+        t_us: the autopilot's time; in lock-step that of the newest sensor message of which they know.
         levels: -1 to 1 by channel; zeros while disarmed.
         is_armed: whether they mean something.
         is_lockstep: whether the autopilot's time stands still until the next sensor message.
         limited: outputs that were outside, or no numbers.
     """
 
+    t_us: int
     levels: tuple[float, ...]
     is_armed: bool
     is_lockstep: bool
@@ -194,7 +196,8 @@ def _controls(message: Any) -> Controls:
     given: Sequence[float] = message.controls
     levels = tuple(min(max(level, -1.0), 1.0) if math.isfinite(level) else 0.0 for level in given)
     limited = sum(level != value for level, value in zip(levels, given, strict=True))
-    return Controls(levels if armed else (0.0,) * CONTROLS, armed, bool(message.flags & _LOCKSTEP), limited)
+    is_lockstep = bool(message.flags & _LOCKSTEP)
+    return Controls(message.time_usec, levels if armed else (0.0,) * CONTROLS, armed, is_lockstep, limited)
 
 
 def _int16(value: float) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import select
 import socket
 from collections.abc import Callable, Sequence
@@ -21,7 +22,10 @@ READ = 1 << 16
 WAITING = 1 << 20
 """Bytes that may wait for an autopilot that does not read; then the connection is ended."""
 
-COUNTS = ("controls", "bad", "limited", "connections")
+PATIENCE_S = 1.0
+"""Wall time that a disarmed autopilot has for its outputs: some of its modes give none while nothing moves. An armed one has all of it."""
+
+COUNTS = ("controls", "late", "missed", "bad", "limited", "connections")
 """Keys of the adapter's details that count."""
 
 
@@ -35,11 +39,17 @@ class Connection:
         self.is_greeted = False
         self.controls: codec.Controls | None = None
         self.is_fresh = False
+        self.told_s = math.inf
 
     @property
     def is_locked(self) -> bool:
-        """Whether the next tick waits for its outputs. Before the first ones, disarmed, or built without lock-step it would wait for ever."""
-        return self.controls is not None and self.controls.is_lockstep and self.controls.is_armed
+        """Whether the next tick waits for its outputs. Before the first ones, or built without lock-step, it would wait for ever."""
+        return self.controls is not None and self.controls.is_lockstep
+
+    @property
+    def patience_end(self) -> float:
+        """Wall time until which its outputs are waited for, s."""
+        return math.inf if self.controls is not None and self.controls.is_armed else self.told_s + PATIENCE_S
 
 
 class Px4Driver:
@@ -81,8 +91,10 @@ class Px4Driver:
             order = None if link is None else self._next(link, now)
             if order is not None or now >= end:
                 return order
-            runs_free = link is not None and link.is_greeted and not link.is_locked and not link.unsent
-            self._wait((min(end, self._due) if runs_free else end) - now)
+            again = end
+            if link is not None and link.is_greeted and not link.unsent:
+                again = min(end, link.patience_end if link.is_locked else self._due)
+            self._wait(again - now)
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
         """Keep what will be sent."""
@@ -90,8 +102,10 @@ class Px4Driver:
 
     def answer(self, t_ns: int) -> None:
         """Send what is new."""
-        if self._link is not None:
-            self._send(self._link, self._senses.messages(self._link.codec, t_ns))
+        link = self._link
+        if link is not None:
+            link.told_s = self._steady()
+            self._send(link, self._senses.messages(link.codec, t_ns))
 
     def refuse(self, fault: Fault) -> None:
         """Outputs are limited to what actuators take, so this is an actuator that is gone or was switched off."""
@@ -107,10 +121,13 @@ class Px4Driver:
     def _next(self, link: Connection, now: float) -> Order | None:
         if not link.is_greeted or link.unsent:
             return None
-        if link.is_locked:
-            if not link.is_fresh:
+        if link.is_locked and not link.is_fresh:
+            if now < link.patience_end:
                 return None
-        elif now < self._due:
+            link.controls = None
+            self._counts["missed"] += 1
+            self._counts["is_locked"] = False
+        if not link.is_locked and now < self._due:
             return None
         self._due = max(now, self._due + self._step_s)
         link.is_fresh = False
@@ -164,8 +181,10 @@ class Px4Driver:
         for event in link.codec.receive(data):
             link.is_greeted = True
             if isinstance(event, codec.Controls):
-                link.controls, link.is_fresh = event, True
+                link.controls = event
+                link.is_fresh = event.t_us >= self._senses.told_ns // codec.MICROSECOND_NS
                 self._counts["controls"] += 1
+                self._counts["late"] += not link.is_fresh
                 self._counts["limited"] += event.limited
                 self._counts["is_locked"] = link.is_locked
             elif isinstance(event, codec.Interval):

@@ -57,6 +57,11 @@ class Senses:
         self._shift_ns = 0
         self._last_ns = 0
 
+    @property
+    def told_ns(self) -> int:
+        """Time of the newest messages, as the autopilot was told."""
+        return self._last_ns
+
     def see(self, samples: Sequence[Sample]) -> None:
         """The samples of a tick."""
         self._readings.see(samples)

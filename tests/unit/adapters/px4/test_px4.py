@@ -5,163 +5,17 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
 
-from uwserver_adapters.px4 import codec  # noqa: E402  # needs pymavlink
-from uwserver_adapters.px4.driver import COUNTS, Px4Driver  # noqa: E402
-from uwserver_adapters.px4.senses import Roles, Senses  # noqa: E402
-from uwserver_adapters.sil.channels import Outputs  # noqa: E402
-from uwserver_adapters.sil.readings import Readings  # noqa: E402
+from px4_rig import connected, rig  # noqa: E402  # needs pymavlink
+from uwserver_adapters.px4 import codec  # noqa: E402
+from uwserver_adapters.px4.driver import PATIENCE_S  # noqa: E402
 
-from uwserver.adapter import AdapterStats, Order  # noqa: E402
-from uwserver.ports import Field, Port, Sample  # noqa: E402
-
-STEP_NS = 4_000_000
-
-
-def sensor(name: str, *fields: tuple[str, int], rate_hz: float = 250.0) -> Port:
-    return Port(
-        f"rov/{name}", "sensor", name, tuple(Field(f, "1", f, "N", (n,) if n else ()) for f, n in fields), name, rate_hz
-    )
-
-
-PORTS = {
-    port.path: port
-    for port in (
-        sensor("truth/pose", ("p_NB", 3), ("q_NB", 4)),
-        sensor("truth/velocity", ("v_NB_B", 3), ("w_NB_B", 3)),
-        sensor("imu", ("f_S", 3), ("w_S", 3), ("temperature", 0)),
-        sensor("magnetometer", ("field_S", 3)),
-        sensor("depth", ("depth", 0), ("temperature", 0)),
-        sensor("altimeter", ("range", 0)),
-        sensor(
-            "gps", ("latitude", 0), ("longitude", 0), ("height", 0), ("v_NS", 3), ("horizontal_accuracy", 0),
-            ("vertical_accuracy", 0), ("velocity_accuracy", 0), ("satellites", 0), ("fix", 0),
-        ),
-        Port("rov/thrusters", "actuator", "thrusters", (Field("u", "1", "u", shape=(8,), minimum=-1.0, maximum=1.0),), "T."),
-    )
-}  # fmt: skip
-REST: dict[str, tuple[Any, ...]] = {
-    "truth/pose": ((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)),
-    "truth/velocity": ((0.5, 0.0, 0.25), (0.0, 0.0, 0.1)),
-    "imu": ((0.0, 0.0, -9.8), (0.01, 0.02, 0.03), 15.0),
-}
-
-
-class FakePx4:
-    """What PX4's simulator module does, by hand."""
-
-    def __init__(self, address: tuple[str, int]) -> None:
-        self.stream = socket.create_connection(address, timeout=10)
-        self.stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.mav = mavlink.MAVLink(None, 1, 1)
-        self.mav.robust_parsing = True
-        self.inbox: list[Any] = []
-
-    def greet(self) -> None:
-        """The two messages with which it begins."""
-        self.send(self.mav.heartbeat_encode(0, 12, 0, 0, 0))
-        self.send(self.mav.command_long_encode(0, 0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 115, 5e3, 0, 0, 0, 0, 0))
-
-    def controls(self, levels: list[float], mode: int = 128 | 1, flags: int = 1) -> None:
-        self.send(self.mav.hil_actuator_controls_encode(1, [*levels, *[0.0] * (16 - len(levels))], mode, flags))
-
-    def send(self, message: Any) -> None:
-        self.stream.sendall(message.pack(self.mav))
-        self.mav.seq = (self.mav.seq + 1) % 256
-
-    def read(self) -> list[Any]:
-        """Everything that has come."""
-        found: list[Any] = []
-        self.stream.settimeout(0.2)
-        with contextlib.suppress(TimeoutError):
-            while data := self.stream.recv(65536):
-                found += self.mav.parse_buffer(data) or []
-                self.stream.settimeout(0.02)
-        return found
-
-    def names(self) -> list[str]:
-        return [message.get_type() for message in self.read()]
-
-
-class Rig:
-    """A driver and the world around it."""
-
-    def __init__(self, listener: socket.socket, extras: bool, odometry_s: float) -> None:
-        self.listener = listener
-        self.now = 50.0
-        self.t_ns = 0
-        self.stats = AdapterStats()
-        self.stats.details.update(dict.fromkeys((*COUNTS, "is_locked"), 0))
-        readings = Readings(PORTS, "rov")
-        gps = (
-            "latitude",
-            "longitude",
-            "height",
-            "v_NS",
-            "horizontal_accuracy",
-            "vertical_accuracy",
-            "satellites",
-            "fix",
-        )
-        roles = Roles(
-            readings.want("imu", "imu", [("w_S", "f_S")]),
-            readings.want("pose", "truth/pose", [("p_NB", "q_NB")]),
-            readings.want("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
-            readings.want("magnetometer", "magnetometer", [("field_S",)]) if extras else None,
-            readings.want("depth", "depth", [("depth", "temperature")]) if extras else None,
-            readings.want("gps", "gps", [gps], keeps=False) if extras else None,
-            ((readings.want("altimeter", "altimeter", [("range",)], keeps=False), (0.3, 50.0)),) if extras else (),
-        )
-        senses = Senses(readings, roles, (60.0, 5.0), odometry_s, (0.1, 0.02, 0.05))
-        outputs = Outputs({}, PORTS, "rov")
-        self.driver = Px4Driver(listener, outputs, senses, 4, 0.004, lambda: self.now, self.stats)
-
-    def connect(self) -> FakePx4:
-        return FakePx4(self.listener.getsockname())
-
-    def order(self) -> Order | None:
-        """One look, in which the clock goes on by the time that it waits for."""
-        for _ in range(40):
-            order = self.driver.order(0.0)
-            if order is not None:
-                return order
-            self.now += 0.001
-        return None
-
-    def tick(self, **values: tuple[Any, ...]) -> None:
-        self.t_ns += STEP_NS
-        given = REST | {name.replace("truth_", "truth/"): value for name, value in values.items()}
-        self.driver.see(
-            self.t_ns, [Sample(f"rov/{name}", 0, self.t_ns, self.t_ns, True, value) for name, value in given.items()]
-        )
-        self.driver.answer(self.t_ns)
-
-
-@contextlib.contextmanager
-def rig(extras: bool = False, odometry_s: float = 0.0) -> Iterator[Rig]:
-    with contextlib.closing(socket.socket()) as listener:
-        listener.setblocking(False)
-        listener.bind(("127.0.0.1", 0))
-        listener.listen()
-        r = Rig(listener, extras, odometry_s)
-        try:
-            yield r
-        finally:
-            r.driver.close()
-
-
-@contextlib.contextmanager
-def connected(r: Rig) -> Iterator[FakePx4]:
-    px4 = r.connect()
-    with contextlib.closing(px4.stream):
-        px4.greet()
-        yield px4
+from uwserver.adapter import Order  # noqa: E402
 
 
 def by_type(messages: list[Any]) -> dict[str, Any]:
@@ -226,16 +80,52 @@ def test_of_several_controls_the_last_counts() -> None:
         assert r.order() is None
 
 
-@pytest.mark.parametrize(("mode", "flags"), [(1, 1), (128 | 1, 0)])
-def test_disarmed_or_without_lockstep_it_does_not_wait(mode: int, flags: int) -> None:
+def test_outputs_for_an_older_sample_let_nobody_go_on() -> None:
+    """As PX4 sends them when sensor messages went out before it had any outputs: else it would lag by one for ever."""
+    with rig() as r, connected(r) as px4:
+        for _ in range(3):
+            assert r.order() is not None
+            r.tick()
+        px4.controls([0.1], t_us=8000)
+        assert r.order() is None
+        assert (r.stats.details["controls"], r.stats.details["late"]) == (1, 1)
+        px4.controls([0.2], t_us=12000)
+        order = r.order()
+        assert order is not None
+        assert order.commands[0][1]["u"][0] == pytest.approx(0.2)
+        assert r.stats.details["late"] == 1
+
+
+def test_disarmed_it_waits_too_but_not_for_ever() -> None:
+    """PX4 has outputs for each sample also while disarmed, and its estimator misses each one that it has no time for; some modes have none."""
     with rig() as r, connected(r) as px4:
         assert r.order() is not None
-        px4.controls([0.5] * 8, mode, flags)
+        px4.controls([0.5] * 8, mode=1)
+        assert r.order() == Order(4, [("rov/thrusters", {"u": [0.0] * 8})])
+        r.tick()
+        assert r.order() is None, "it waits"
+        assert r.stats.details["is_locked"] is True
+        r.now += PATIENCE_S
+        for _ in range(3):
+            assert r.order() == Order(4, ()), "freely again"
+            r.tick()
+        assert r.stats.details["missed"] == 1
+        assert r.stats.details["is_locked"] is False
+        px4.controls([0.5] * 8, mode=1)
+        assert r.order() is not None
+        r.tick()
+        assert r.order() is None, "and in lock-step again"
+
+
+def test_without_lockstep_it_does_not_wait() -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        px4.controls([0.5] * 8, flags=0)
         for _ in range(3):
             order = r.order()
             assert order is not None
-            moved = 0.5 if mode & 128 else 0.0
-            assert order.commands == [("rov/thrusters", {"u": [moved] * 8})]
+            assert order.commands == [("rov/thrusters", {"u": [0.5] * 8})]
+            r.tick()
 
 
 def test_without_lockstep_the_world_is_no_faster_than_time() -> None:
