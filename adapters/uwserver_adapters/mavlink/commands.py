@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 
 from uwserver_adapters.mavlink.channel import Channel
-from uwserver_adapters.mavlink.codec import from_degrees, pulse
+from uwserver_adapters.mavlink.codec import from_degrees, pulse, seconds
 from uwserver_adapters.mavlink.dialect import Message
 from uwserver_adapters.mavlink.failsafe import INFO, NOTICE, WARNING
 from uwserver_adapters.mavlink.home import Place, place_of_e7
@@ -323,10 +323,16 @@ class Commands:
             return self._refuse(f"Motor test: bad throttle type {kind}")
         if kind == _PERCENT:
             throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
-        deflections = self._vehicle.outputs.test(request.whole(1), throttle)
+        deflections = self._vehicle.outputs.test(request.whole(1), throttle, seconds(self._vehicle.readings.t_ns))
         if deflections is None:
             return FAILED
-        self._vehicle.autopilot.command("test", {"outputs": deflections})
+
+        def done(reason: str) -> None:
+            if reason:
+                self._refuse(f"Motor test: {reason}")
+
+        # Acknowledged at once: while one command waited for its answer, that of the next motor would be lost.
+        self._vehicle.autopilot.command("test", {"outputs": deflections}, done)
         return ACCEPTED
 
     def _refuse(self, text: str) -> int:

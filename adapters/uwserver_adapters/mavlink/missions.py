@@ -161,22 +161,24 @@ class Missions:
             item = item_of(message)
             point = place_of(item, vehicle.home)
         except BadItem as reason:
+            vehicle.counters["refused"] += 1
             vehicle.tell(WARNING, str(reason))
             self._acknowledge(channel, peer, 0, reason.result)
             return
-        here = state.p_ref_N or state.p_N
-        if message.whole("current") == GO_TO_HEIGHT and here is not None:
-            point = (here[0], here[1], point[2])
+        here = point if message.whole("current") == GO_THERE else state.p_ref_N or state.p_N
 
         def done(reason: str) -> None:
             if reason:
+                vehicle.counters["refused"] += 1
                 vehicle.tell(WARNING, f"Go there: {reason}")
             self._acknowledge(channel, peer, 0, ERROR if reason else ACCEPTED)
 
         if item.command != WAYPOINT or state.mode != GUIDED.autopilot:
             done("only in GUIDED, to a waypoint")
+        elif here is None:
+            done("the position is not known")
         else:
-            vehicle.autopilot.command("position", {"p_N": list(point)}, done)
+            vehicle.autopilot.command("position", {"p_N": [here[0], here[1], point[2]]}, done)
 
     def _complete(self, upload: Upload) -> None:
         try:

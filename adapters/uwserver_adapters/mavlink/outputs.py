@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from uwserver_adapters.mavlink.codec import NEUTRAL_US, deflection, pulse
@@ -12,6 +13,8 @@ COUNT = 16
 _MOTOR_1, _MOTORS = 33, 8
 _TILT, _LIGHTS = 7, {59: 0, 60: 1, 181: 0, 182: 1}
 """Values of SERVOn_FUNCTION; lights hang on RC inputs 9 and 10 where they have no function of their own."""
+_TEST_S = 0.5
+"""Simulation time without a command after which a test is over, as for the autopilot."""
 
 
 def wired(motors: int) -> Mapping[str, float]:
@@ -32,6 +35,7 @@ class Outputs:
         self._parameters = parameters
         self._payload = payload
         self._tested = [0.0] * motors
+        self._tested_at = -math.inf
         self._set: dict[int, int] = {}
 
     def pulses(self, motors: Sequence[float]) -> Mapping[int, int]:
@@ -40,27 +44,29 @@ class Outputs:
         Args:
             motors: deflections, -1 to 1; none while disarmed.
         """
-        pulses = {k: self._pulse(self._function(k), motors) for k in range(1, COUNT + 1)}
+        pulses = {k: self._pulse(k, motors) for k in range(1, COUNT + 1)}
         return {k: width for k, width in pulses.items() if width} | self._set
 
     def _function(self, output: int) -> int:
         return round(self._parameters.value(f"SERVO{output}_FUNCTION"))
 
-    def _pulse(self, function: int, motors: Sequence[float]) -> int:
+    def _motor(self, output: int) -> int | None:
+        motor = self._function(output) - _MOTOR_1
+        return motor if 0 <= motor < min(len(self._tested), _MOTORS) else None
+
+    def _pulse(self, output: int, motors: Sequence[float]) -> int:
+        function, motor = self._function(output), self._motor(output)
         if function == _TILT:
             return pulse(self._payload.tilt / TILT_LIMIT_DEG)
         if function in _LIGHTS:
             return pulse(2.0 * self._payload.lights[_LIGHTS[function]] - 1.0)
-        motor = function - _MOTOR_1
-        if not 0 <= motor < len(self._tested):
+        if motor is None:
             return 0
         return pulse(motors[motor]) if motor < len(motors) else NEUTRAL_US
 
     def set_servo(self, output: int, pulse_us: float) -> bool:
         """Set an output; False for one that is not there or a motor's, or a pulse that no servo understands."""
-        if not 1 <= output <= COUNT or not 500 <= pulse_us <= 2500:
-            return False
-        if 0 <= self._function(output) - _MOTOR_1 < len(self._tested):
+        if not 1 <= output <= COUNT or not _is_pulse(pulse_us) or self._motor(output) is not None:
             return False
         self._set[output] = round(pulse_us)
         return True
@@ -69,9 +75,26 @@ class Outputs:
         """All motors stand."""
         self._tested = [0.0] * len(self._tested)
 
-    def test(self, motor: int, pulse_us: float) -> Sequence[float] | None:
-        """All deflections with that of one more motor, from 0; the others keep theirs. None when it is not there."""
-        if not 0 <= motor < len(self._tested):
+    def test(self, motor: int, pulse_us: float, now: float) -> Sequence[float] | None:
+        """All deflections with that of one more motor.
+
+        Args:
+            motor: its number, from 0; the others keep what this test gave them.
+            pulse_us: what it gets.
+            now: simulation time, s.
+
+        Returns:
+            None for a motor that is not there, or a pulse that no servo understands.
+        """
+        if not 0 <= motor < len(self._tested) or not _is_pulse(pulse_us):
             return None
+        # A test also ends where we do not see it: by another client, by a change of mode, by a reset of the world.
+        if not 0.0 <= now - self._tested_at <= _TEST_S:
+            self.begin_test()
+        self._tested_at = now
         self._tested[motor] = deflection(pulse_us)
         return list(self._tested)
+
+
+def _is_pulse(pulse_us: float) -> bool:
+    return 500 <= pulse_us <= 2500

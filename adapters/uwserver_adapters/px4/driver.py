@@ -182,7 +182,8 @@ class Px4Driver:
             link.is_greeted = True
             if isinstance(event, codec.Controls):
                 link.controls = event
-                link.is_fresh = event.t_us >= self._senses.told_ns // codec.MICROSECOND_NS
+                # Without lock-step it names a time of its own clock.
+                link.is_fresh = not event.is_lockstep or event.t_us >= self._senses.told_ns // codec.MICROSECOND_NS
                 self._counts["controls"] += 1
                 self._counts["late"] += not link.is_fresh
                 self._counts["limited"] += event.limited

@@ -7,6 +7,8 @@ import math
 
 import pytest
 
+from uwserver.ports import Refused, Reply
+
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 
 GOLDEN = [
@@ -255,6 +257,7 @@ async def test_a_motor_test(bench):
         (-1, 1, 1600, 1, 0, 2),
         (0, 2, 1600, 1, 0, 2),
         (0, 1, math.nan, 1, 0, 2),
+        (0, 1, 0, 1, 0, 2),  # no pulse; not full astern
         (0, 1, 1600, 1, 0, 0),
     ):
         assert await station.command(209, *bad) == FAILED, bad
@@ -263,3 +266,34 @@ async def test_a_motor_test(bench):
     await station.command(400, 1.0)
     assert await station.command(209, 1, 1, 1700, 1, 0, 2) == ACCEPTED
     assert bench.rov.commanded("test")[-1] == {"outputs": (0, 0.5, 0, 0, 0, 0, 0, 0)}, "a test begins with all at rest"
+
+
+async def test_a_motor_test_that_ended_elsewhere_begins_with_all_at_rest(bench):
+    """By another client that disarms and arms, or by a change of mode."""
+    station = bench.station()
+    bench.rov.state["armed"] = True
+    assert await station.command(209, 0, 1, 1900, 1, 0, 2) == ACCEPTED
+    bench.run(0.4)
+    assert await station.command(209, 1, 1, 1900, 1, 0, 2) == ACCEPTED
+    assert bench.rov.commanded("test")[-1] == {"outputs": (1.0, 1.0, 0, 0, 0, 0, 0, 0)}
+    bench.run(0.6)
+    assert await station.command(209, 2, 1, 1700, 1, 0, 2) == ACCEPTED
+    assert bench.rov.commanded("test")[-1] == {"outputs": (0, 0, 0.5, 0, 0, 0, 0, 0)}
+
+
+async def test_a_motor_test_that_the_autopilot_refuses_is_told(bench):
+    station = bench.station()
+    bench.rov.state["armed"] = True
+    bench.rov.held.add("rov/autopilot/test")
+    assert await station.command(209, 0, 1, 1600, 1, 0, 2) == ACCEPTED
+    fault = Refused("denied", "works while the autopilot is armed").fault
+    bench.rov.calls[-1].finish(Reply(0, 0, fault=fault))
+    assert station.texts()[-1] == "Motor test: works while the autopilot is armed"
+
+
+def test_outputs_beyond_the_eighth_motor_are_no_motors(make_bench):
+    """SERVOn_FUNCTION 41 is something else in ArduSub."""
+    bench = make_bench(thrusters=10)
+    station = bench.station()
+    bench.vehicle.parameters.set("SERVO11_FUNCTION", 41.0)
+    assert show(bench, station) == [1500] * 8 + [1100, 1500] + [0] * 6

@@ -90,6 +90,16 @@ async def test_go_to_location(bench, current, mode, command, z, result, down):
     assert not station.of("MISSION_REQUEST_INT")
 
 
+async def test_to_a_height_without_a_position_it_goes_nowhere(bench):
+    station = bench.station()
+    bench.rov.state |= {"mode": "guided", "position_valid": False}
+    station.send("MISSION_ITEM", 1, 1, 0, 3, WAYPOINT, 3, 1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -6.0, 0)
+    await asyncio.sleep(0)
+    assert int(station.last("MISSION_ACK").type) == ERROR
+    assert not bench.rov.commanded("position")
+    assert bench.counters["refused"] == 1
+
+
 async def test_a_take_off_is_left_out_and_told(bench):
     """QGroundControl lets nobody plan a mission without one."""
     station = bench.station()

@@ -120,12 +120,14 @@ def test_disarmed_it_waits_too_but_not_for_ever() -> None:
 def test_without_lockstep_it_does_not_wait() -> None:
     with rig() as r, connected(r) as px4:
         assert r.order() is not None
-        px4.controls([0.5] * 8, flags=0)
+        r.tick()
+        px4.controls([0.5] * 8, flags=0, t_us=1)
         for _ in range(3):
             order = r.order()
             assert order is not None
             assert order.commands == [("rov/thrusters", {"u": [0.5] * 8})]
             r.tick()
+        assert r.stats.details["late"] == 0, "its clock is another"
 
 
 def test_without_lockstep_the_world_is_no_faster_than_time() -> None:
