@@ -5,91 +5,19 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 from uwserver.autopilot import route
-from uwserver.autopilot.allocation import Allocation, Given
-from uwserver.autopilot.estimator import Estimator, Known, known
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.allocation import Given
+from uwserver.autopilot.craft import Craft, Held
+from uwserver.autopilot.estimator import Known, known
 from uwserver.autopilot.goal import Later
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
-from uwserver.autopilot.outputs import Outputs
-from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders, Saved
+from uwserver.autopilot.state import NAN, Memory, Mode, Orders, Saved
 from uwserver.autopilot.sticks import enter, stay
 from uwserver.ports import Fault, Json, OnReply, Progress, Refused, Reply, Sample
 
 _PROGRESS_S = 0.5
-
-
-class Hand(Protocol):
-    """What an actuator can be told."""
-
-    def apply(self, value: Given) -> None:
-        """Carry out a command."""
-
-    def neutral(self) -> None:
-        """Go to the safe state."""
-
-
-class Held(Protocol):
-    """An actuator of the vehicle, which nobody else commands while the autopilot is armed."""
-
-    active: bool
-    refusal: str
-    last_value: tuple[tuple[float, ...] | None, ...]
-
-    @property
-    def actuator(self) -> Hand:
-        """The actuator itself."""
-
-
-class Helm(Protocol):
-    """A way to control a kind of vehicle."""
-
-    def speed(self, e: Estimate, m: Memory, known: Known) -> float:
-        """Ahead, m/s."""
-
-    def demand(
-        self, e: Estimate, m: Memory, o: Orders, known: Known
-    ) -> tuple[float, float, float, float, float, float]:
-        """The wrench (N, N m in B) that carries out the orders."""
-
-
-@dataclass(frozen=True)
-class Craft:
-    """What the autopilot knows of its vehicle.
-
-    Attributes:
-        path: ``<vehicle>/autopilot``.
-        estimator, allocation, helm: its parts.
-        held: the actuators, in the order of the allocation's commands.
-        blocked: others on the same devices.
-        outputs: commands of `held` as parts of full ones.
-        gains: at the start.
-        divisor: ticks of a step.
-        dt: of a step, s.
-        flies: it cannot stay in a place.
-        mode, armed: at the start.
-        on_leak, on_low_battery: what it does then.
-    """
-
-    path: str
-    estimator: Estimator
-    allocation: Allocation
-    helm: Helm
-    held: Sequence[Held]
-    blocked: Sequence[Held]
-    outputs: Outputs
-    gains: Gains
-    divisor: int
-    dt: float
-    flies: bool = False
-    mode: Mode = "manual"
-    armed: bool = False
-    on_leak: str = "surface"
-    on_low_battery: str = "surface"
 
 
 class Autopilot:
@@ -141,17 +69,23 @@ class Autopilot:
         craft.estimator.step(e, not now.motion, not now.depth)
         if o.waits and not missing(o.mode, now):
             o.waits = False
+            self._open_ports()
         if not o.armed or o.waits:
             stay(o, e)
             return
         self._watch(now)
+        if not o.armed:  # a fail-safe has ended a test
+            return
+        if o.test:
+            self._command(craft.outputs.commands(o.test))
+            return
         if o.mode == "mission":
             told = route.advance(o, e, craft.dt, craft.flies)
             if told:
                 self._say(f'"{craft.path}" {told}')
         elif self._errand is not None:
             self._follow_errand()
-        self._command(craft.outputs.commands(o.test) if o.test else self._control(now))
+        self._command(self._control(now))
 
     def _control(self, now: Known) -> list[Given]:
         e, m, craft = self.estimate, self.memory, self.craft
@@ -214,7 +148,7 @@ class Autopilot:
         before = self.orders.mode
         self.preempt(why)
         enter(self.orders, self.estimate, self.memory, mode)
-        self.orders.test = ()
+        self.end_test()
         self._open_ports()
         if before != mode:
             self._say(f'"{self.craft.path}" mode {before} -> {mode}')
@@ -270,10 +204,16 @@ class Autopilot:
             self._say(f'"{self.craft.path}" fail-safe: no command of the pilot, the sticks are neutral')
         o.pilot = "lost"
 
+    def test(self, outputs: tuple[float, ...]) -> None:
+        """Give these parts of full commands to the actuators, instead of control."""
+        self.preempt("the actuators are tried")
+        self.orders.test = outputs
+        self.memory.tau = self.memory.lack = (0.0,) * 6
+
     def end_test(self) -> None:
         """Nobody tries the actuators any more: as the vehicle may be on deck, it does not go on by itself."""
         if self.orders.test:
-            self._say(f'"{self.craft.path}" no command for {self.craft.path}/test: disarmed')
+            self._say(f'"{self.craft.path}" the test of the actuators is over')
             self.disarm()
 
     def hold(self) -> None:
@@ -295,8 +235,9 @@ class Autopilot:
             modes = FOLLOWS[name]
             text = f"is not followed in mode {mode}: call {self.craft.path}/set_mode with {' or '.join(modes)} first"
             slot.refusal = "" if mode in modes else text
-        if "test" in self.set_points and not self.orders.armed:
-            self.set_points["test"].refusal = f"works while the autopilot is armed: call {self.craft.path}/arm first"
+        if "test" in self.set_points and (not self.orders.armed or self.orders.waits):
+            text = f"works while the autopilot is armed: call {self.craft.path}/arm first"
+            self.set_points["test"].refusal = "waits for the sensors of its mode" if self.orders.waits else text
 
     def set_mission(self, items: tuple[Item, ...]) -> None:
         """Put a mission in; a vehicle on the old one holds where it is."""

@@ -194,7 +194,7 @@ def _test(pilot: Autopilot) -> SetPoint:
     def apply(value: Given) -> None:
         (outputs,) = value
         if outputs is not None:
-            pilot.orders.test = outputs
+            pilot.test(outputs)
 
     doc = (
         "Tries the actuators that the autopilot holds, instead of control; without command for half a second it disarms. "

@@ -22,12 +22,13 @@ from uwserver.actuators import (
 )
 from uwserver.autopilot.allocation import Allocation, Thrust, Thrusters, Wrench
 from uwserver.autopilot.config import AutopilotConfig
+from uwserver.autopilot.craft import Craft, Held, Helm
 from uwserver.autopilot.estimator import Estimator, Source, Surroundings
 from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.hover import Hover
 from uwserver.autopilot.outputs import Hold, Outputs
-from uwserver.autopilot.pilot import Autopilot, Craft, Held, Helm
+from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.ports import TEST_TIMEOUT_S, StateSensor, set_points
 from uwserver.autopilot.services import services
 from uwserver.autopilot.state import Six

@@ -8,7 +8,10 @@ import pytest
 
 from uwserver import snapshot
 from uwserver.ports import Refused
+from uwserver.scenario.build import build
+from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.errors import ScenarioError
+from uwserver.scenario.load import load
 
 HELD = "is held by the autopilot while it is armed: call v/autopilot/disarm first, or steer by v/autopilot/pilot"
 
@@ -54,10 +57,6 @@ def test_disarmed_it_moves_nothing(fly):
 
 
 def test_another_actuator_on_the_same_thruster_is_held_too():
-    from uwserver.scenario.build import build
-    from uwserver.scenario.builder import ScenarioBuilder
-    from uwserver.scenario.load import load
-
     b = ScenarioBuilder("two", adapters={})
     single = {"bow": {"kind": "thruster", "member": "t1"}}
     b.vehicle("v", "bluerov2", position_ned_m=[0, 0, 3], autopilot={"armed": True}, override={"actuators": single})
@@ -296,10 +295,6 @@ def test_a_leak_may_only_be_told(fly):
 
 
 def test_an_empty_battery_brings_it_up():
-    from uwserver.scenario.build import build
-    from uwserver.scenario.builder import ScenarioBuilder
-    from uwserver.scenario.load import load
-
     b = ScenarioBuilder("low", adapters={})
     b.vehicle("v", "bluerov2", position_ned_m=[0, 0, 3], autopilot={"armed": True})
     b.sensor("v", "battery", "battery", rate_hz=10, charge=0.05)
@@ -423,9 +418,6 @@ def test_a_spawned_vehicle_has_its_own_autopilot(fly):
     ],
 )
 def test_faults_of_the_table_are_told_at_load(table, words):
-    from uwserver.scenario.builder import ScenarioBuilder
-    from uwserver.scenario.load import load
-
     b = ScenarioBuilder("wrong", adapters={})
     b.vehicle("v", "bluerov2", autopilot=table)
     with pytest.raises(ScenarioError) as error:
@@ -435,9 +427,6 @@ def test_faults_of_the_table_are_told_at_load(table, words):
 
 
 def test_a_vehicle_without_anything_to_steer_with_is_refused():
-    from uwserver.scenario.builder import ScenarioBuilder
-    from uwserver.scenario.load import load
-
     b = ScenarioBuilder("wrong", adapters={})
     off = {"thrusters": {"enabled": False}}
     b.vehicle("v", "bluerov2", autopilot={}, override={"actuators": off})
@@ -526,19 +515,44 @@ def test_a_test_moves_one_actuator_and_ends_disarmed(fly):
     f.run(0.7, pilot={"u": [1.0, 0, 0, 0, 0, 0]})
     assert not f.state["armed"]
     assert not f.world.hydro.thrusters["command"].any()
-    assert any("no command for v/autopilot/test: disarmed" in text for text in f.events)
+    assert any("the test of the actuators is over" in text for text in f.events)
 
 
-def test_a_fail_safe_ends_a_test(fly):
+@pytest.mark.parametrize("why", ["mode", "leak"])
+def test_a_change_of_mode_ends_a_test_disarmed(fly, why):
     f = fly("bluerov2", bottom=None)
     f.call("arm")
-    f.send("test", outputs=[0.1] * 6)
-    f.run(0.1)
-    f.call("set_mode", mode="surface")
-    f.run(0.2)
-    assert f.state["outputs"] != (0.1,) * 6
+    f.run(0.2, test={"outputs": [0.1] * 6})
+    assert f.state["tau"] == (0.0,) * 6
+    if why == "mode":
+        f.call("set_mode", mode="surface")
+    else:
+        f.world.call("v/leak/set", area_m2=1e-4)
+    f.run(1.0)
+    assert (f.state["armed"], f.state["mode"]) == (False, "surface")
+    assert not f.world.hydro.thrusters["command"].any()
+    f.call("arm", force=True)
     f.run(1.0)
     assert f.state["armed"], "the watchdog of a test that is over disarms nobody"
+
+
+def test_a_test_ends_a_goto_and_halts_a_mission(fly):
+    f = fly("bluerov2")
+    f.call("arm")
+    answers = f.post("goto", position_ned_m=[5.0, 0.0, 3.0])
+    f.run(0.3)
+    f.run(0.3, test={"outputs": [0.0] * 6})
+    assert [answer.fault.code for answer in answers if answer.fault] == ["preempted"]
+
+
+def test_a_test_is_refused_while_the_autopilot_waits_for_its_sensors():
+    b = ScenarioBuilder("waits", adapters={})
+    b.vehicle("v", "bluerov2", autopilot={"armed": True, "mode": "stabilise"})
+    b.sensor("v", "ahrs", "attitude", rate_hz=40)
+    world = build(load(b.build(), adapters={}))
+    assert "waits for the sensors" in world.actuators["v/autopilot/test"].refusal
+    world.step(240)
+    assert world.actuators["v/autopilot/test"].refusal == ""
 
 
 def test_a_test_is_part_of_a_snapshot(fly):
