@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,16 +41,16 @@ def ready(port: int) -> None:
         sim.wait_until(3.0, timeout=PATIENCE_S)
 
 
-def listing() -> str:
+def listings(port: int) -> list[str]:
+    """The page's Python, for a server on this port."""
     page = (ROOT / "docs/how-to/autopilot.md").read_text()
-    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)
-    return str(code)
+    return [code.replace("7600", str(port)) for code in re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)]
 
 
 def test_ten_lines_of_socket_code_command_its_depth(tmp_path):
     with served() as port:
         ready(port)
-        code = listing().replace("7600", str(port))
+        code, _ = listings(port)
         assert len([line for line in code.splitlines() if line]) == 10
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
         assert done.returncode == 0, done.stderr
@@ -61,6 +62,16 @@ def test_ten_lines_of_socket_code_command_its_depth(tmp_path):
             assert state is not None
             assert state.value["depth"] == pytest.approx(5.0, abs=0.1)
             assert state.value["mode"] == "depth_hold"
+
+
+def test_the_page_tries_a_thruster():
+    with served() as port:
+        ready(port)
+        first, then = listings(port)
+        connection = first.partition("    print(")[0]  # the page goes on with that of its first listing
+        code = connection + textwrap.indent(re.sub("^ask", 'assert "error" not in ask', then, flags=re.M), "    ")
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
+        assert done.returncode == 0, done.stderr
 
 
 class Peer:
