@@ -65,11 +65,15 @@ class Outputs:
         return pulse(motors[motor]) if motor < len(motors) else NEUTRAL_US
 
     def set_servo(self, output: int, pulse_us: float) -> bool:
-        """Set an output; False for one that is not there or a motor's, or a pulse that no servo understands."""
+        """Set an output, or the lights on it; False for one that is not there, a motor's or the mount's, or a pulse that no servo understands."""
         if not 1 <= output <= COUNT or not _is_pulse(pulse_us) or self._motor(output) is not None:
             return False
-        self._set[output] = round(pulse_us)
-        return True
+        function = self._function(output)
+        if function in _LIGHTS:
+            self._payload.lights[_LIGHTS[function]] = 0.5 + 0.5 * deflection(pulse_us)
+        elif function != _TILT:
+            self._set[output] = round(pulse_us)
+        return function != _TILT
 
     def begin_test(self) -> None:
         """All motors stand."""

@@ -229,6 +229,14 @@ async def test_servo_outputs_are_those_of_the_motors_and_the_payload(bench):
     assert await station.command(183, 3, 1700) == FAILED, "an output of a motor is the autopilot's"
 
 
+async def test_a_servo_output_of_the_lights_is_their_brightness_and_that_of_the_mount_is_the_mounts(bench):
+    station = bench.station()
+    assert await station.command(183, 9, 1500) == ACCEPTED
+    assert await station.command(183, 10, 1500) == FAILED
+    assert show(bench, station)[8] == 1500
+    assert {m.name: m.value for m in station.of("NAMED_VALUE_FLOAT")}["Lights1"] == 0.5
+
+
 def test_lights_of_a_button(bench):
     station = bench.station()
     bench.vehicle.parameters.set("BTN3_FUNCTION", 32.0)
