@@ -43,6 +43,10 @@ rate_hz = 8
 """Of a vehicle `rov`, beside an IMU."""
 
 
+Items = list[tuple[int, int, tuple[float, float, float, float], float, float, float]]
+"""A mission: frame, command, four parameters, latitude and longitude (deg), altitude (m) of each item; the first is home."""
+
+
 class Gcs:
     """Heartbeats, pilot input, commands, missions. An ArduSub comes to it."""
 
@@ -205,8 +209,8 @@ class Gcs:
         self.until(lambda: (self.altitude < altitude) == down, f"{altitude} m", patience_s)
         self.sticks[3] = self.NEUTRAL
 
-    def upload(self, items: list[tuple[int, int, tuple[float, float, float, float], float, float, float]]) -> None:
-        """A mission: frame, command, four parameters, latitude and longitude (deg), altitude (m) of each item; the first is home."""
+    def upload(self, items: Items) -> None:
+        """Give it a mission."""
         self.last.pop("MISSION_ACK", None)
         self.send(self.mav.mission_count_encode(1, 1, len(items)))
 

@@ -14,6 +14,7 @@ from ground_station import (
     ABOVE_HOME,
     HOME,
     Gcs,
+    Items,
     autotest,
     degrees_at,
     diving,
@@ -25,7 +26,7 @@ from ground_station import (
 pytestmark = needs_ardusub
 
 
-def mission_of(file: Path) -> list[tuple[int, int, tuple[float, float, float, float], float, float, float]]:
+def mission_of(file: Path) -> Items:
     """A file of waypoints ("QGC WPL 110")."""
     items = []
     for line in file.read_text().splitlines()[1:]:
@@ -44,16 +45,21 @@ def off_track(server: Server, lat: float, lon: float, altitude: float) -> float:
     return math.dist((north, east, down), (*there, -altitude))
 
 
+def set_off(gcs: Gcs, items: Items) -> float:
+    """Fly these items from now on; the autopilot's time, s."""
+    gcs.locate()
+    gcs.upload(items)
+    gcs.mode("ALT_HOLD")
+    gcs.arm()
+    gcs.mode("AUTO")
+    return gcs.time_s
+
+
 def test_it_dives_a_mission(tmp_path: Path, gcs: Gcs) -> None:
     """DiveMission: ArduPilot's own file to waypoint 5, 160 m of square at 50 m of depth, then a circle of 50 m; each within 5 m."""
     items = mission_of(autotest() / "ArduSub_Tests/DiveMission/sub_mission.txt")
     with diving(tmp_path, gcs) as server:
-        gcs.locate()
-        gcs.upload(items)
-        gcs.mode("ALT_HOLD")
-        gcs.arm()
-        gcs.mode("AUTO")
-        begun = gcs.time_s
+        begun = set_off(gcs, items)
         for number in (1, 2, 3):
             gcs.until(lambda: number in gcs.reached, f"waypoint {number}", 180)  # noqa: B023
             error = off_track(server, *items[number][3:])
@@ -68,12 +74,7 @@ def test_it_dives_a_mission_over_ground(tmp_path: Path, gcs: Gcs) -> None:
     items = mission_of(autotest() / "ArduSub_Tests/TerrainMission/terrain_mission.txt")
     seabed = '[seabed]\nkind = "flat"\ndepth_m = 50.0\n'
     with diving(tmp_path, gcs, seabed=seabed, params="RNGFND1_MAX 30\n") as server:
-        gcs.locate()
-        gcs.upload(items)
-        gcs.mode("ALT_HOLD")
-        gcs.arm()
-        gcs.mode("AUTO")
-        begun = gcs.time_s
+        begun = set_off(gcs, items)
         for number in (1, 2, 3, 4):
             gcs.until(lambda: number in gcs.reached, f"waypoint {number}", 180)  # noqa: B023
             _, _, down = place(server)

@@ -13,8 +13,6 @@ COUNT = 16
 _MOTOR_1, _MOTORS = 33, 8
 _TILT, _LIGHTS = 7, {59: 0, 60: 1, 181: 0, 182: 1}
 """Values of SERVOn_FUNCTION; lights hang on RC inputs 9 and 10 where they have no function of their own."""
-_TEST_S = 0.5
-"""Simulation time without a command after which a test is over, as for the autopilot."""
 
 
 def wired(motors: int) -> Mapping[str, float]:
@@ -29,13 +27,15 @@ class Outputs:
         parameters: which output is what.
         payload: lights and mount.
         motors: that the autopilot moves: its outputs.
+        patience_s: simulation time without a command after which the autopilot ends a test.
     """
 
-    def __init__(self, parameters: Parameters, payload: Payload, motors: int) -> None:
+    def __init__(self, parameters: Parameters, payload: Payload, motors: int, patience_s: float) -> None:
         self._parameters = parameters
         self._payload = payload
         self._tested = [0.0] * motors
         self._tested_at = -math.inf
+        self._patience_s = patience_s
         self._set: dict[int, int] = {}
 
     def pulses(self, motors: Sequence[float]) -> Mapping[int, int]:
@@ -93,7 +93,7 @@ class Outputs:
         if not 0 <= motor < len(self._tested) or not _is_pulse(pulse_us):
             return None
         # A test also ends where we do not see it: by another client, by a change of mode, by a reset of the world.
-        if not 0.0 <= now - self._tested_at <= _TEST_S:
+        if not 0.0 <= now - self._tested_at <= self._patience_s:
             self.begin_test()
         self._tested_at = now
         self._tested[motor] = deflection(pulse_us)

@@ -85,7 +85,8 @@ class Vehicle:
         self._last_yaw: float | None = None
         self._beat_at = -HEARTBEAT_S
         self._text_id = 0
-        motors = _motors(context, name)
+        trial = context.ports.get(f"{name}/autopilot/test")
+        motors, patience_s = (trial.fields[0].size, trial.timeout_s or 0.0) if trial is not None else (0, 0.0)
         self.identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name))
         given = {"MAV_SYSID": config.system, "FRAME_CONFIG": self.identity.frame, **wired(motors), **config.parameters}
         self.parameters = Parameters(given)
@@ -93,7 +94,7 @@ class Vehicle:
         self.autopilot = Autopilot(context, name)
         self.home = Home(config.origin_deg)
         self.payload = Payload()
-        self.outputs = Outputs(self.parameters, self.payload, motors)
+        self.outputs = Outputs(self.parameters, self.payload, motors, patience_s)
         self.failsafes = Failsafes(self)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: self.tell(INFO, text))
         self.missions = Missions(self)
@@ -367,12 +368,6 @@ def _thrusters(context: AdapterContext, vehicle: str) -> int:
         port for path, port in context.ports.items() if port.kind == "thrusters" and path.startswith(f"{vehicle}/")
     )
     return sum(port.fields[0].size for port in ports)
-
-
-def _motors(context: AdapterContext, vehicle: str) -> int:
-    """How many outputs its autopilot has."""
-    port = context.ports.get(f"{vehicle}/autopilot/test")
-    return port.fields[0].size if port is not None else 0
 
 
 def _epoch_ns(context: AdapterContext) -> int:

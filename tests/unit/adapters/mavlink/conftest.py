@@ -113,7 +113,8 @@ class FakeRov(FakeContext):
                 if name == "test":
                     entries = [("outputs", (thrusters,), 1.0)]
                 wanted = tuple(Field(f, "1", "x", shape=s, minimum=-m, maximum=m) for f, s, m in entries)
-                ports.append(Port(f"rov/autopilot/{name}", "actuator", "autopilot", wanted, "x", timeout_s=1.0))
+                timeout_s = 0.5 if name == "test" else 1.0
+                ports.append(Port(f"rov/autopilot/{name}", "actuator", "autopilot", wanted, "x", timeout_s=timeout_s))
             services = [Service(f"rov/autopilot/{name}", "x", arguments) for name, arguments in SERVICES.items()]
         super().__init__(ports={p.path: p for p in ports}, services={s.path: s for s in services})
         for name in SERVICES:
