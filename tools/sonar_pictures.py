@@ -12,9 +12,9 @@ import numpy as np
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.geometry import FloatArray, Geometry
-from uwserver.physics.rays import Rays
-from uwserver.physics.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
+from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
+from uwserver.physics.rays.embree import Rays
+from uwserver.physics.rays.raycast import FloatArray, Geometry
 from uwserver.scenario.documents import shipped
 from uwserver.scenario.profiles import check_profile
 from uwserver.sensors import (

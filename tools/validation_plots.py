@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from uwserver.physics.bodies import FloatArray
+from uwserver.physics.dynamics.params import FloatArray
 from uwserver.testing.closed_forms import tilt
 from uwserver.units import deg
 

@@ -19,11 +19,11 @@ import numpy as np
 import validation_plots as plots
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.energy import kinetic_energy, rotations
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.immersion import immersion
-from uwserver.physics.layout import NU, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.energy import kinetic_energy, rotations
+from uwserver.physics.dynamics.immersion import immersion
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU, Q
 from uwserver.physics.oracle import build, load_oracle, run, validate
 from uwserver.scenario.body import body_params
 from uwserver.scenario.load import load

@@ -12,7 +12,7 @@ from uwserver.actuators import Actuator
 from uwserver.autopilot.goal import Later
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.modifiers import Measurement, Modifier
-from uwserver.physics.shapes import Solid
+from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Call, Command, Event, Field, Json, OnReply, Port, Progress, Reply, Sample, Service, Value
 from uwserver.sensors import Instrument, Scope, Sensor
 from uwserver.sensors.instrument import blank

@@ -14,7 +14,7 @@ from uwserver.autopilot.state import Saved as SavedPilot
 from uwserver.environment.currents import GaussMarkov
 from uwserver.faults import Entry
 from uwserver.modifiers import Modifier
-from uwserver.physics.hydrodynamics import Saved
+from uwserver.physics.bodies import Saved
 from uwserver.ports import Refused, Sample, Value
 from uwserver.sensors import Instrument, Settings
 from uwserver.slots import Member

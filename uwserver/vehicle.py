@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from uwserver.frames import Quat, Vec3, rpy_from_quat
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, P, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.layout import NU, P, Q
 
 
 @dataclass(frozen=True, slots=True)

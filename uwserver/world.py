@@ -16,8 +16,8 @@ from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.faults import Faults
 from uwserver.frames import Vec3
-from uwserver.physics.geometry import Geometry, OpenWater
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.pilots import Pilots
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
 from uwserver.requests import checked_args, checked_command, find

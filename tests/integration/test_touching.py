@@ -14,7 +14,7 @@ import pytest
 import uwserver
 from uwserver.adapter import installed_adapters
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.shapes import Box, turned
+from uwserver.physics.geometry.shapes import Box, turned
 from uwserver.ports import Port
 from uwserver.scenario.load import load
 from uwserver.units import rad

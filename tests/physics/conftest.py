@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from uwserver.physics.bodies import BodyParams, rigid_body_inertia
+from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
 from uwserver.scenario.body import body_params
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.appended import (
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.appendage_params import (
     Appendages,
     DerivativeParams,
     FoilParams,
@@ -18,9 +19,8 @@ from uwserver.physics.appended import (
     ServoParams,
     WeightParams,
 )
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, Q
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray
+from uwserver.physics.kernel.layout import NU, Q
 from uwserver.testing.motion import record
 
 RHO = 1025.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import SHAPE_BOX, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.layout import SHAPE_BOX, Q
 from uwserver.testing import closed_forms as forms
 from uwserver.testing.motion import record
 

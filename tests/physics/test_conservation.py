@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.energy import kinetic_energy, relative_velocities
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, P, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.energy import kinetic_energy, relative_velocities
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.physics.oracle import build, load_oracle
 from uwserver.testing.motion import momentum, record
 

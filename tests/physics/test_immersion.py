@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.immersion import box_fraction, disc_fraction, sphere_fraction
-from uwserver.physics.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.immersion import box_fraction, disc_fraction, sphere_fraction
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
 from uwserver.testing.closed_forms import floating, tilt
 from uwserver.testing.motion import record
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Environment, Scenario, VehicleEntry, WorldTable

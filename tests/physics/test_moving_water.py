@@ -12,10 +12,10 @@ from uwserver.environment.currents import ProfileConfig, profile_rows
 from uwserver.environment.sea import Sea
 from uwserver.environment.waves import wave_number
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.lag import Lag
-from uwserver.physics.layout import (
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
+from uwserver.physics.kernel.layout import (
     FLOW_GRADIENT,
     FLOW_V_T,
     NU,

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU
 
 STEPS = 480
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU
 from uwserver.testing.closed_forms import ZERO6, table_a1
 from uwserver.testing.motion import DEEP, energy_excess, record
 

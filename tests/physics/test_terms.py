@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from uwserver.frames import conjugate, quat_from_rpy, rotate
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU, Q
 from uwserver.testing.motion import record
 
 ZERO = np.zeros((6, 6))

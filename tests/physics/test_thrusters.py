@@ -11,11 +11,11 @@ import pytest
 from scipy import signal
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.immersion import disc_fraction
-from uwserver.physics.lag import Lag
-from uwserver.physics.layout import NU, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.immersion import disc_fraction
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
+from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.body import force_table, lag, thruster_params
 from uwserver.scenario.vehicle_schema import Thruster, ThrusterDevice
 from uwserver.testing.motion import record

@@ -7,7 +7,7 @@ from typing import Annotated, Protocol
 
 from msgspec import Meta
 
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Field
 from uwserver.table import Table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
-from uwserver.physics.layout import NU, P, Q
+from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Field
 
 

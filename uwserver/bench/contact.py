@@ -14,16 +14,16 @@ from uwserver.bench.rows import Row
 from uwserver.bench.solids import pebble, seabed_mesh, states_above
 from uwserver.clock import SystemTime
 from uwserver.environment.water import Water
-from uwserver.physics.bodies import BodyParams, rigid_body_inertia
-from uwserver.physics.contact import Contacts, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, Q
-from uwserver.physics.shapes import ConvexHull, Placed, Solid
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.collision.contacts import Contacts, FloatArray
+from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
+from uwserver.physics.geometry.shapes import ConvexHull, Placed, Solid
+from uwserver.physics.kernel.layout import NU, Q
 from uwserver.units import STANDARD_ATMOSPHERE_PA
 from uwserver.world import World
 
 if TYPE_CHECKING:
-    from uwserver.physics.solids import Solids
+    from uwserver.physics.collision.bullet import Solids
 
 RESTING_BARS = {10: 5.0, 100: 0.5}
 FAR_BAR = 1.10
@@ -41,7 +41,7 @@ def bench_contact(quick: bool, say: Callable[[str], None]) -> list[Row]:
         say: gets a line of progress.
     """
     try:
-        from uwserver.physics.solids import Solids
+        from uwserver.physics.collision.bullet import Solids
     except ImportError as error:
         return [Row("contact", "hulls on a seabed", "x realtime", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, budget_s, settle = (2, 0.02, 20) if quick else (7, 0.4, SETTLE_TICKS)

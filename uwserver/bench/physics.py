@@ -12,7 +12,7 @@ import numpy as np
 from uwserver.bench.peers import BulletBodies, BulletWithNumpy, MujocoFluid, MujocoVehicle
 from uwserver.bench.rows import Row
 from uwserver.clock import SystemTime
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry, WorldTable

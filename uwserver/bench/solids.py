@@ -9,12 +9,12 @@ import numpy as np
 
 from uwserver.bench.rows import Row
 from uwserver.clock import SystemTime
-from uwserver.physics.shapes import ConvexHull, FloatArray, Placed, Solid, TriangleMesh
+from uwserver.physics.geometry.shapes import ConvexHull, FloatArray, Placed, Solid, TriangleMesh
 from uwserver.scenario.bathymetry import Grid, triangulate
 
 if TYPE_CHECKING:
-    from uwserver.physics.rays import Rays
-    from uwserver.physics.solids import Solids
+    from uwserver.physics.collision.bullet import Solids
+    from uwserver.physics.rays.embree import Rays
 
 POINTS = 224
 """Along an edge of the seabed: 99 458 triangles of 2 m."""
@@ -34,8 +34,8 @@ def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
         say: gets a line of progress.
     """
     try:
-        from uwserver.physics.rays import Rays
-        from uwserver.physics.solids import Solids
+        from uwserver.physics.collision.bullet import Solids
+        from uwserver.physics.rays.embree import Rays
     except ImportError as error:
         return [Row("solids", "seabed and rays", "s", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, times = (2, 2) if quick else (7, 50)

@@ -77,7 +77,7 @@ def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding
 
 def kernels() -> Finding:
     """The cache of compiled kernels: where, writable, warm."""
-    from uwserver.physics.compiled import cache_state
+    from uwserver.physics.kernel.compiled import cache_state
 
     if cache_state.folder is None:
         return Finding("kernels", "warning", cache_state.reason, "set NUMBA_CACHE_DIR to a folder that can be written")

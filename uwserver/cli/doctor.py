@@ -46,7 +46,7 @@ def _line(finding: Finding) -> str:
 def _warm() -> list[Finding]:
     """Compile what the cache lacks; a finding only if that fails. Progress goes to standard error."""
     try:
-        from uwserver.physics.compiled import cache_state
+        from uwserver.physics.kernel.compiled import cache_state
         from uwserver.physics.warm import prune, warm
 
         warm(lambda line: click.echo(line, err=True))

@@ -130,7 +130,7 @@ def _with_metrics(resolved: Resolved, bind: str | None) -> Resolved:
 
 
 def _announce_compilation() -> None:
-    from uwserver.physics.compiled import cache_state
+    from uwserver.physics.kernel.compiled import cache_state
 
     if cache_state.reason and cache_state.folder is None:
         click.echo(f"uwserver: {cache_state.reason}", err=True)

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from uwserver.physics.layout import PROFILE_SIZE
+from uwserver.physics.kernel.layout import PROFILE_SIZE
 from uwserver.table import NonNegative, Positive, Table, Vector3
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from uwserver.environment.currents import GaussMarkov
 from uwserver.frames import Vec3
-from uwserver.physics.layout import SeaRows
+from uwserver.physics.kernel.layout import SeaRows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 @cache
 def _kernel() -> ModuleType:
     """Loaded at the first question, as numba takes half a second."""
-    from uwserver.physics import flow
+    from uwserver.physics.dynamics import flow
 
     return flow
 

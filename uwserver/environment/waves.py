@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from uwserver.physics.layout import (
+from uwserver.physics.kernel.layout import (
     WAVE_AMPLITUDE,
     WAVE_DEPTH,
     WAVE_K,

@@ -11,7 +11,7 @@ from msgspec import UnsetType
 
 from uwserver.faults.table import BuoyancyChange, MassLoss
 from uwserver.frames import Vec3
-from uwserver.physics.bodies import BodyParams, FloatArray, rigid_body_inertia
+from uwserver.physics.dynamics.params import BodyParams, FloatArray, rigid_body_inertia
 
 HullFault = BuoyancyChange | MassLoss
 

@@ -22,8 +22,8 @@ from uwserver.faults.table import (
     ThrusterWeak,
 )  # fmt: skip
 from uwserver.faults.targets import Targets, refusals
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import FREE, STUCK, STUCK_AT
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Refused
 from uwserver.slots import ActuatorSlot, SensorSlot
 from uwserver.vehicle import Vehicle

@@ -1,203 +1,276 @@
-"""Typed parameters of bodies and thrusters, and their rows in the kernel's arrays."""
+"""All submerged bodies of a world: their arrays, and the calls into the compiled kernel."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 
 import numpy as np
-import numpy.typing as npt
 
-from uwserver.physics.appended import Appendages, appendage_rates
-from uwserver.physics.lag import Lag
-from uwserver.physics.layout import BODY, LAG, SHAPE, TABLE, TABLE_SIZE, TABLE_VOLTAGES, THRUSTER, WRENCH
-
-FloatArray = npt.NDArray[np.float64]
-Records = npt.NDArray[np.void]
-Vec3 = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class BuoyancyShape:
-    """A box (`half` edges, m) or sphere (radius in ``half[0]``) at `center` (B, m); `volume` in m3 weighs it against the others."""
-
-    kind: int
-    center: Vec3
-    half: Vec3
-    volume: float
-
-
-@dataclass(frozen=True)
-class ForceTable:
-    """Static force (N) of a propulsor: one curve of (u, force) points a supply voltage, both ascending; at most 8 curves of 48 points."""
-
-    voltages: tuple[float, ...]
-    curves: tuple[tuple[tuple[float, float], ...], ...]
+from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
+from uwserver.physics.dynamics.appendage_params import appendage_rows, servo_rows
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    FloatArray,
+    ForceTable,
+    Records,
+    body_row,
+    concatenate,
+    lag_row,
+    shape_rows,
+    table_row,
+    thruster_row,
+    wrench_rows,
+)
+from uwserver.physics.kernel import layout
 
 
-@dataclass(frozen=True)
-class ThrusterParams:
-    """One propulsor; frames and units as in `layout.THRUSTER`."""
+@cache
+def _kernel() -> ModuleType:
+    """The compiled functions, loaded at the first step: they cost half a second, and `import uwserver` must stay quick."""
+    from uwserver.physics.dynamics import integrator
 
-    name: str
-    r: Vec3
-    axis: Vec3
-    table: ForceTable
-    voltage: float
-    lag: Lag
-    torque_per_force: float = 0.0
-    inflow: float = 0.0
-    disc_radius: float = 0.05
-    installed: float = 1.0
+    return integrator
+
+
+@cache
+def _contact_kernel() -> ModuleType:
+    """Likewise, at the first contact: most worlds have none."""
+    from uwserver.physics.contact import step
+
+    return step
+
+
+@cache
+def _sea_kernel() -> ModuleType:
+    """As `_kernel`, for a sea."""
+    from uwserver.physics.dynamics import flow
+
+    return flow
+
+
+_RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
+"""Arrays that change in a run."""
+_FIXED = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")
+"""Arrays that only `add` changes, by making new ones."""
 
 
 @dataclass(frozen=True, eq=False)
-class BodyParams:
-    """One rigid body in water of the scenario's density, about its origin, in B.
+class Saved:
+    """All rows of a world at an instant; equal if their bits are.
 
     Attributes:
-        M_RB, M_A: (6, 6) rigid-body inertia and added mass.
-        D_L, D_Q, D_S: (6, 6) linear, quadratic and speed-proportional damping.
-        weight, buoyancy: N.
-        r_g, r_b: centre of gravity and of buoyancy, m.
-        shapes: geometry of the displaced volume; without any the body is always submerged.
-        displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
-        appendages: fins, propellers, ballast, and what the hull's shape adds to the matrices.
+        params, tables, lags, fixed: what only `add` changes.
+        running: copies of the other arrays.
+        touched: contacts of the last tick.
     """
 
-    M_RB: FloatArray
-    M_A: FloatArray
-    D_L: FloatArray
-    D_Q: FloatArray
-    D_S: FloatArray
-    weight: float
-    buoyancy: float
-    r_g: Vec3
-    r_b: Vec3
-    shapes: tuple[BuoyancyShape, ...] = ()
-    thrusters: tuple[ThrusterParams, ...] = field(default=())
-    wrenches: int = 1
-    displaced: float | None = None
-    appendages: Appendages = field(default=Appendages())
+    params: tuple[BodyParams, ...]
+    tables: dict[ForceTable, int]
+    lags: dict[Lag, int]
+    fixed: tuple[Records, ...]
+    running: tuple[Records | FloatArray, ...]
+    touched: Impulses
+
+    def bits(self) -> tuple[bytes, ...]:
+        """Everything that changes in a run."""
+        arrays = (*self.running, *self.touched.contacts, self.touched.impulse)
+        return tuple(array.tobytes() for array in arrays)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Saved) and self.bits() == other.bits()
+
+    __hash__ = None  # type: ignore[assignment]  # as of any mutable thing
 
 
-def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> FloatArray:
-    """M_RB (6, 6) about the origin from mass (kg), inertia about the centre of mass (3, 3, kg m2) and r_g (m). Fossen 2011, eq. 3.44."""
-    x, y, z = r_g
-    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    M = np.zeros((6, 6))
-    M[:3, :3] = mass * np.eye(3)
-    M[:3, 3:] = -mass * S
-    M[3:, :3] = mass * S
-    M[3:, 3:] = inertia_com - mass * S @ S
-    return M
+class Hydrodynamics:
+    """State and parameters of all bodies, one row each. Not thread-safe: owned by the simulation thread.
 
-
-def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
-    """Bounds of the damping's fastest rate: rate_L (1/s), rate_Q (6) and rate_S, for `layout.BODY`.
-
-    Spectral norms in the metric of M, so that metres and radians may be mixed: ||M^-1/2 D M^-1/2||; the quadratic term contributes its
-    slope, 2 D_Q |nu_j|, column by column, the speed-proportional one at most 2 |u| D_S.
+    Attributes:
+        state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
+        flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
+        sea: water that moves otherwise than uniformly and steadily; None for none.
+        params: of each body, as added; `change` does not touch them.
+        thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
+            (`layout`).
+        collider: finds contacts; None in open water.
+        touched: contacts of the last tick and their impulses.
+        contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
     """
-    values, vectors = np.linalg.eigh(body.M_RB + body.M_A)
-    root = vectors @ np.diag(values**-0.5) @ vectors.T
 
-    def norm(D: FloatArray) -> float:
-        return float(np.linalg.norm(root @ D @ root, 2))
+    def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
+        self.dt = dt
+        self.params: tuple[BodyParams, ...] = ()
+        self._tables: dict[ForceTable, int] = {}
+        self._lags: dict[Lag, int] = {}
+        self.bodies: Records = np.zeros(0, layout.BODY)
+        self.shapes: Records = np.zeros(0, layout.SHAPE)
+        self.thrusters: Records = np.zeros(0, layout.THRUSTER)
+        self.wrenches: Records = np.zeros(0, layout.WRENCH)
+        self.tables: Records = np.zeros(0, layout.TABLE)
+        self.lags: Records = np.zeros(0, layout.LAG)
+        self.servos: Records = np.zeros(0, layout.SERVO)
+        self.foils: Records = np.zeros(0, layout.FOIL)
+        self.propellers: Records = np.zeros(0, layout.PROPELLER)
+        self.weights: Records = np.zeros(0, layout.WEIGHT)
+        self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
+        self.hulls: Records = np.zeros(0, layout.HULL)
+        self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
+        self.collider: Collider | None = None
+        self.touched: Impulses = NO_IMPULSES
+        self.contact_nu_dot: FloatArray = np.zeros((0, 6))
+        self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
+        self.sea: layout.SeaRows | None = None
+        self._gather()
+        for body in bodies:
+            self.add(body)
 
-    def column(D: FloatArray, j: int) -> float:
-        return float(np.linalg.norm(root @ D[:, j]) * np.linalg.norm(root[j]))
+    def __len__(self) -> int:
+        return len(self.params)
 
-    rate_L, rate_Q, rate_S = appendage_rates(body.appendages, root)
-    quadratic = np.array([2.0 * column(body.D_Q, j) for j in range(6)])
-    return rate_L + norm(body.D_L), rate_Q + quadratic, rate_S + 2.0 * norm(body.D_S)
+    def add(self, body: BodyParams) -> int:
+        """Append a body at rest at the origin; the rows of the others stay as they are. Returns its row."""
+        row = body_row(body)
+        row["shape_first"], row["shape_count"] = len(self.shapes), len(body.shapes)
+        row["thruster_first"], row["thruster_count"] = len(self.thrusters), len(body.thrusters)
+        row["wrench_first"], row["wrench_count"] = len(self.wrenches), body.wrenches
+        for thruster in body.thrusters:
+            self._tables.setdefault(thruster.table, len(self._tables))
+            self._lags.setdefault(thruster.lag, len(self._lags))
+        self.tables = concatenate([table_row(table) for table in self._tables], layout.TABLE)
+        self.lags = concatenate([lag_row(lag, self.dt) for lag in self._lags], layout.LAG)
+        thrusters = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
+        self._append_appendages(body, row)
+        self.bodies = np.concatenate([self.bodies, row])
+        self.shapes = np.concatenate([self.shapes, shape_rows(body)])
+        self.thrusters = np.concatenate([self.thrusters, concatenate(thrusters, layout.THRUSTER)])
+        self.wrenches = np.concatenate([self.wrenches, wrench_rows(body.wrenches)])
+        rest = np.zeros((1, layout.STATE_SIZE))
+        rest[0, layout.Q] = 1.0
+        self.state = np.concatenate([self.state, rest])
+        self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
+        self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
+        self.params = (*self.params, body)
+        self._gather()
+        return len(self.params) - 1
 
+    def change(self, row: int, body: BodyParams) -> None:
+        """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
+        new = body_row(body)
+        kept = ("fitted", "retired", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
+        for name in kept:
+            new[name] = self.bodies[name][row]
+        self.bodies[row] = new[0]
 
-def _form(M: FloatArray) -> int:
-    """0 for a zero matrix, 1 for a diagonal one, 2 for any other."""
-    if not M.any():
-        return 0
-    return 2 if (M - np.diag(np.diag(M))).any() else 1
+    def retire(self, row: int) -> None:
+        """Take a body out. Its rows stay, at rest, so that those of the others keep their places."""
+        self.bodies["retired"][row] = 1
+        self.state[row] = 0.0
+        self.state[row, layout.Q] = 1.0
+        self.contact_nu_dot[row] = 0.0
 
+    def save(self) -> Saved:
+        """All rows as they are."""
+        running = tuple(getattr(self, name).copy() for name in _RUNNING)
+        fixed = tuple(getattr(self, name) for name in _FIXED)
+        return Saved(self.params, dict(self._tables), dict(self._lags), fixed, running, self.touched)
 
-def body_row(body: BodyParams) -> Records:
-    """The BODY row (1) of a body, without its ranges."""
-    row = np.zeros(1, BODY)
-    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "r_g", "r_b"):
-        row[name] = getattr(body, name)
-    row["displaced"] = body.buoyancy / 9.81 if body.displaced is None else body.displaced
-    row["M_inv"] = np.linalg.inv(body.M_RB + body.M_A)
-    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
-        row[f"form_{name}"] = _form(getattr(body, name))
-    row["rate_L"], row["rate_Q"], row["rate_S"] = damping_rates(body)
-    # Of the shapes as they end up, moved to r_b.
-    reach = [
-        float(
-            np.linalg.norm(shape["center"])
-            + (shape["half"][0] if shape["kind"] == 1 else np.linalg.norm(shape["half"]))
+    def load(self, saved: Saved) -> None:
+        """Put all rows back, bit for bit; bodies that were added since are gone. The water at the bodies is not part of it."""
+        if saved.params is not self.params:
+            self.params, self._tables, self._lags = saved.params, dict(saved.tables), dict(saved.lags)
+            for name, rows in zip(_FIXED, saved.fixed, strict=True):
+                setattr(self, name, rows)
+            for name, array in zip(_RUNNING, saved.running, strict=True):
+                setattr(self, name, array.copy())
+            self.flows = np.zeros((len(self), layout.FLOW_SIZE))
+            self._gather()
+        for name, array in zip(_RUNNING, saved.running, strict=True):
+            getattr(self, name)[...] = array
+        self.touched = saved.touched
+
+    def _append_appendages(self, body: BodyParams, row: Records) -> None:
+        """Rows of the body's appendages; their ranges go into its BODY row."""
+        added = {"servos": servo_rows(body.appendages), **appendage_rows(body.appendages, len(self.servos))}
+        for name, rows in added.items():
+            present = getattr(self, name)
+            kind = name.removesuffix("s")
+            row[f"{kind}_first"], row[f"{kind}_count"] = len(present), len(rows)
+            setattr(self, name, np.concatenate([present, rows]))
+
+    def _gather(self) -> None:
+        """All rows of the world as the kernel takes them; the arrays change only when a body is added."""
+        fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
+        self.fitted = fitted if self.bodies["fitted"].any() else None
+        self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
+        self._table = layout.addresses((*self.rows, *fitted, self.state, self.flows))
+
+    @property
+    def currents(self) -> FloatArray:
+        """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
+        return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
+
+    def advance(self, t: float) -> int:
+        """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.5 * self.dt, self.flows)
+        if self.collider is not None:
+            contacts = self.collider.find_contacts(self.state, self.dt)
+            if len(contacts.gap):
+                return self._advance_touching(contacts, t)
+            if len(self.touched.impulse):
+                self.touched = NO_IMPULSES
+                self.contact_nu_dot[:] = 0.0
+        return self._advance_free(t)
+
+    def _advance_free(self, t: float) -> int:
+        return int(_kernel().advance(self._table, t, self.dt))
+
+    def _advance_touching(self, contacts: Contacts, t: float) -> int:
+        """The stages are told in `contact.step`."""
+        kernel, old = _contact_kernel(), self.touched
+        trial = self.rows._replace(thrusters=self.thrusters.copy())
+        fitted = self.fitted and self.fitted._replace(servos=self.servos.copy())
+        struck = kernel.strike(
+            trial, fitted, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt
         )
-        for shape in shape_rows(body)
-    ]
-    reach += [float(np.linalg.norm(t.r)) + t.disc_radius for t in body.thrusters] + [body.appendages.reach]
-    row["fitted"] = int(body.appendages != Appendages())
-    row["radius"] = max(reach, default=0.0)
-    return row
+        diverged = self._advance_free(t)
+        if diverged < 0:
+            self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
+            kernel.settle(self.bodies, struck, self.state, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+        return diverged
 
+    def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
+        """nu_dot (n, 6) in B, and the applied wrench (n, 6) about the origin in B, at the present state.
 
-def shape_rows(body: BodyParams) -> Records:
-    """SHAPE rows, moved together so that their common centre is r_b, with shares that add up to 1."""
-    rows = np.zeros(len(body.shapes), SHAPE)
-    total = sum(shape.volume for shape in body.shapes)
-    if not body.shapes:
-        return rows
-    centre = sum(np.array(shape.center) * shape.volume for shape in body.shapes) / total
-    for row, shape in zip(rows, body.shapes, strict=True):
-        row["kind"] = shape.kind
-        row["center"] = np.array(shape.center) - centre + np.array(body.r_b)
-        row["half"] = shape.half
-        row["share"] = shape.volume / total
-    return rows
+        nu_dot holds the mean of the last tick's contacts, as an accelerometer would; the wrench is that of thrusters and prescribed rows.
+        """
+        nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
+        _kernel().rates_of_change(self._table, t, nu_dot, tau)
+        if len(self.touched.impulse):
+            nu_dot += self.contact_nu_dot
+        return nu_dot, tau
 
+    def load_kernels(self) -> None:
+        """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
+        nothing = Hydrodynamics((), self.dt)
+        # Contact kernels with and without appendages are compiled apart.
+        nothing.fitted = self.fitted and layout.Fitted(*(rows[:0] for rows in self.fitted))
+        nothing.advance(0.0)
+        nothing.rates_of_change(0.0)
+        if self.collider is not None:
+            nothing._advance_touching(NO_CONTACTS, 0.0)
+        if self.sea is not None:
+            nothing.sea = self.sea
+            nothing.advance(0.0)
 
-def thruster_row(params: ThrusterParams, table: int, lag: int) -> Records:
-    """The THRUSTER row (1), at rest, with the rows of its force table and lag."""
-    row = np.zeros(1, THRUSTER)
-    for name in ("r", "voltage", "inflow", "disc_radius", "installed"):
-        row[name] = getattr(params, name)
-    axis = np.array(params.axis) / np.linalg.norm(params.axis)
-    moment = np.cross(params.r, axis)
-    row["per_velocity"] = np.concatenate([axis, moment])
-    row["per_force"] = np.concatenate([axis, moment + params.torque_per_force * axis])
-    row["table"], row["lag"] = table, lag
-    row["efficiency"] = 1.0
-    return row
+    def kinetic_energy(self) -> FloatArray:
+        """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""
+        from uwserver.physics.dynamics.energy import kinetic_energy
 
-
-def lag_row(lag: Lag, dt: float) -> Records:
-    """The LAG row (1) of a lag for a tick of dt seconds."""
-    row = np.zeros(1, LAG)
-    row["F"], row["G"], row["C"], row["D"] = lag.transition(dt)
-    return row
-
-
-def table_row(table: ForceTable) -> Records:
-    """The TABLE row (1) of a force table; curves with fewer points are padded by their last."""
-    if not 1 <= len(table.voltages) <= TABLE_VOLTAGES or any(not 1 < len(c) <= TABLE_SIZE for c in table.curves):
-        raise ValueError(f"a force table takes 1..{TABLE_VOLTAGES} voltages and 2..{TABLE_SIZE} points each")
-    row = np.zeros(1, TABLE)
-    row["n_voltages"] = len(table.voltages)
-    for k, (voltage, curve) in enumerate(zip(table.voltages, table.curves, strict=True)):
-        points = np.array(curve + (curve[-1],) * (TABLE_SIZE - len(curve)))
-        row["voltage"][0, k] = voltage
-        row["u"][0, k], row["force"][0, k] = points[:, 0], points[:, 1]
-    return row
-
-
-def wrench_rows(count: int) -> Records:
-    """`count` WRENCH rows of zero force in B."""
-    return np.zeros(count, WRENCH)
-
-
-def concatenate(rows: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
-    """Rows end to end; an empty array of the dtype for none."""
-    return np.concatenate(rows) if rows else np.zeros(0, dtype)
+        return kinetic_energy(self.bodies, self.state, self.currents)

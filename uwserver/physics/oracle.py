@@ -1,7 +1,7 @@
 """Runs a reference trajectory (an oracle file) through the production integrator and measures how far it strays.
 
 An oracle file is JSON of format ``uwserver-oracle-1``: one body in unbounded water, its matrices, a harmonic wrench, a uniform current, and
-the states that an independent, tighter integration reached. Its ``law`` is the equation of `uwserver.physics.fossen`.
+the states that an independent, tighter integration reached. Its ``law`` is the equation of `uwserver.physics.dynamics.fossen`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, P, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.units import deg
 
 FORMAT = "uwserver-oracle-1"

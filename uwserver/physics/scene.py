@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from uwserver.physics.contact import Contacts
-from uwserver.physics.geometry import FloatArray, Hits
-from uwserver.physics.rays import Rays
-from uwserver.physics.shapes import Solid
-from uwserver.physics.solids import Solids
+from uwserver.physics.collision.bullet import Solids
+from uwserver.physics.collision.contacts import Contacts
+from uwserver.physics.geometry.shapes import Solid
+from uwserver.physics.rays.embree import Rays
+from uwserver.physics.rays.raycast import FloatArray, Hits
 
 
 class Scene:

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics import layout
-from uwserver.physics.appended import Appendages, PropellerParams, ServoParams
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
-from uwserver.physics.compiled import cache_state
-from uwserver.physics.contact import Contacts, FloatArray
-from uwserver.physics.geometry import SURFACE, no_hits
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.lag import Lag
-from uwserver.physics.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
-from uwserver.physics.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.collision.contacts import Contacts, FloatArray
+from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
+from uwserver.physics.kernel import layout
+from uwserver.physics.kernel.compiled import cache_state
+from uwserver.physics.kernel.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
+from uwserver.physics.rays.raycast import SURFACE, no_hits
 
 _DT = 0.01
 _APPENDAGES = Appendages(
@@ -45,7 +45,8 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         RuntimeError: the kernels ran and a state was not finite: the installation is broken.
     """
     say("kernels: loading the compiler")
-    from uwserver.physics import flow, integrator, touching
+    from uwserver.physics.contact import step
+    from uwserver.physics.dynamics import flow, integrator
 
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
     fitted = Hydrodynamics([_body(1.0), replace(_body(1.0), appendages=_APPENDAGES)], _DT)
@@ -78,8 +79,8 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     kernels: tuple[Any, ...] = (
         integrator.advance,
         integrator.rates_of_change,
-        touching.strike,
-        touching.settle,
+        step.strike,
+        step.settle,
         flow.fill_flows,
         flow.water_at,
         *solid_kernels(),
@@ -105,13 +106,15 @@ def solid_kernels() -> tuple[Any, ...]:
         RuntimeError: they find nothing where something is.
     """
     try:
-        from uwserver.physics.rays import Rays
-        from uwserver.physics.solids import Solids
+        from uwserver.physics.collision.bullet import Solids
+        from uwserver.physics.rays.embree import Rays
 
         solids = Solids()
     except ImportError:
         return ()
-    from uwserver.physics import hits, near, surface, touch
+    from uwserver.physics.collision import broad_phase, narrow_phase
+    from uwserver.physics.geometry import mesh
+    from uwserver.physics.rays import hits
 
     sheet = TriangleMesh(np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]), np.array([[0, 1, 2]]))
     ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()))), Solid("ball", (Placed(Sphere(0.1)),))
@@ -126,7 +129,7 @@ def solid_kernels() -> tuple[Any, ...]:
         if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
             raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
     return (
-        near.search, near.place, near.bound, touch.collect, surface.fill_cells, hits.look, hits.enter, hits.settle,
+        broad_phase.search, broad_phase.place, broad_phase.bound, narrow_phase.collect, mesh.fill_cells, hits.look, hits.enter, hits.settle,
     )  # fmt: skip
 
 
@@ -137,7 +140,7 @@ def echo_kernels() -> tuple[Any, ...]:
     Raises:
         RuntimeError: they hear nothing of a bottom.
     """
-    from uwserver.physics import echoes, hits
+    from uwserver.physics.rays import echoes, hits
 
     down, answer, cells = np.array([[0.0, 0.0, 1.0]]), no_hits(1), np.zeros(1, layout.CELL)
     cells["direction"], cells["emitted"], counts = down, 1.0, np.zeros(8, np.int64)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 
 from msgspec import UnsetType
 
-from uwserver.physics.appended import (
+from uwserver.physics.dynamics.appendage_params import (
     Appendages,
     DerivativeParams,
     FoilParams,

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from uwserver.physics.shapes import (
+from uwserver.physics.geometry.shapes import (
     HULL_POINTS,
     TILE_TRIANGLES,
     BadSolid,

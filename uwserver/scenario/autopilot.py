@@ -35,7 +35,7 @@ from uwserver.autopilot.state import Six
 from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
-from uwserver.physics.bodies import BodyParams, FloatArray, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, FloatArray, ThrusterParams
 from uwserver.ports import Port, Service
 from uwserver.scenario.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle_schema import Vehicle as VehicleFile

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import UNSET
 
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.shapes import TILE_TRIANGLES, BadSolid, FloatArray, TriangleMesh
+from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, FloatArray, TriangleMesh
 from uwserver.scenario.solid_schema import GridSeabed
 from uwserver.units import deg, rad
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import UNSET, UnsetType
 
-from uwserver.physics.bodies import (
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import (
     BodyParams,
     BuoyancyShape,
     FloatArray,
@@ -17,8 +18,7 @@ from uwserver.physics.bodies import (
     ThrusterParams,
     rigid_body_inertia,
 )
-from uwserver.physics.lag import Lag
-from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
+from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
 from uwserver.scenario.appendages import appendages
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.vehicle_schema import (

@@ -8,7 +8,7 @@ from msgspec import UnsetType
 
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.magnetic import magnetic_about
 from uwserver.scenario.members import build_scene, physics_rate, stream_of

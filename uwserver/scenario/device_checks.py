@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.physics.layout import TABLE_VOLTAGES
+from uwserver.physics.kernel.layout import TABLE_VOLTAGES
 from uwserver.scenario.assembly import named
 from uwserver.scenario.body import lag
 from uwserver.scenario.convert import Report, convert, silent

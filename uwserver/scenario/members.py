@@ -11,7 +11,7 @@ from msgspec import UNSET, UnsetType, structs
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
-from uwserver.physics.bodies import BodyParams
+from uwserver.physics.dynamics.params import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.autopilot import build_autopilot
 from uwserver.scenario.resolved import Resolved, ResolvedObject, ResolvedVehicle

@@ -16,8 +16,8 @@ import math
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray, Vec3, rigid_body_inertia
-from uwserver.physics.layout import SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, Vec3, rigid_body_inertia
+from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE
 from uwserver.scenario.schema import Environment
 from uwserver.scenario.solid_schema import BoxObject, CylinderObject, ObjectEntry, SphereObject
 

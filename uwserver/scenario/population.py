@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 
 from uwserver.frames import Quat, Vec3, quat_from_rpy
-from uwserver.physics.bodies import BodyParams
-from uwserver.physics.layout import NU, P, Q
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.requests import shown
 from uwserver.scenario.body import body_params

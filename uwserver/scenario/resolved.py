@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from uwserver.physics.bodies import BodyParams
-from uwserver.physics.shapes import Solid
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.geometry.shapes import Solid
 from uwserver.scenario.errors import Problem
 from uwserver.scenario.schema import Scenario, VehicleEntry
 from uwserver.scenario.solid_schema import ObjectEntry

@@ -12,7 +12,7 @@ from uwserver.environment.currents import GaussMarkov, GaussMarkovConfig, Profil
 from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.environment.waves import wave_rows
-from uwserver.physics.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
+from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
 from uwserver.scenario.schema import Environment
 from uwserver.units import rad
 

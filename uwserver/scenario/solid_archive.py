@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import zstandard
 
-from uwserver.physics import shapes
-from uwserver.physics.shapes import Placed, Shape, Solid
+from uwserver.physics.geometry import shapes
+from uwserver.physics.geometry.shapes import Placed, Shape, Solid
 
 _KINDS: Mapping[str, type[Any]] = {
     kind.__name__: kind

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.physics.shapes import (
+from uwserver.physics.geometry.shapes import (
     BadSolid,
     Box,
     Capsule,

@@ -10,7 +10,7 @@ from typing import Any
 from msgspec import UNSET
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.shapes import (
+from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
     Cylinder,

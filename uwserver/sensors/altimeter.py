@@ -10,7 +10,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.geometry import NOTHING, FloatArray, Hits
+from uwserver.physics.rays.raycast import NOTHING, FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.base import Pose, Scope, SensorTable
 from uwserver.sensors.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn

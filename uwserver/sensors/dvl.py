@@ -11,7 +11,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.geometry import SURFACE, FloatArray, Hits
+from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.base import Pose, Scope, SensorTable
 from uwserver.sensors.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn

@@ -12,7 +12,7 @@ import numpy as np
 
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
 from uwserver.frames import Quat, Vec3
-from uwserver.physics.geometry import SURFACE, FloatArray, Hits
+from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
 from uwserver.sensors.base import Scope
 
 MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
@@ -22,7 +22,7 @@ MU_SEDIMENT = 10.0 ** (0.1 * SEDIMENT_DB)
 @cache
 def kernels() -> tuple[ModuleType, ModuleType]:
     """`echoes` and `hits` of physics. Imported when they are needed, as numba takes half a second."""
-    from uwserver.physics import echoes, hits
+    from uwserver.physics.rays import echoes, hits
 
     return echoes, hits
 

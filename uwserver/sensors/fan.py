@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from uwserver.physics.geometry import FloatArray, Hits
-from uwserver.physics.layout import CELL
+from uwserver.physics.kernel.layout import CELL
+from uwserver.physics.rays.raycast import FloatArray, Hits
 
 
 class Fan:

@@ -10,7 +10,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.geometry import FloatArray, Hits
+from uwserver.physics.rays.raycast import FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.base import Pose, Scope, SensorTable
 from uwserver.sensors.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn

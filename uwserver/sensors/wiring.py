@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.frames import Vec3
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
 
 
 class Electric(NamedTuple):

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.frames import quat_from_rpy, rpy_from_quat
-from uwserver.physics.bodies import BodyParams, BuoyancyShape, FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray
+from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
 from uwserver.testing.motion import DEEP, angular_frequency, record
 
 DENSITY, GRAVITY = 1025.0, 9.81

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uwserver.frames import rotate
-from uwserver.physics.contact import Contacts, FloatArray
+from uwserver.physics.collision.contacts import Contacts, FloatArray
 
 Vec3 = tuple[float, float, float]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from uwserver.frames import Quat, Vec3, conjugate, quat_from_rpy, rotate
-from uwserver.physics.bodies import BodyParams, FloatArray, rigid_body_inertia
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, Q
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams, FloatArray, rigid_body_inertia
+from uwserver.physics.kernel.layout import NU, Q
 from uwserver.testing.closed_forms import ClosedForm
 from uwserver.testing.colliders import Floor
 

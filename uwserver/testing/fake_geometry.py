@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwserver.physics.geometry import FloatArray, Hits, no_hits
+from uwserver.physics.rays.raycast import FloatArray, Hits, no_hits
 
 Vec3 = tuple[float, float, float]
 
@@ -49,7 +49,7 @@ class Sphere:
 
 
 class FakeGeometry:
-    """A `uwserver.physics.geometry.Geometry` of analytic shapes; a shape's id is its place in the list, `materials` are theirs (default 0)."""
+    """A `uwserver.physics.rays.raycast.Geometry` of analytic shapes; a shape's id is its place in the list, `materials` are theirs (default 0)."""
 
     def __init__(self, shapes: Sequence[Plane | Sphere], materials: Sequence[int] = ()) -> None:
         self._shapes = tuple(shapes)

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from uwserver.physics.bodies import BodyParams, FloatArray
-from uwserver.physics.energy import kinetic_energy, rotations
-from uwserver.physics.hydrodynamics import Hydrodynamics
-from uwserver.physics.layout import NU, STATE_SIZE, P
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.energy import kinetic_energy, rotations
+from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.kernel.layout import NU, STATE_SIZE, P
 
 DEEP = 500.0
 """Depth (m) from which no run of these measures reaches the surface."""

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from uwserver.physics.bodies import FloatArray
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import FloatArray
 from uwserver.scenario.body import body_params
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Environment, Scenario, VehicleEntry

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from uwserver.actuators import Body
-from uwserver.physics.hydrodynamics import Hydrodynamics
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry

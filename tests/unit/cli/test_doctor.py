@@ -14,8 +14,8 @@ import uwserver.cli.doctor as command
 from uwserver.adapter import AdapterNotFound
 from uwserver.cli import diagnosis
 from uwserver.cli.diagnosis import Finding
-from uwserver.physics import compiled
-from uwserver.physics.compiled import CacheState
+from uwserver.physics.kernel import compiled
+from uwserver.physics.kernel.compiled import CacheState
 
 
 class Sleeper:

@@ -7,7 +7,7 @@ import pytest
 
 from uwserver.environment.currents import GaussMarkov, GaussMarkovConfig, ProfileConfig, profile_rows
 from uwserver.environment.sea import Sea
-from uwserver.physics.layout import WAVE_SIZE, SeaRows
+from uwserver.physics.kernel.layout import WAVE_SIZE, SeaRows
 
 DEPTHS = (0.0, 5.0, 20.0, 50.0)
 SPEEDS = ((0.8, 0.0, 0.0), (0.5, 0.1, 0.0), (0.2, 0.1, 0.0), (0.2, -0.3, 0.01))

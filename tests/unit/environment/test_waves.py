@@ -10,8 +10,8 @@ import pytest
 from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.environment.waves import WavesConfig, spectral_shape, wave_number, wave_rows
-from uwserver.physics import layout as rows_of
-from uwserver.physics.layout import PROFILE_SIZE, SeaRows
+from uwserver.physics.kernel import layout as rows_of
+from uwserver.physics.kernel.layout import PROFILE_SIZE, SeaRows
 
 G = 9.81
 

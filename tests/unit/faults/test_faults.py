@@ -19,7 +19,7 @@ from uwserver.faults.table import (
     ThrusterWeak,
 )
 from uwserver.modifiers import WhiteNoise
-from uwserver.physics.bodies import rigid_body_inertia
+from uwserver.physics.dynamics.params import rigid_body_inertia
 from uwserver.ports import Refused
 from uwserver.scenario.build import build
 from uwserver.scenario.builder import ScenarioBuilder

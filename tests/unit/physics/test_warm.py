@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from uwserver.physics import integrator
-from uwserver.physics.compiled import ENTRY_KERNELS, cache_state
+from uwserver.physics.dynamics import integrator
+from uwserver.physics.kernel.compiled import ENTRY_KERNELS, cache_state
 from uwserver.physics.warm import prune, warm
 from uwserver.world import World
 
@@ -21,7 +21,7 @@ READ_ONLY = """
 import os, sys
 access = os.access
 os.access = lambda path, mode, **options: mode != os.W_OK and access(path, mode, **options)
-from uwserver.physics.compiled import cache_state
+from uwserver.physics.kernel.compiled import cache_state
 from uwserver.physics.warm import warm
 print(cache_state.reason, warm())
 """
@@ -58,8 +58,11 @@ def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
 
 SLOPE = """
 import uwserver
-from uwserver.physics import integrator, near, touch, touching
-kernels = integrator.advance, touching.strike, touching.settle, near.search, touch.collect
+from uwserver.physics.dynamics import integrator
+from uwserver.physics.collision import broad_phase
+from uwserver.physics.collision import narrow_phase
+from uwserver.physics.contact import step
+kernels = integrator.advance, step.strike, step.settle, broad_phase.search, narrow_phase.collect
 world = uwserver.load("slope")
 loaded = [len(kernel.signatures) for kernel in kernels]
 world.step(30)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.physics.shapes import Box, Capsule, Cylinder, turned
+from uwserver.physics.geometry.shapes import Box, Capsule, Cylinder, turned
 from uwserver.scenario.documents import shipped
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry

@@ -9,8 +9,18 @@ import pytest
 import trimesh
 
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.shapes import Box, Capsule, ConvexHull, Cylinder, HalfSpace, Placed, Solid, Sphere, TriangleMesh
-from uwserver.physics.solids import Solids
+from uwserver.physics.collision.bullet import Solids
+from uwserver.physics.geometry.shapes import (
+    Box,
+    Capsule,
+    ConvexHull,
+    Cylinder,
+    HalfSpace,
+    Placed,
+    Solid,
+    Sphere,
+    TriangleMesh,
+)
 from uwserver.scenario.errors import ScenarioError
 from uwserver.scenario.load import load
 from uwserver.scenario.objects import object_params

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.physics.layout import NU
+from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build import build
 from uwserver.scenario.load import load
 from uwserver.scenario.schema import Scenario, VehicleEntry

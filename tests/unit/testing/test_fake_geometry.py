@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uwserver.physics.geometry import OpenWater
+from uwserver.physics.rays.raycast import OpenWater
 from uwserver.testing.fake_geometry import FakeGeometry, Plane, Sphere
 
 SEABED = Plane((0.0, 0.0, 20.0), (0.0, 0.0, -1.0))

@@ -1,0 +1,214 @@
+"""Contact points between two features, and the few of them that a solver needs (compiled).
+
+A contact has `NUMBERS` columns: point (3) midway between the surfaces, normal (3) from b to a, gap; its key stands beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.linear import dot
+
+Array = Any  # numpy array inside compiled code
+
+NUMBERS = 7
+CANDIDATES = 256
+"""Most points of one pair before they are reduced."""
+FULL = 96
+"""From here on they are thinned out, as on a mesh much finer than the body."""
+KEPT = 4
+"""Points kept of each group of like normals."""
+SAME_DEPTH = 2e-3
+"""m; points this near to the deepest are preferred to those farther out."""
+_LIKE = 0.866
+"""Cosine between normals of one group: 30 degrees."""
+_CROSSING = 256
+"""Codes above this belong to crossings of edges, below to corners."""
+
+
+@compiled
+def clip(ring: Array, codes: Array, count: int, cut: Array, cuts: int, t: Array) -> int:
+    """Cut a ring by the sides of another, seen along t: only what stands over the other stays, in `ring`. Returns its corner count.
+
+    Sutherland and Hodgman 1974. `cut` is counter-clockwise about t; with two corners it is a line, cut at its ends.
+    """
+    kept, kept_codes = np.empty_like(ring), np.empty_like(codes)
+    side = np.empty(3)
+    for e in range(cuts):
+        a, b = cut[e], cut[(e + 1) % cuts]
+        if cuts == 2:
+            for i in range(3):
+                side[i] = b[i] - a[i]
+        else:
+            ex, ey, ez = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+            side[0], side[1], side[2] = t[1] * ez - t[2] * ey, t[2] * ex - t[0] * ez, t[0] * ey - t[1] * ex
+        length = math.sqrt(dot(side, side))
+        offset = dot(side, a)
+        n = 0
+        for k in range(count):
+            j = (k + count - 1) % count
+            # A corner on the border belongs to both sides.
+            now, before = dot(side, ring[k]) - offset + 1e-9 * length, dot(side, ring[j]) - offset + 1e-9 * length
+            if (now >= 0.0) != (before >= 0.0) and n < len(ring):
+                part = before / (before - now)
+                for i in range(3):
+                    kept[n, i] = ring[j, i] + part * (ring[k, i] - ring[j, i])
+                first, second = min(codes[j], codes[k]), max(codes[j], codes[k])
+                kept_codes[n] = _CROSSING + (first * 65_599 + second * 257 + 7 * e) % 65_521
+                n += 1
+            if now >= 0.0 and n < len(ring):
+                kept[n], kept_codes[n] = ring[k], codes[k]
+                n += 1
+        count = n
+        ring[:count], codes[:count] = kept[:count], kept_codes[:count]
+    return count
+
+
+@compiled
+def add_ring(
+    ring: Array, codes: Array, count: int, origin: Array, t: Array, on_a: bool, code: int, reach: float, contacts: Array,
+    keys: Array, n: int,
+) -> int:  # fmt: skip
+    """Add the corners of a cut ring, which are over the plane through `origin` with the outward normal t, as contacts.
+
+    Args:
+        on_a: the ring is of a and the plane of b; otherwise the other way round.
+        code: of the feature under a crossing; a corner's key does not depend on it.
+        reach: m; farther corners are left out.
+    """
+    for k in range(count):
+        gap = 0.0
+        for i in range(3):
+            gap += (ring[k, i] - origin[i]) * t[i]
+        if gap > reach or n >= len(contacts):
+            continue
+        key = codes[k] + _CROSSING * _facing(t)
+        if codes[k] >= _CROSSING or not on_a:
+            key = (codes[k] + 16) * 2_654_435_761 + code * 40_503
+        for i in range(3):
+            contacts[n, i] = ring[k, i] - 0.5 * gap * t[i]
+            contacts[n, 3 + i] = t[i] if on_a else -t[i]
+        contacts[n, 6] = gap
+        keys[n] = key % (1 << 34)
+        n += 1
+    return n
+
+
+@compiled
+def _facing(t: Array) -> int:
+    """0..5: the axis that t follows most, and its sense; so a corner on floor and wall has two keys."""
+    axis = 0
+    for i in range(1, 3):
+        if abs(t[i]) > abs(t[axis]):
+            axis = i
+    return 2 * axis + (1 if t[axis] < 0.0 else 0)
+
+
+@compiled
+def add_point(x: Array, normal: Array, top_b: float, gap: float, key: int, contacts: Array, keys: Array, n: int) -> int:
+    """Add one contact at x, moved along the normal to midway between the surfaces, b's being at x . normal = top_b."""
+    if n >= len(contacts):
+        return n
+    lift = top_b + 0.5 * gap - dot(x, normal)
+    for i in range(3):
+        contacts[n, i], contacts[n, 3 + i] = x[i] + lift * normal[i], normal[i]
+    contacts[n, 6] = gap
+    keys[n] = key % (1 << 34)
+    return n + 1
+
+
+@compiled
+def reduce(contacts: Array, keys: Array, n: int, chosen: Array) -> int:
+    """Choose at most `KEPT` contacts of each group of like normals; their numbers go to `chosen`, in order. Returns how many.
+
+    A group begins with the deepest contact that is in none yet. In it the deepest comes first, then those that lie most spread; those
+    almost as deep before all others, so that a body rests on what it touches.
+    """
+    free = np.ones(n, np.bool_)
+    for k in range(n):
+        for j in range(k):
+            if free[j] and free[k] and _twins(contacts[j], contacts[k], keys[j] == keys[k]):
+                free[j if _before(contacts, keys, k, j) else k] = False
+    total = 0
+    while True:
+        deepest = -1
+        for k in range(n):
+            if free[k] and (deepest < 0 or _before(contacts, keys, k, deepest)):
+                deepest = k
+        if deepest < 0 or total + KEPT > len(chosen):
+            return total
+        picked = total
+        chosen[total] = deepest
+        free[deepest] = False
+        total += 1
+        for limit in (SAME_DEPTH, 1e300):
+            while total - picked < KEPT:
+                best = _most_spread(contacts, n, free, chosen[picked:total], limit)
+                if best < 0:
+                    break
+                chosen[total] = best
+                free[best] = False
+                total += 1
+        for k in range(n):
+            if free[k] and dot(contacts[k, 3:6], contacts[deepest, 3:6]) > _LIKE:
+                free[k] = False
+
+
+@compiled
+def _twins(a: Array, b: Array, same_feature: bool) -> bool:
+    """Whether two contacts are one: at one place or of one feature, and of like normals."""
+    if dot(a[3:6], b[3:6]) <= _LIKE:
+        return False
+    return same_feature or (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 < 1e-12
+
+
+@compiled
+def thin_out(contacts: Array, keys: Array, n: int) -> int:
+    """Keep what `reduce` would choose of the contacts so far, at the front. Returns how many."""
+    chosen = np.empty(8 * KEPT, np.int64)
+    count = reduce(contacts, keys, n, chosen)
+    kept, kept_keys = contacts[chosen[:count]], keys[chosen[:count]]
+    contacts[:count], keys[:count] = kept, kept_keys
+    return count
+
+
+@compiled
+def _before(contacts: Array, keys: Array, k: int, other: int) -> bool:
+    """Deeper, or as deep with a lower key; to a nanometre, so that rounding does not choose."""
+    a, b = contacts[k, 6], contacts[other, 6]
+    return bool(a < b - 1e-9 or (a <= b + 1e-9 and keys[k] < keys[other]))
+
+
+@compiled
+def _most_spread(contacts: Array, n: int, free: Array, picked: Array, limit: float) -> int:
+    """The free contact of the group that lies farthest from those picked and the lines between them; -1 if none does by 1 mm."""
+    first = contacts[picked[0]]
+    best, most = -1, 1e-3
+    for k in range(n):
+        if not free[k] or contacts[k, 6] > first[6] + limit or dot(contacts[k, 3:6], first[3:6]) <= _LIKE:
+            continue
+        spread = 1e300
+        for j in range(len(picked)):
+            for i in range(j if len(picked) > 1 else j + 1):
+                spread = min(spread, _off_segment(contacts[picked[i]], contacts[picked[j]], contacts[k]))
+        if spread > most * (1.0 + 1e-9):
+            best, most = k, spread
+    return best
+
+
+@compiled
+def _off_segment(a: Array, b: Array, x: Array) -> float:
+    """Distance of x from the segment from a to b; the points stand in the first three columns."""
+    along = square = 0.0
+    for i in range(3):
+        along += (x[i] - a[i]) * (b[i] - a[i])
+        square += (b[i] - a[i]) ** 2
+    part = min(max(along / max(square, 1e-30), 0.0), 1.0)
+    distance = 0.0
+    for i in range(3):
+        distance += (x[i] - a[i] - part * (b[i] - a[i])) ** 2
+    return math.sqrt(distance)

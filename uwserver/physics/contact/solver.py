@@ -1,0 +1,180 @@
+"""Contact rows: one unilateral normal and a disc of friction at each point, solved by projected Gauss-Seidel (compiled).
+
+The velocity of body a relative to b at a point, along the normal and two tangents, is w = J nu. An impulse lambda there changes nu by
+M^-1 J^T lambda, with the whole 6x6 M = M_RB + M_A of each body, and must satisfy
+
+    0 <= lambda_n, 0 <= w_n, lambda_n w_n = 0                       (Signorini; w_n may be more where the gap is open)
+    |lambda_t| <= mu lambda_n, and lambda_t opposes w_t where it is at the limit            (Coulomb's cone, not a box)
+
+Sequential impulses: Catto, "Iterative dynamics with temporal coherence", 2005; the friction disc by projection of a gradient step, whose
+fixed points are exactly Coulomb's law (de Saxce and Feng, 1998).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uwserver.physics.dynamics.fossen import rotation
+from uwserver.physics.kernel.compiled import compiled
+
+Array = Any  # numpy array inside compiled code
+
+MAX_SWEEPS = 300
+TOLERANCE = 1e-10  # m/s: what a sweep may still change
+
+# Blocks of the (k, 4, 3, 6) array of rows: Jacobians of bodies a and b, and M^-1 J^T of both; three directions each.
+J_A, J_B, R_A, R_B = range(4)
+
+
+@compiled
+def set_axes(normal: Array, axes: Array) -> None:
+    """axes (3, 3) receives the normal and two tangents, a right-handed frame that depends on the normal alone."""
+    x, y, z = normal[0], normal[1], normal[2]
+    # Duff et al., "Building an orthonormal basis, revisited", 2017.
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    axes[0, 0], axes[0, 1], axes[0, 2] = x, y, z
+    axes[1, 0], axes[1, 1], axes[1, 2] = 1.0 + sign * x * x * a, sign * b, -sign * x
+    axes[2, 0], axes[2, 1], axes[2, 2] = b, sign + y * y * a, -y
+
+
+@compiled
+def set_jacobian(x: Array, point: Array, axes: Array, sign: float, R: Array, rows: Array, c: int, block: int) -> None:
+    """The Jacobian of one body at contact c, rows[c, block].
+
+    Args:
+        x: (13) state of the body.
+        point: (3) in N, m.
+        axes: (3, 3) normal and tangents in N.
+        sign: 1 for body a, -1 for body b.
+        R: (3, 3) work space, receives R_NB.
+        rows: (k, 4, 3, 6) out.
+    """
+    rotation(x[3], x[4], x[5], x[6], R)
+    dx, dy, dz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
+    rx = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
+    ry = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
+    rz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    for d in range(3):
+        ax, ay, az = sign * axes[d, 0], sign * axes[d, 1], sign * axes[d, 2]
+        bx = R[0, 0] * ax + R[1, 0] * ay + R[2, 0] * az
+        by = R[0, 1] * ax + R[1, 1] * ay + R[2, 1] * az
+        bz = R[0, 2] * ax + R[1, 2] * ay + R[2, 2] * az
+        rows[c, block, d, 0], rows[c, block, d, 1], rows[c, block, d, 2] = bx, by, bz
+        rows[c, block, d, 3] = ry * bz - rz * by
+        rows[c, block, d, 4] = rz * bx - rx * bz
+        rows[c, block, d, 5] = rx * by - ry * bx
+
+
+@compiled
+def set_response(M_inv: Array, slot: int, rows: Array, c: int, block: int) -> None:
+    """rows[c, block + 2] = M_inv[slot] J^T for the Jacobian in rows[c, block]; M_inv (m, 6, 6)."""
+    for d in range(3):
+        for i in range(6):
+            total = 0.0
+            for j in range(6):
+                total += M_inv[slot, i, j] * rows[c, block, d, j]
+            rows[c, block + 2, d, i] = total
+
+
+@compiled
+def relative_velocity(rows: Array, c: int, d: int, nu: Array, a: int, b: int) -> float:
+    """w of contact c in direction d, m/s, for the velocities nu (m, 6) of bodies a and b; b is -1 for what does not move."""
+    w = 0.0
+    for i in range(6):
+        w += rows[c, J_A, d, i] * nu[a, i]
+    if b >= 0:
+        for i in range(6):
+            w += rows[c, J_B, d, i] * nu[b, i]
+    return w
+
+
+@compiled
+def _coupling(rows: Array, c: int, d: int, e: int, moving_b: bool) -> float:
+    """Change of w in direction d by a unit impulse in direction e of the same contact, 1/kg."""
+    total = 0.0
+    for i in range(6):
+        total += rows[c, J_A, d, i] * rows[c, R_A, e, i]
+    if moving_b:
+        for i in range(6):
+            total += rows[c, J_B, d, i] * rows[c, R_B, e, i]
+    return total
+
+
+@compiled
+def set_gains(rows: Array, c: int, moving_b: bool, gains: Array) -> None:
+    """gains (2): 1 / A_nn of the normal row, and 1 / the largest eigenvalue of the 2x2 block of the tangents, kg."""
+    gains[0] = 1.0 / _coupling(rows, c, 0, 0, moving_b)
+    p, q, r = _coupling(rows, c, 1, 1, moving_b), _coupling(rows, c, 1, 2, moving_b), _coupling(rows, c, 2, 2, moving_b)
+    gains[1] = 1.0 / (0.5 * (p + r) + math.sqrt(0.25 * (p - r) ** 2 + q * q))
+
+
+@compiled
+def _push(rows: Array, c: int, d: int, impulse: float, a: int, b: int, change: Array) -> None:
+    """Add to the velocity changes of both bodies what an impulse in direction d does."""
+    for i in range(6):
+        change[a, i] += rows[c, R_A, d, i] * impulse
+    if b >= 0:
+        for i in range(6):
+            change[b, i] += rows[c, R_B, d, i] * impulse
+
+
+@compiled
+def push_all(rows: Array, c: int, impulse: Array, a: int, b: int, change: Array) -> None:
+    """The same for all three directions; impulse (3) along normal and tangents."""
+    for d in range(3):
+        if impulse[d] != 0.0:
+            _push(rows, c, d, impulse[d], a, b, change)
+
+
+@compiled
+def solve_rows(
+    order: Array, first: int, end: int, body_a: Array, body_b: Array, rows: Array, gains: Array, bias: Array, friction: Array,
+    frozen: Array, impulse: Array, change: Array,
+) -> int:  # fmt: skip
+    """Projected Gauss-Seidel over the contacts order[first:end].
+
+    Args:
+        body_a, body_b: (k) slots of `change`; body_b -1 for what does not move.
+        rows, gains: as set by `set_side` and `set_gains`.
+        bias: (k, 3) w without any change of velocity, plus what the open gap allows along the normal.
+        friction: (k) coefficients.
+        frozen: (k) contacts that are left as they are.
+        impulse: (k, 3) in and out, N s; what it holds at the start is part of `change` or of the bias already.
+        change: (m, 6) in and out, change of nu of each body.
+
+    Returns:
+        Sweeps taken.
+    """
+    for sweep in range(MAX_SWEEPS):
+        worst = 0.0
+        for k in range(first, end):
+            c = order[k]
+            if frozen[c]:
+                continue
+            a, b = body_a[c], body_b[c]
+            w = bias[c, 0] + relative_velocity(rows, c, 0, change, a, b)
+            new = max(0.0, impulse[c, 0] - gains[c, 0] * w)
+            step = new - impulse[c, 0]
+            if step != 0.0:
+                impulse[c, 0] = new
+                _push(rows, c, 0, step, a, b, change)
+                worst = max(worst, abs(step) / gains[c, 0])
+            if friction[c] <= 0.0:
+                continue
+            u = impulse[c, 1] - gains[c, 1] * (bias[c, 1] + relative_velocity(rows, c, 1, change, a, b))
+            v = impulse[c, 2] - gains[c, 1] * (bias[c, 2] + relative_velocity(rows, c, 2, change, a, b))
+            limit, size = friction[c] * impulse[c, 0], math.sqrt(u * u + v * v)
+            if size > limit:
+                u, v = u * limit / size, v * limit / size
+            du, dv = u - impulse[c, 1], v - impulse[c, 2]
+            if du != 0.0 or dv != 0.0:
+                impulse[c, 1], impulse[c, 2] = u, v
+                _push(rows, c, 1, du, a, b, change)
+                _push(rows, c, 2, dv, a, b, change)
+                worst = max(worst, math.sqrt(du * du + dv * dv) / gains[c, 1])
+        if worst <= TOLERANCE:
+            return sweep + 1
+    return MAX_SWEEPS

@@ -1,0 +1,261 @@
+"""Typed parameters of what is fitted to a hull, and of the hull's own shape, and their rows in the kernel's arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.kernel.layout import DERIVATIVE, FOIL, HULL, PROPELLER, PROPELLER_SIZE, SERVO, WEIGHT
+
+FloatArray = npt.NDArray[np.float64]
+Records = npt.NDArray[np.void]
+Vec3 = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class ServoParams:
+    """What moves a part: limits, largest rate (a second) and time constant (s); rests at `neutral`. Units are those of the part."""
+
+    name: str
+    low: float
+    high: float
+    rate: float = math.inf
+    tau: float = 0.0
+    neutral: float = 0.0
+
+
+@dataclass(frozen=True)
+class FoilParams:
+    """A lifting surface; `layout.FOIL`.
+
+    Attributes:
+        servo: name of the servo that turns it, "" for a fixed one.
+        r: centre of pressure, B, m.
+        hinge: axis of positive rotation (right hand), B.
+        chord: towards the leading edge at zero angle, B; made square to the hinge.
+        pressure_area: rho A / 2, kg/m.
+        slope, induced, cd0, cd90: coefficients.
+        stall, stall_end: rad.
+        whole: dynamic pressure of the whole speed.
+        radius: half the span, m.
+    """
+
+    servo: str
+    r: Vec3
+    hinge: Vec3
+    chord: Vec3
+    pressure_area: float
+    slope: float
+    induced: float
+    cd0: float
+    cd90: float
+    stall: float
+    stall_end: float
+    whole: bool = False
+    radius: float = 0.05
+
+
+@dataclass(frozen=True)
+class PropellerParams:
+    """A propeller by its open-water curves of (J, K_T, K_Q); the rest as in `layout.PROPELLER`."""
+
+    servo: str
+    r: Vec3
+    axis: Vec3
+    diameter: float
+    density: float
+    curve: tuple[Vec3, ...]
+    wake: float = 1.0
+    deduction: float = 1.0
+    astern: float = 1.0
+    sense: float = 0.0
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class WeightParams:
+    """A force along z_N and a moment that grow with the value of a servo; `layout.WEIGHT`."""
+
+    servo: str
+    force: float
+    moment: Vec3
+    displaces: bool = False
+
+
+@dataclass(frozen=True)
+class DerivativeParams:
+    """One term of a hull's polynomial: tau[axis] += coefficient nu_r[j] nu_r[k], times a power (1 or 2) of a servo's value, if one is named."""
+
+    axis: int
+    j: int
+    k: int
+    coefficient: float
+    servo: str = ""
+    power: int = 0
+
+
+@dataclass(frozen=True)
+class HullParams:
+    """Linear damping that fades as exp(-fade U_r), and cross-flow drag over strips.
+
+    Attributes:
+        slow: (6) diagonal damping at rest.
+        fade: s/m.
+        length, center: of the strips together, and x of their middle, m.
+        strips: number of strips.
+        sway, heave: rho C_d d / 2 of each metre, kg/m2.
+        joint: drag by the resultant of both cross flows.
+    """
+
+    slow: Six = (0.0,) * 6
+    fade: float = 0.0
+    length: float = 0.0
+    center: float = 0.0
+    strips: int = 0
+    sway: float = 0.0
+    heave: float = 0.0
+    joint: bool = False
+
+    @property
+    def spacing(self) -> float:
+        """Length of a strip, m."""
+        return self.length / self.strips if self.strips else 0.0
+
+    @property
+    def first(self) -> float:
+        """x of the aftmost strip's middle, m."""
+        return self.center - 0.5 * self.length + 0.5 * self.spacing
+
+
+@dataclass(frozen=True)
+class Appendages:
+    """All of one body."""
+
+    servos: tuple[ServoParams, ...] = ()
+    foils: tuple[FoilParams, ...] = ()
+    propellers: tuple[PropellerParams, ...] = ()
+    weights: tuple[WeightParams, ...] = ()
+    derivatives: tuple[DerivativeParams, ...] = ()
+    hulls: tuple[HullParams, ...] = ()
+
+    @property
+    def reach(self) -> float:
+        """Farthest part from the origin, m."""
+        reach = [float(np.linalg.norm(foil.r)) + foil.radius for foil in self.foils]
+        reach += [float(np.linalg.norm(propeller.r)) + 0.5 * propeller.diameter for propeller in self.propellers]
+        return max(reach, default=0.0)
+
+
+def servo_rows(appendages: Appendages) -> Records:
+    """SERVO rows, at rest at their neutral."""
+    rows = np.zeros(len(appendages.servos), SERVO)
+    for row, servo in zip(rows, appendages.servos, strict=True):
+        for name in ("low", "high", "rate", "tau"):
+            row[name] = getattr(servo, name)
+        row["command"] = row["value"] = servo.neutral
+        row["efficiency"] = 1.0
+    return rows
+
+
+def appendage_rows(appendages: Appendages, first_servo: int) -> dict[str, Records]:
+    """Rows of all kinds but servos, by the names of `layout.Rows`; `first_servo` is the row that the body's first servo gets."""
+    servos = {servo.name: first_servo + k for k, servo in enumerate(appendages.servos)}
+    neutral = {servo.name: servo.neutral for servo in appendages.servos}
+    return {
+        "foils": _foil_rows(appendages.foils, servos),
+        "propellers": _propeller_rows(appendages.propellers, servos),
+        "weights": _rows(
+            WEIGHT,
+            [(servos[w.servo], neutral[w.servo], w.force, w.moment, int(w.displaces)) for w in appendages.weights],
+        ),
+        "derivatives": _rows(
+            DERIVATIVE,
+            [(d.axis, d.j, d.k, servos.get(d.servo, -1), d.power, d.coefficient) for d in appendages.derivatives],
+        ),
+        "hulls": _rows(
+            HULL,
+            [
+                (h.slow, h.fade, h.strips, h.first, h.spacing, h.sway * h.spacing, h.heave * h.spacing, int(h.joint))
+                for h in appendages.hulls
+            ],
+        ),
+    }
+
+
+def _rows(dtype: np.dtype[np.void], values: list[tuple[object, ...]]) -> Records:
+    return np.array(values, dtype)
+
+
+def _foil_rows(foils: tuple[FoilParams, ...], servos: Mapping[str, int]) -> Records:
+    rows = np.zeros(len(foils), FOIL)
+    for row, foil in zip(rows, foils, strict=True):
+        for name in (
+            "r", "pressure_area", "slope", "induced", "cd0", "cd90", "stall", "stall_end", "whole", "radius",
+        ):  # fmt: skip
+            row[name] = getattr(foil, name)
+        hinge = np.array(foil.hinge) / np.linalg.norm(foil.hinge)
+        chord = np.array(foil.chord) - np.dot(foil.chord, hinge) * hinge
+        row["chord"] = chord / np.linalg.norm(chord)
+        row["normal"] = np.cross(hinge, row["chord"])
+        row["servo"] = servos[foil.servo] if foil.servo else -1
+    return rows
+
+
+def _propeller_rows(propellers: tuple[PropellerParams, ...], servos: Mapping[str, int]) -> Records:
+    rows = np.zeros(len(propellers), PROPELLER)
+    for row, propeller in zip(rows, propellers, strict=True):
+        for name in ("r", "diameter", "density", "wake", "deduction", "astern", "sense", "whole"):
+            row[name] = getattr(propeller, name)
+        points = len(propeller.curve)
+        if not 2 <= points <= PROPELLER_SIZE:
+            raise ValueError(f"a propeller takes 2..{PROPELLER_SIZE} points of its curves, not {points}")
+        row["points"] = points
+        for name, values in zip(("J", "KT", "KQ"), zip(*propeller.curve, strict=True), strict=True):
+            row[name][:points] = values
+        row["axis"] = np.array(propeller.axis) / np.linalg.norm(propeller.axis)
+        row["servo"] = servos[propeller.servo]
+    return rows
+
+
+def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, FloatArray, float]:
+    """Bounds of the damping's rate that appendages add, as `bodies.damping_rates`.
+
+    Args:
+        appendages: of the body.
+        root: (6, 6) inverse square root of M.
+    """
+    rate_L, rate_Q, rate_S = 0.0, np.zeros(6), 0.0
+    size = np.linalg.norm(root, axis=0)
+    high = {servo.name: max(abs(servo.low), abs(servo.high)) for servo in appendages.servos}
+
+    def at(r: Vec3) -> float:
+        x, y, z = r
+        J = np.hstack([np.eye(3), np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])]) @ root
+        return float(np.linalg.norm(J @ J.T, 2))
+
+    for foil in appendages.foils:
+        steepest = max(foil.slope, foil.cd90) + foil.cd0 + foil.cd90
+        rate = 2.0 * foil.pressure_area * steepest * at(foil.r)
+        rate_S += rate
+        rate_Q += rate * np.array([0.0, 1.0, 1.0, *[float(np.linalg.norm(foil.r))] * 3])
+    for propeller in appendages.propellers:
+        J, KT, _ = np.array(propeller.curve).T
+        slope = np.abs(np.diff(KT) / np.diff(J)).max()
+        n = high[propeller.servo] / (2.0 * math.pi)
+        rate_L += propeller.density * propeller.diameter**3 * slope * n * propeller.wake * at(propeller.r)
+    for term in appendages.derivatives:
+        factor = abs(term.coefficient) * (high[term.servo] ** term.power if term.servo else 1.0)
+        rate_Q[term.j] += factor * size[term.axis] * size[term.k]
+        rate_Q[term.k] += factor * size[term.axis] * size[term.j]
+    for hull in appendages.hulls:
+        rate_L += float(np.max(np.array(hull.slow) * size**2))
+        for k in range(hull.strips):
+            x = hull.first + k * hull.spacing
+            rate = 2.0 * max(hull.sway, hull.heave) * hull.spacing * at((x, 0.0, 0.0))
+            rate_Q += rate * np.array([0.0, 1.0, 1.0, 0.0, abs(x), abs(x)])
+    return rate_L, rate_Q, rate_S

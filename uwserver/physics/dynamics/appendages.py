@@ -1,0 +1,167 @@
+"""Wrench of what is fitted to a hull, and of the hull's own shape, at one instant: foils, propellers, weights, strips, derivatives (compiled)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uwserver.physics.dynamics.foil import foil_force
+from uwserver.physics.dynamics.fossen import ACTUATED, CENTER, NU, NU_R, PASSIVE, UP, WATER, find_water, rotation
+from uwserver.physics.dynamics.immersion import depth_below, disc_fraction, immersion, upward
+from uwserver.physics.dynamics.propeller import propeller_force
+from uwserver.physics.kernel.compiled import compiled
+
+Array = Any  # numpy array inside compiled code
+
+
+@compiled
+def _mount_velocity(r: Array, work: Array) -> tuple[float, float, float]:
+    """Velocity (m/s, B) through the water of a point r (B, m) of the body whose nu_r is in work[NU_R]."""
+    p, q, s = work[NU_R, 3], work[NU_R, 4], work[NU_R, 5]
+    return (
+        work[NU_R, 0] + q * r[2] - s * r[1],
+        work[NU_R, 1] + s * r[0] - p * r[2],
+        work[NU_R, 2] + p * r[1] - q * r[0],
+    )
+
+
+@compiled
+def _add_at(r: Array, x: float, y: float, z: float, work: Array, tau: int) -> None:
+    """work[tau] += the force (x, y, z) (N, B) that acts at r (B, m)."""
+    work[tau, 0] += x
+    work[tau, 1] += y
+    work[tau, 2] += z
+    work[tau, 3] += r[1] * z - r[2] * y
+    work[tau, 4] += r[2] * x - r[0] * z
+    work[tau, 5] += r[0] * y - r[1] * x
+
+
+@compiled
+def _disc(r: Array, radius: float, depth: float, work: Array) -> float:
+    """Submerged part of what reaches `radius` (m) about r (B, m); `depth` is that of the origin, work[UP] the surface's normal in B."""
+    return float(disc_fraction(depth - work[UP, 0] * r[0] - work[UP, 1] * r[1] - work[UP, 2] * r[2], radius))
+
+
+@compiled
+def _add_foil(foil: Any, angle: float, scale: float, work: Array, tau: int) -> None:
+    """work[tau] += lift and drag of one FOIL row at an angle (rad)."""
+    x, y, z = _mount_velocity(foil.r, work)
+    c, n = foil.chord, foil.normal
+    ahead, across = x * c[0] + y * c[1] + z * c[2], x * n[0] + y * n[1] + z * n[2]
+    square = x * x + y * y + z * z if foil.whole != 0 else ahead * ahead + across * across
+    along, normal = foil_force(foil, angle, ahead, across, square)
+    along *= scale
+    normal *= scale
+    _add_at(foil.r, along * c[0] + normal * n[0], along * c[1] + normal * n[1], along * c[2] + normal * n[2], work, tau)
+
+
+@compiled
+def _add_propeller(propeller: Any, speed: float, scale: float, work: Array) -> None:
+    """work[ACTUATED] += thrust and reaction torque of one PROPELLER row at a shaft speed (rad/s)."""
+    x, y, z = _mount_velocity(propeller.r, work)
+    a = propeller.axis
+    advance = math.sqrt(x * x + y * y + z * z) if propeller.whole != 0 else x * a[0] + y * a[1] + z * a[2]
+    thrust, torque = propeller_force(propeller, speed, advance)
+    thrust *= scale
+    torque *= scale
+    _add_at(propeller.r, thrust * a[0], thrust * a[1], thrust * a[2], work, ACTUATED)
+    for i in range(3):
+        work[ACTUATED, 3 + i] += torque * a[i]
+
+
+@compiled
+def _add_weight(weight: Any, value: float, R: Array, work: Array) -> None:
+    """work[ACTUATED] += what one WEIGHT row adds to weight and buoyancy."""
+    change = value - weight.zero
+    zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
+    m = weight.moment
+    work[ACTUATED, 0] += change * weight.force * zx
+    work[ACTUATED, 1] += change * weight.force * zy
+    work[ACTUATED, 2] += change * weight.force * zz
+    work[ACTUATED, 3] += change * (m[1] * zz - m[2] * zy)
+    work[ACTUATED, 4] += change * (m[2] * zx - m[0] * zz)
+    work[ACTUATED, 5] += change * (m[0] * zy - m[1] * zx)
+
+
+@compiled
+def _add_hull(hull: Any, fraction: float, work: Array) -> None:
+    """work[PASSIVE] += damping that fades with speed, and cross-flow drag of the strips: midpoint rule, local sway v + x r, heave w - x q."""
+    u, v, w, q, r = work[NU_R, 0], work[NU_R, 1], work[NU_R, 2], work[NU_R, 4], work[NU_R, 5]
+    fading = fraction * math.exp(-hull.fade * math.sqrt(u * u + v * v + w * w))
+    for i in range(6):
+        work[PASSIVE, i] -= fading * hull.slow[i] * work[NU_R, i]
+    for k in range(hull.strips):
+        x = hull.first + k * hull.spacing
+        sway, heave = v + x * r, w - x * q
+        if hull.joint != 0:
+            speed = math.sqrt(sway * sway + heave * heave)
+            drag = (hull.sway * sway * sway + hull.heave * heave * heave) / speed if speed > 0.0 else 0.0
+            Y, Z = -fraction * drag * sway, -fraction * drag * heave
+        else:
+            Y, Z = -fraction * hull.sway * abs(sway) * sway, -fraction * hull.heave * abs(heave) * heave
+        work[PASSIVE, 1] += Y
+        work[PASSIVE, 2] += Z
+        work[PASSIVE, 4] -= x * Z
+        work[PASSIVE, 5] += x * Y
+
+
+@compiled
+def appendages(
+    shapes: Array, fitted: Any, body: Any, s: Array, source: int, stage: int, t: float, flow: Array, w: Any
+) -> None:
+    """Fill w.work[ACTUATED] (what has a servo: fins, propellers, weights) and w.work[PASSIVE] (the hull), both in B about the origin.
+
+    Args:
+        shapes, fitted: SHAPE rows and `layout.Fitted` of the world.
+        body: BODY record.
+        s: (k, 13) rows of states, of which row `source` is taken.
+        stage: row of w.values that holds the values of the body's servos.
+        t: time of the instant, s.
+        flow: (FLOW_SIZE) the water near the body.
+        w: `integrator.Scratch`; R and rows of its work are overwritten.
+    """
+    work, R = w.work, w.R
+    rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
+    for i in range(6):
+        work[NU, i] = work[NU_R, i] = s[source, 7 + i]
+        work[ACTUATED, i] = work[PASSIVE, i] = 0.0
+    find_water(body, s, source, t, flow, R, work)
+    for i in range(3):
+        work[NU_R, i] -= R[0, i] * work[WATER, 0] + R[1, i] * work[WATER, 1] + R[2, i] * work[WATER, 2]
+    depth = depth_below(flow, s[source, 0], s[source, 1], s[source, 2], t)
+    near_surface = body.shape_count > 0 and depth < body.radius
+    fraction = 1.0
+    if near_surface:
+        upward(flow, R, work[UP])
+        fraction = immersion(body, shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
+
+    for k in range(body.foil_first, body.foil_first + body.foil_count):
+        foil = fitted.foils[k]
+        scale = _disc(foil.r, foil.radius, depth, work) if near_surface else 1.0
+        if foil.servo < 0:
+            _add_foil(foil, 0.0, scale, work, PASSIVE)
+        else:
+            scale *= fitted.servos[foil.servo].efficiency
+            _add_foil(foil, w.values[stage, foil.servo - body.servo_first], scale, work, ACTUATED)
+    for k in range(body.propeller_first, body.propeller_first + body.propeller_count):
+        propeller = fitted.propellers[k]
+        scale = _disc(propeller.r, 0.5 * propeller.diameter, depth, work) if near_surface else 1.0
+        scale *= fitted.servos[propeller.servo].efficiency
+        _add_propeller(propeller, w.values[stage, propeller.servo - body.servo_first], scale, work)
+    for k in range(body.weight_first, body.weight_first + body.weight_count):
+        weight = fitted.weights[k]
+        value = w.values[stage, weight.servo - body.servo_first]
+        if weight.displaces != 0:
+            value = weight.zero + fraction * (value - weight.zero)
+        _add_weight(weight, value, R, work)
+    for k in range(body.derivative_first, body.derivative_first + body.derivative_count):
+        term = fitted.derivatives[k]
+        force = fraction * term.coefficient * work[NU_R, term.j] * work[NU_R, term.k]
+        if term.servo < 0:
+            work[PASSIVE, term.axis] += force
+        else:
+            servo = fitted.servos[term.servo]
+            value = w.values[stage, term.servo - body.servo_first]
+            work[ACTUATED, term.axis] += force * servo.efficiency * (value if term.power == 1 else value * value)
+    for k in range(body.hull_first, body.hull_first + body.hull_count):
+        _add_hull(fitted.hulls[k], fraction, work)

@@ -1,0 +1,41 @@
+"""Kinetic energy of bodies and the water that moves with them, from the kernel's arrays; plain numpy, for tests and reports."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uwserver.physics.dynamics.params import FloatArray, Records
+from uwserver.physics.kernel.layout import NU, Q
+
+
+def rotations(state: FloatArray) -> FloatArray:
+    """R_NB (n, 3, 3) of the quaternions of state rows (n, 13), whatever their norm."""
+    w, x, y, z = (state[:, Q : Q + 4] / np.linalg.norm(state[:, Q : Q + 4], axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def relative_velocities(state: FloatArray, currents: FloatArray) -> FloatArray:
+    """nu_r (n, 6) in B of state rows (n, 13) in currents (n, 3) of N."""
+    nu_r = state[:, NU : NU + 6].copy()
+    nu_r[:, :3] -= np.einsum("nij,ni->nj", rotations(state), currents)
+    return nu_r
+
+
+def kinetic_energy(bodies: Records, state: FloatArray, currents: FloatArray) -> FloatArray:
+    """(n) energy in J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged.
+
+    Args:
+        bodies: (n) BODY records.
+        state: (n, 13) p_NB, q_NB, nu.
+        currents: (n, 3) water velocity in N, m/s.
+    """
+    nu, nu_r = state[:, NU : NU + 6], relative_velocities(state, currents)
+    body = np.einsum("ni,nij,nj->n", nu, bodies["M_RB"], nu)
+    water = np.einsum("ni,nij,nj->n", nu_r, bodies["M_A"], nu_r)
+    energy: FloatArray = 0.5 * (body + water)
+    return energy

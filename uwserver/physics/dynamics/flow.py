@@ -1,0 +1,152 @@
+"""Water that moves otherwise than uniformly and steadily, evaluated at points and for all bodies of a world (compiled).
+
+Uniform part, depth profiles and linear waves add up; they do not act on each other. Above the still water level profiles and waves are
+continued with their value at that level, where linear theory ends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.dynamics.fossen import rotation
+from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.layout import (
+    FLOW_KIND,
+    FLOW_P,
+    FLOW_PLANE,
+    FLOW_T,
+    FLOW_V,
+    MOVING,
+    WAVE_AMPLITUDE,
+    WAVE_DEPTH,
+    WAVE_K,
+    WAVE_KX,
+    WAVE_KY,
+    WAVE_OMEGA,
+    WAVE_PHASE,
+    WAVY,
+)  # fmt: skip
+
+Array = Any  # numpy array inside compiled code
+
+# A row of water at a point: velocity (3), its partial derivative by time (3), its gradient (3, 3; row i: derivatives of component i),
+# elevation, its slopes along x and y and its rate, and the dynamic pressure as a head (m).
+V, V_T, GRADIENT, ELEVATION, SLOPE, ELEVATION_T, HEAD = 0, 3, 6, 15, 16, 18, 19
+POINT_SIZE = 20
+
+
+@compiled
+def _add_profiles(profiles: Array, z: float, point: Array) -> None:
+    """Add the piecewise cubic profiles (m, 15) at depth z (m)."""
+    for n in range(profiles.shape[0]):
+        if profiles[n, 0] <= z < profiles[n, 1]:
+            s = z - profiles[n, 2]
+            for i in range(3):
+                c = 3 + 4 * i
+                c1, c2, c3 = profiles[n, c + 1], profiles[n, c + 2], profiles[n, c + 3]
+                point[V + i] += profiles[n, c] + s * (c1 + s * (c2 + s * c3))
+                point[GRADIENT + 3 * i + 2] += c1 + s * (2.0 * c2 + s * 3.0 * c3)
+
+
+@compiled
+def _add_wave(wave: Array, x: float, y: float, z: float, t: float, point: Array) -> None:
+    """Add one linear wave, elevation a cos(kx x + ky y - omega t + phase), at a point in N. Airy theory, e.g. Holthuijsen 2007, section 5.4."""
+    kx, ky, k, omega, a, h = (
+        wave[WAVE_KX],
+        wave[WAVE_KY],
+        wave[WAVE_K],
+        wave[WAVE_OMEGA],
+        wave[WAVE_AMPLITUDE],
+        wave[WAVE_DEPTH],
+    )
+    theta = kx * x + ky * y - omega * t + wave[WAVE_PHASE]
+    cos, sin = a * math.cos(theta), a * math.sin(theta)
+    point[ELEVATION] += cos
+    point[SLOPE] -= kx * sin
+    point[SLOPE + 1] -= ky * sin
+    point[ELEVATION_T] += omega * sin
+    below = min(max(z, 0.0), h)
+    along = across = head = math.exp(-k * below)
+    if h < np.inf:
+        # cosh k(h - z) and sinh k(h - z) over sinh kh, cosh k(h - z) over cosh kh, in a form that does not overflow
+        image, bottom = math.exp(-2.0 * k * (h - below)), math.exp(-2.0 * k * h)
+        along *= (1.0 + image) / (1.0 - bottom)
+        across *= (1.0 - image) / (1.0 - bottom)
+        head *= (1.0 + image) / (1.0 + bottom)
+    point[HEAD] += head * cos
+    ex, ey = kx / k, ky / k
+    c, s, c_v, s_v = omega * along * cos, omega * along * sin, omega * across * cos, omega * across * sin
+    point[V] += ex * c
+    point[V + 1] += ey * c
+    point[V + 2] -= s_v
+    point[V_T] += ex * omega * s
+    point[V_T + 1] += ey * omega * s
+    point[V_T + 2] += omega * c_v
+    G = GRADIENT
+    point[G] -= ex * kx * s
+    point[G + 1] -= ex * ky * s
+    point[G + 3] -= ey * kx * s
+    point[G + 4] -= ey * ky * s
+    point[G + 6] -= kx * c_v
+    point[G + 7] -= ky * c_v
+    if 0.0 < z < h:
+        point[G + 2] -= k * ex * c_v
+        point[G + 5] -= k * ey * c_v
+        point[G + 8] += k * s
+
+
+@compiled
+def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> None:
+    """The water at a point of N (m) and time t (s).
+
+    Args:
+        sea: `SeaRows`.
+        point: (POINT_SIZE) out.
+    """
+    uniform = sea.uniform
+    for i in range(POINT_SIZE):
+        point[i] = 0.0
+    for i in range(3):
+        point[V + i] = uniform[i] + uniform[3 + i] * (t - uniform[6])
+        point[V_T + i] = uniform[3 + i]
+    _add_profiles(sea.profiles, z, point)
+    for n in range(sea.waves.shape[0]):
+        _add_wave(sea.waves[n], x, y, z, t, point)
+
+
+@compiled
+def fill_flows(bodies: Array, state: Array, sea: Any, t: float, ahead: float, flows: Array) -> None:
+    """The water at the centre of buoyancy of each body, `ahead` seconds after t on the path that its present velocity leads to.
+
+    Taken at the middle of a tick, water that is linear in place and time within the tick is right to second order.
+
+    Args:
+        bodies: (n) BODY.
+        state: (n, 13) at t.
+        sea: `SeaRows`.
+        t, ahead: s.
+        flows: (n, FLOW_SIZE) out.
+    """
+    R, point, p = np.empty((3, 3)), np.empty(POINT_SIZE), np.empty(3)
+    kind = WAVY if sea.waves.shape[0] > 0 else MOVING
+    for n in range(bodies.shape[0]):
+        x, r, flow = state[n], bodies[n].r_b, flows[n]
+        rotation(x[3], x[4], x[5], x[6], R)
+        vx = x[7] + x[11] * r[2] - x[12] * r[1]
+        vy = x[8] + x[12] * r[0] - x[10] * r[2]
+        vz = x[9] + x[10] * r[1] - x[11] * r[0]
+        for i in range(3):
+            mount = R[i, 0] * r[0] + R[i, 1] * r[1] + R[i, 2] * r[2]
+            p[i] = x[i] + mount + ahead * (R[i, 0] * vx + R[i, 1] * vy + R[i, 2] * vz)
+        water_at(sea, p[0], p[1], p[2], t + ahead, point)
+        for i in range(FLOW_PLANE - FLOW_V):
+            flow[FLOW_V + i] = point[V + i]  # velocity, rate and gradient stand alike in both
+        sx, sy = point[SLOPE], point[SLOPE + 1]
+        flow[FLOW_PLANE] = point[ELEVATION] - sx * p[0] - sy * p[1]
+        flow[FLOW_PLANE + 1], flow[FLOW_PLANE + 2], flow[FLOW_PLANE + 3] = sx, sy, point[ELEVATION_T]
+        for i in range(3):
+            flow[FLOW_P + i] = p[i]
+        flow[FLOW_T], flow[FLOW_KIND] = t + ahead, kind

@@ -1,0 +1,270 @@
+"""Fossen's equations for one body: the right-hand side that the integrator steps (compiled).
+
+    M_RB nu_dot + C_RB(nu) nu + M_A nu_r_dot + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau        (Fossen 2011, eqs. 6.1 and 8.1)
+
+about the body origin, with nu_r = nu - nu_c. The water does not turn: nu_c = [R^T v_c; 0], so nu_c_dot = [R^T dv_c/dt - w x nu_c; 0] in the
+turning body frame, with dv_c/dt along the body's path. Water that accelerates (waves, shear, a drifting current) has a pressure gradient, which
+pulls at a body as at the water that it displaces: the Froude-Krylov force rho V Du/Dt at r_b. Both Coriolis terms are in Kirchhoff form, from
+the momenta p = M nu:  C(nu) nu = [w x p_1; v x p_1 + w x p_2]; they do no work by construction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uwserver.physics.dynamics.immersion import depth_below, immersion, upward
+from uwserver.physics.dynamics.thruster import add_thrust
+from uwserver.physics.kernel.compiled import compiled, inlined
+from uwserver.physics.kernel.layout import FLOW_GRADIENT, FLOW_KIND, FLOW_P, FLOW_T, FLOW_V, FLOW_V_T, STEADY
+
+Array = Any  # numpy array inside compiled code
+
+
+# Rows of the (13, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
+# ACTUATED and PASSIVE are input: what `appendages` gave for the same instant, or zero. UP has two rows.
+NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, UP, _, WATER, DU_DT, ACTUATED, PASSIVE = range(13)
+SCRATCH_ROWS = 13
+
+
+@compiled
+def rotation(w: float, a: float, b: float, c: float, R: Array) -> None:
+    """R_NB (3, 3) of a quaternion; exact for any norm, so that a Runge-Kutta stage needs no normalisation."""
+    s = 2.0 / (w * w + a * a + b * b + c * c)
+    R[0, 0] = 1.0 - s * (b * b + c * c)
+    R[0, 1] = s * (a * b - w * c)
+    R[0, 2] = s * (a * c + w * b)
+    R[1, 0] = s * (a * b + w * c)
+    R[1, 1] = 1.0 - s * (a * a + c * c)
+    R[1, 2] = s * (b * c - w * a)
+    R[2, 0] = s * (a * c - w * b)
+    R[2, 1] = s * (b * c + w * a)
+    R[2, 2] = 1.0 - s * (a * a + b * b)
+
+
+@compiled
+def _multiply_add(M: Array, form: int, work: Array, source: int, scale: float, target: int) -> None:
+    """work[target] += scale M (6, 6) work[source]; `form` of M: 0 zero, 1 diagonal, 2 full."""
+    if form == 1:
+        for i in range(6):
+            work[target, i] += scale * (M[i, i] * work[source, i])
+    elif form == 2:
+        v0, v1, v2 = work[source, 0], work[source, 1], work[source, 2]
+        v3, v4, v5 = work[source, 3], work[source, 4], work[source, 5]
+        for i in range(6):
+            row = M[i, 0] * v0 + M[i, 1] * v1 + M[i, 2] * v2 + M[i, 3] * v3 + M[i, 4] * v4 + M[i, 5] * v5
+            work[target, i] += scale * row
+
+
+@compiled
+def _subtract_coriolis(work: Array, velocity: int) -> None:
+    """work[TAU] -= C(v) v for the momentum in work[MOMENTUM] and the velocity in a row."""
+    p0, p1, p2 = work[MOMENTUM, 0], work[MOMENTUM, 1], work[MOMENTUM, 2]
+    p3, p4, p5 = work[MOMENTUM, 3], work[MOMENTUM, 4], work[MOMENTUM, 5]
+    v0, v1, v2 = work[velocity, 0], work[velocity, 1], work[velocity, 2]
+    v3, v4, v5 = work[velocity, 3], work[velocity, 4], work[velocity, 5]
+    work[TAU, 0] -= v4 * p2 - v5 * p1
+    work[TAU, 1] -= v5 * p0 - v3 * p2
+    work[TAU, 2] -= v3 * p1 - v4 * p0
+    work[TAU, 3] -= v1 * p2 - v2 * p1 + v4 * p5 - v5 * p4
+    work[TAU, 4] -= v2 * p0 - v0 * p2 + v5 * p3 - v3 * p5
+    work[TAU, 5] -= v0 * p1 - v1 * p0 + v3 * p4 - v4 * p3
+
+
+@compiled
+def _subtract_damping(body: Any, fraction: float, work: Array) -> None:
+    """work[TAU] -= fraction (D_L nu_r + D_Q |nu_r| nu_r + |u_r| D_S nu_r)."""
+    _multiply_add(body.D_L, body.form_D_L, work, NU_R, -fraction, TAU)
+    if body.form_D_Q != 0:
+        for i in range(6):
+            work[EXTRA, i] = abs(work[NU_R, i]) * work[NU_R, i]
+        _multiply_add(body.D_Q, body.form_D_Q, work, EXTRA, -fraction, TAU)
+    if body.form_D_S != 0:
+        _multiply_add(body.D_S, body.form_D_S, work, NU_R, -fraction * abs(work[NU_R, 0]), TAU)
+
+
+@compiled
+def _add_restoring(body: Any, R: Array, buoyancy: float, work: Array) -> None:
+    """work[TAU] += weight at r_g and `buoyancy` (N) at work[CENTER] (B, m); both along the third row of R, which is z_N in B."""
+    zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
+    W, B = body.weight, buoyancy
+    work[TAU, 0] += (W - B) * zx
+    work[TAU, 1] += (W - B) * zy
+    work[TAU, 2] += (W - B) * zz
+    lx = W * body.r_g[0] - B * work[CENTER, 0]
+    ly = W * body.r_g[1] - B * work[CENTER, 1]
+    lz = W * body.r_g[2] - B * work[CENTER, 2]
+    work[TAU, 3] += ly * zz - lz * zy
+    work[TAU, 4] += lz * zx - lx * zz
+    work[TAU, 5] += lx * zy - ly * zx
+
+
+@compiled
+def _find_moving(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> None:
+    """The water at the centre of buoyancy in N: work[WATER] = [velocity; its rate along the body's path], work[DU_DT] = its acceleration."""
+    r, nu = body.r_b, work[NU]
+    dx, dv = work[EXTRA], work[MOMENTUM]
+    vx = nu[0] + nu[4] * r[2] - nu[5] * r[1]
+    vy = nu[1] + nu[5] * r[0] - nu[3] * r[2]
+    vz = nu[2] + nu[3] * r[1] - nu[4] * r[0]
+    for i in range(3):
+        dx[i] = s[source, i] - flow[FLOW_P + i] + R[i, 0] * r[0] + R[i, 1] * r[1] + R[i, 2] * r[2]
+        dv[i] = R[i, 0] * vx + R[i, 1] * vy + R[i, 2] * vz
+    lapse = t - flow[FLOW_T]
+    for i in range(3):
+        gx, gy, gz = flow[FLOW_GRADIENT + 3 * i], flow[FLOW_GRADIENT + 3 * i + 1], flow[FLOW_GRADIENT + 3 * i + 2]
+        work[WATER, i] = flow[FLOW_V + i] + lapse * flow[FLOW_V_T + i] + gx * dx[0] + gy * dx[1] + gz * dx[2]
+        work[WATER, 3 + i] = flow[FLOW_V_T + i] + gx * dv[0] + gy * dv[1] + gz * dv[2]
+    for i in range(3):
+        work[DU_DT, i] = flow[FLOW_V_T + i]
+        for j in range(3):
+            work[DU_DT, i] += flow[FLOW_GRADIENT + 3 * i + j] * work[WATER, j]
+        dv[i] = 0.0
+
+
+@inlined
+def find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> bool:
+    """The water at the centre of buoyancy in N into work[WATER]; all that `_find_moving` gives and True where it is not steady and uniform."""
+    moving = bool(flow[FLOW_KIND] != STEADY)
+    if moving:
+        _find_moving(body, s, source, t, flow, R, work)
+    else:
+        for i in range(3):
+            work[WATER, i] = flow[FLOW_V + i]
+    return moving
+
+
+@inlined
+def _add_current(body: Any, moving: bool, R: Array, cx: float, cy: float, cz: float, held: float, work: Array) -> None:
+    """work[TAU] += M_A nu_c_dot for the current (cx, cy, cz) in B."""
+    nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
+    work[EXTRA, 0] = nu5 * cy - nu4 * cz
+    work[EXTRA, 1] = nu3 * cz - nu5 * cx
+    work[EXTRA, 2] = nu4 * cx - nu3 * cy
+    work[EXTRA, 3] = work[EXTRA, 4] = work[EXTRA, 5] = 0.0
+    if moving:
+        for i in range(3):
+            work[EXTRA, i] += R[0, i] * work[WATER, 3] + R[1, i] * work[WATER, 4] + R[2, i] * work[WATER, 5]
+    _multiply_add(body.M_A, body.form_M_A, work, EXTRA, held, TAU)
+
+
+@compiled
+def _add_froude_krylov(R: Array, displaced: float, work: Array) -> None:
+    """work[TAU] += displaced (kg) Du/Dt at work[CENTER] (B, m)."""
+    x, y, z = work[CENTER, 0], work[CENTER, 1], work[CENTER, 2]
+    ax, ay, az = work[DU_DT, 0], work[DU_DT, 1], work[DU_DT, 2]
+    fx = displaced * (R[0, 0] * ax + R[1, 0] * ay + R[2, 0] * az)
+    fy = displaced * (R[0, 1] * ax + R[1, 1] * ay + R[2, 1] * az)
+    fz = displaced * (R[0, 2] * ax + R[1, 2] * ay + R[2, 2] * az)
+    work[TAU, 0] += fx
+    work[TAU, 1] += fy
+    work[TAU, 2] += fz
+    work[TAU, 3] += y * fz - z * fy
+    work[TAU, 4] += z * fx - x * fz
+    work[TAU, 5] += x * fy - y * fx
+
+
+@compiled
+def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
+    """work[TAU] += bias + amplitude sin(omega t + phase) of one WRENCH row, at stage time t (s)."""
+    for i in range(6):
+        work[EXTRA, i] = row.bias[i]
+    if row.harmonic != 0:
+        for i in range(6):
+            work[EXTRA, i] += row.amplitude[i] * math.sin(row.omega[i] * t + row.phase[i])
+    if row.frame == 0:
+        for i in range(6):
+            work[TAU, i] += work[EXTRA, i]
+    else:
+        for i in range(3):
+            work[TAU, i] += R[0, i] * work[EXTRA, 0] + R[1, i] * work[EXTRA, 1] + R[2, i] * work[EXTRA, 2]
+            work[TAU, 3 + i] += R[0, i] * work[EXTRA, 3] + R[1, i] * work[EXTRA, 4] + R[2, i] * work[EXTRA, 5]
+
+
+@compiled
+def _add_touch(body: Any, R: Array, work: Array) -> None:
+    """work[TAU] += force and moment of the body's contacts, which are given in N."""
+    F = body.touch
+    for i in range(3):
+        work[TAU, i] += R[0, i] * F[0] + R[1, i] * F[1] + R[2, i] * F[2]
+        work[TAU, 3 + i] += R[0, i] * F[3] + R[1, i] * F[4] + R[2, i] * F[5]
+
+
+@compiled
+def derivative(
+    body: Any, s: Array, source: int, target: int, t: float, flow: Array, shapes: Array, thrusters: Array, forces: Array, stage: int,
+    wrenches: Array, M_inv: Array, held: float, work: Array, R: Array,
+) -> None:  # fmt: skip
+    """State derivative of one body at one instant: s[target] from the state in s[source].
+
+    Args:
+        body: BODY record.
+        s: (k, 13) rows of states p_NB q_NB nu, and of their derivatives.
+        t: time of the instant, s.
+        flow: (FLOW_SIZE) the water near the body.
+        shapes, thrusters, wrenches: all SHAPE, THRUSTER and WRENCH rows of the world.
+        forces: row `stage` holds the lagged thrust of each of the body's thrusters at t, N.
+        M_inv: (6, 6) inverse of M_RB + held M_A.
+        held: submerged fraction that scales M_A, held within a step.
+        work: (SCRATCH_ROWS, 6) scratch; rows ACTUATED and PASSIVE are added to the forces; afterwards row NU_R holds nu_r, and row EXTERNAL
+            the wrench of all actuators and the prescribed one in B about the origin.
+        R: (3, 3) out, R_NB.
+    """
+    rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
+    for i in range(6):
+        work[NU, i] = work[NU_R, i] = s[source, 7 + i]
+        work[TAU, i] = work[ACTUATED, i]
+        work[MOMENTUM, i] = 0.0
+    moving = find_water(body, s, source, t, flow, R, work)
+    ux, uy, uz = work[WATER, 0], work[WATER, 1], work[WATER, 2]
+    cx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
+    cy = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
+    cz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
+    work[NU_R, 0] -= cx
+    work[NU_R, 1] -= cy
+    work[NU_R, 2] -= cz
+
+    depth = depth_below(flow, s[source, 0], s[source, 1], s[source, 2], t)
+    near_surface = body.shape_count > 0 and depth < body.radius
+    fraction = 1.0
+    for i in range(3):
+        work[CENTER, i] = body.r_b[i]
+    if near_surface:
+        upward(flow, R, work[UP])
+        fraction = immersion(body, shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
+    for k in range(body.thruster_count):
+        add_thrust(thrusters[body.thruster_first + k], forces[stage, k], work, NU_R, depth, UP, near_surface, TAU)
+    for k in range(body.wrench_first, body.wrench_first + body.wrench_count):
+        _add_prescribed(wrenches[k], t, R, work)
+    for i in range(6):
+        work[EXTERNAL, i] = work[TAU, i]
+        work[TAU, i] += work[PASSIVE, i]
+    if body.touching != 0:
+        _add_touch(body, R, work)
+    _add_restoring(body, R, fraction * body.buoyancy, work)
+    if moving:
+        _add_froude_krylov(R, fraction * body.displaced, work)
+
+    _multiply_add(body.M_RB, body.form_M_RB, work, NU, 1.0, MOMENTUM)
+    _subtract_coriolis(work, NU)
+    for i in range(6):
+        work[MOMENTUM, i] = 0.0
+    _multiply_add(body.M_A, body.form_M_A, work, NU_R, held, MOMENTUM)
+    _subtract_coriolis(work, NU_R)
+    _subtract_damping(body, fraction, work)
+    if moving or cx != 0.0 or cy != 0.0 or cz != 0.0:
+        _add_current(body, moving, R, cx, cy, cz, held, work)
+
+    for i in range(6):
+        work[EXTRA, i] = 0.0
+    _multiply_add(M_inv, max(body.form_M_RB, body.form_M_A), work, TAU, 1.0, EXTRA)
+    for i in range(3):
+        s[target, i] = R[i, 0] * work[NU, 0] + R[i, 1] * work[NU, 1] + R[i, 2] * work[NU, 2]
+        s[target, 7 + i] = work[EXTRA, i]
+        s[target, 10 + i] = work[EXTRA, 3 + i]
+    nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
+    w, a, b, c = 0.5 * s[source, 3], 0.5 * s[source, 4], 0.5 * s[source, 5], 0.5 * s[source, 6]
+    s[target, 3] = -a * nu3 - b * nu4 - c * nu5
+    s[target, 4] = w * nu3 + b * nu5 - c * nu4
+    s[target, 5] = w * nu4 - a * nu5 + c * nu3
+    s[target, 6] = w * nu5 + a * nu4 - b * nu3

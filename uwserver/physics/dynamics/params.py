@@ -1,0 +1,203 @@
+"""Typed parameters of bodies and thrusters, and their rows in the kernel's arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.dynamics.appendage_params import Appendages, appendage_rates
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.kernel.layout import BODY, LAG, SHAPE, TABLE, TABLE_SIZE, TABLE_VOLTAGES, THRUSTER, WRENCH
+
+FloatArray = npt.NDArray[np.float64]
+Records = npt.NDArray[np.void]
+Vec3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class BuoyancyShape:
+    """A box (`half` edges, m) or sphere (radius in ``half[0]``) at `center` (B, m); `volume` in m3 weighs it against the others."""
+
+    kind: int
+    center: Vec3
+    half: Vec3
+    volume: float
+
+
+@dataclass(frozen=True)
+class ForceTable:
+    """Static force (N) of a propulsor: one curve of (u, force) points a supply voltage, both ascending; at most 8 curves of 48 points."""
+
+    voltages: tuple[float, ...]
+    curves: tuple[tuple[tuple[float, float], ...], ...]
+
+
+@dataclass(frozen=True)
+class ThrusterParams:
+    """One propulsor; frames and units as in `layout.THRUSTER`."""
+
+    name: str
+    r: Vec3
+    axis: Vec3
+    table: ForceTable
+    voltage: float
+    lag: Lag
+    torque_per_force: float = 0.0
+    inflow: float = 0.0
+    disc_radius: float = 0.05
+    installed: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class BodyParams:
+    """One rigid body in water of the scenario's density, about its origin, in B.
+
+    Attributes:
+        M_RB, M_A: (6, 6) rigid-body inertia and added mass.
+        D_L, D_Q, D_S: (6, 6) linear, quadratic and speed-proportional damping.
+        weight, buoyancy: N.
+        r_g, r_b: centre of gravity and of buoyancy, m.
+        shapes: geometry of the displaced volume; without any the body is always submerged.
+        displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
+        appendages: fins, propellers, ballast, and what the hull's shape adds to the matrices.
+    """
+
+    M_RB: FloatArray
+    M_A: FloatArray
+    D_L: FloatArray
+    D_Q: FloatArray
+    D_S: FloatArray
+    weight: float
+    buoyancy: float
+    r_g: Vec3
+    r_b: Vec3
+    shapes: tuple[BuoyancyShape, ...] = ()
+    thrusters: tuple[ThrusterParams, ...] = field(default=())
+    wrenches: int = 1
+    displaced: float | None = None
+    appendages: Appendages = field(default=Appendages())
+
+
+def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> FloatArray:
+    """M_RB (6, 6) about the origin from mass (kg), inertia about the centre of mass (3, 3, kg m2) and r_g (m). Fossen 2011, eq. 3.44."""
+    x, y, z = r_g
+    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    M = np.zeros((6, 6))
+    M[:3, :3] = mass * np.eye(3)
+    M[:3, 3:] = -mass * S
+    M[3:, :3] = mass * S
+    M[3:, 3:] = inertia_com - mass * S @ S
+    return M
+
+
+def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
+    """Bounds of the damping's fastest rate: rate_L (1/s), rate_Q (6) and rate_S, for `layout.BODY`.
+
+    Spectral norms in the metric of M, so that metres and radians may be mixed: ||M^-1/2 D M^-1/2||; the quadratic term contributes its
+    slope, 2 D_Q |nu_j|, column by column, the speed-proportional one at most 2 |u| D_S.
+    """
+    values, vectors = np.linalg.eigh(body.M_RB + body.M_A)
+    root = vectors @ np.diag(values**-0.5) @ vectors.T
+
+    def norm(D: FloatArray) -> float:
+        return float(np.linalg.norm(root @ D @ root, 2))
+
+    def column(D: FloatArray, j: int) -> float:
+        return float(np.linalg.norm(root @ D[:, j]) * np.linalg.norm(root[j]))
+
+    rate_L, rate_Q, rate_S = appendage_rates(body.appendages, root)
+    quadratic = np.array([2.0 * column(body.D_Q, j) for j in range(6)])
+    return rate_L + norm(body.D_L), rate_Q + quadratic, rate_S + 2.0 * norm(body.D_S)
+
+
+def _form(M: FloatArray) -> int:
+    """0 for a zero matrix, 1 for a diagonal one, 2 for any other."""
+    if not M.any():
+        return 0
+    return 2 if (M - np.diag(np.diag(M))).any() else 1
+
+
+def body_row(body: BodyParams) -> Records:
+    """The BODY row (1) of a body, without its ranges."""
+    row = np.zeros(1, BODY)
+    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "r_g", "r_b"):
+        row[name] = getattr(body, name)
+    row["displaced"] = body.buoyancy / 9.81 if body.displaced is None else body.displaced
+    row["M_inv"] = np.linalg.inv(body.M_RB + body.M_A)
+    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
+        row[f"form_{name}"] = _form(getattr(body, name))
+    row["rate_L"], row["rate_Q"], row["rate_S"] = damping_rates(body)
+    # Of the shapes as they end up, moved to r_b.
+    reach = [
+        float(
+            np.linalg.norm(shape["center"])
+            + (shape["half"][0] if shape["kind"] == 1 else np.linalg.norm(shape["half"]))
+        )
+        for shape in shape_rows(body)
+    ]
+    reach += [float(np.linalg.norm(t.r)) + t.disc_radius for t in body.thrusters] + [body.appendages.reach]
+    row["fitted"] = int(body.appendages != Appendages())
+    row["radius"] = max(reach, default=0.0)
+    return row
+
+
+def shape_rows(body: BodyParams) -> Records:
+    """SHAPE rows, moved together so that their common centre is r_b, with shares that add up to 1."""
+    rows = np.zeros(len(body.shapes), SHAPE)
+    total = sum(shape.volume for shape in body.shapes)
+    if not body.shapes:
+        return rows
+    centre = sum(np.array(shape.center) * shape.volume for shape in body.shapes) / total
+    for row, shape in zip(rows, body.shapes, strict=True):
+        row["kind"] = shape.kind
+        row["center"] = np.array(shape.center) - centre + np.array(body.r_b)
+        row["half"] = shape.half
+        row["share"] = shape.volume / total
+    return rows
+
+
+def thruster_row(params: ThrusterParams, table: int, lag: int) -> Records:
+    """The THRUSTER row (1), at rest, with the rows of its force table and lag."""
+    row = np.zeros(1, THRUSTER)
+    for name in ("r", "voltage", "inflow", "disc_radius", "installed"):
+        row[name] = getattr(params, name)
+    axis = np.array(params.axis) / np.linalg.norm(params.axis)
+    moment = np.cross(params.r, axis)
+    row["per_velocity"] = np.concatenate([axis, moment])
+    row["per_force"] = np.concatenate([axis, moment + params.torque_per_force * axis])
+    row["table"], row["lag"] = table, lag
+    row["efficiency"] = 1.0
+    return row
+
+
+def lag_row(lag: Lag, dt: float) -> Records:
+    """The LAG row (1) of a lag for a tick of dt seconds."""
+    row = np.zeros(1, LAG)
+    row["F"], row["G"], row["C"], row["D"] = lag.transition(dt)
+    return row
+
+
+def table_row(table: ForceTable) -> Records:
+    """The TABLE row (1) of a force table; curves with fewer points are padded by their last."""
+    if not 1 <= len(table.voltages) <= TABLE_VOLTAGES or any(not 1 < len(c) <= TABLE_SIZE for c in table.curves):
+        raise ValueError(f"a force table takes 1..{TABLE_VOLTAGES} voltages and 2..{TABLE_SIZE} points each")
+    row = np.zeros(1, TABLE)
+    row["n_voltages"] = len(table.voltages)
+    for k, (voltage, curve) in enumerate(zip(table.voltages, table.curves, strict=True)):
+        points = np.array(curve + (curve[-1],) * (TABLE_SIZE - len(curve)))
+        row["voltage"][0, k] = voltage
+        row["u"][0, k], row["force"][0, k] = points[:, 0], points[:, 1]
+    return row
+
+
+def wrench_rows(count: int) -> Records:
+    """`count` WRENCH rows of zero force in B."""
+    return np.zeros(count, WRENCH)
+
+
+def concatenate(rows: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
+    """Rows end to end; an empty array of the dtype for none."""
+    return np.concatenate(rows) if rows else np.zeros(0, dtype)

@@ -1,0 +1,112 @@
+"""Thruster command -> thrust: force table over command and voltage, lag with an exact transition, inflow, immersion (compiled)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uwserver.physics.dynamics.immersion import disc_fraction
+from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
+
+Array = Any  # numpy array inside compiled code
+
+
+@compiled
+def _interpolate(u: float, xs: Array, ys: Array) -> float:
+    """Piecewise linear y(u); constant beyond the ends; xs ascending."""
+    n = xs.shape[0]
+    if u <= xs[0]:
+        return float(ys[0])
+    if u >= xs[n - 1]:
+        return float(ys[n - 1])
+    low, high = 0, n - 1
+    while high - low > 1:
+        mid = (low + high) // 2
+        if xs[mid] <= u:
+            low = mid
+        else:
+            high = mid
+    width = xs[high] - xs[low]
+    if width <= 0.0:
+        return float(ys[high])
+    return float(ys[low] + (ys[high] - ys[low]) * (u - xs[low]) / width)
+
+
+@compiled
+def table_force(table: Any, u: float, voltage: float) -> float:
+    """Static force (N) at command u (-1..1) and supply voltage (V): linear between the table's voltages, clamped to their range."""
+    n = table.n_voltages
+    k = 0
+    while k < n - 1 and table.voltage[k + 1] < voltage:
+        k += 1
+    low = _interpolate(u, table.u[k], table.force[k])
+    if k == n - 1 or voltage <= table.voltage[k]:
+        return low
+    high = _interpolate(u, table.u[k + 1], table.force[k + 1])
+    s = (voltage - table.voltage[k]) / (table.voltage[k + 1] - table.voltage[k])
+    return low + s * (high - low)
+
+
+@compiled
+def set_demand(thruster: Any, tables: Array) -> None:
+    """Static thrust asked for, from the command that holds in this tick; computed when the command or the voltage was set.
+
+    A stuck thruster keeps its demand, and the mark that a newer command waits.
+    """
+    if thruster.stuck == STUCK or (thruster.fresh == 0 and thruster.stuck == FREE):
+        return
+    table = tables[thruster.table]
+    if thruster.stuck == STUCK_AT:
+        thruster.demand = table_force(table, thruster.stuck_u, thruster.voltage) * thruster.installed
+        return
+    if thruster.by_force != 0:
+        lowest = table_force(table, -1.0, thruster.voltage) * thruster.installed
+        highest = table_force(table, 1.0, thruster.voltage) * thruster.installed
+        thruster.demand = min(max(thruster.command, lowest), highest)
+    else:
+        thruster.demand = table_force(table, thruster.command, thruster.voltage) * thruster.installed
+    thruster.fresh = 0
+
+
+@compiled
+def advance_lag(thruster: Any, lag: Any, level: int) -> float:
+    """Carry the lag over half a sub-step of 2**-level ticks; exact, as the demand is constant in a tick. Returns the lagged force, N."""
+    F, G, x, u = lag.F[level], lag.G[level], thruster.x, thruster.demand
+    x0 = F[0, 0] * x[0] + F[0, 1] * x[1] + F[0, 2] * x[2] + G[0] * u
+    x1 = F[1, 0] * x[0] + F[1, 1] * x[1] + F[1, 2] * x[2] + G[1] * u
+    x2 = F[2, 0] * x[0] + F[2, 1] * x[1] + F[2, 2] * x[2] + G[2] * u
+    x[0], x[1], x[2] = x0, x1, x2
+    return lagged(thruster, lag)
+
+
+@compiled
+def lagged(thruster: Any, lag: Any) -> float:
+    """Force that the lag's present state gives, N."""
+    C, x = lag.C, thruster.x
+    return float(thruster.efficiency * (C[0] * x[0] + C[1] * x[1] + C[2] * x[2] + lag.D * thruster.demand))
+
+
+@compiled
+def add_thrust(
+    thruster: Any, force: float, work: Array, nu_r: int, depth: float, up: int, near_surface: bool, tau: int
+) -> None:
+    """Add one thruster's wrench (6, about the body origin in B) to row `tau` of `work`, whose row `nu_r` is the velocity through the water.
+
+    Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
+    mount through the water along the axis. Thrust scales with the submerged part of the disc, for which `depth` (m) is that of the body
+    origin below the surface and row `up` of `work` the surface's normal in B.
+    """
+    if force == 0.0:
+        return
+    if thruster.inflow != 0.0:
+        va = 0.0
+        for i in range(6):
+            va += thruster.per_velocity[i] * work[nu_r, i]
+        force -= thruster.inflow * math.sqrt(abs(force)) * va
+    if near_surface:
+        r = thruster.r
+        hub = depth - work[up, 0] * r[0] - work[up, 1] * r[1] - work[up, 2] * r[2]
+        force *= disc_fraction(hub, thruster.disc_radius)
+    for i in range(6):
+        work[tau, i] += force * thruster.per_force[i]

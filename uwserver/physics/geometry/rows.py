@@ -1,0 +1,239 @@
+"""Shapes as rows of plain arrays, which the compiled contact geometry works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.geometry.mesh import fill_cells
+from uwserver.physics.geometry.shapes import (
+    HULL_POINTS,
+    BadSolid,
+    Box,
+    Capsule,
+    ConvexHull,
+    Cylinder,
+    FloatArray,
+    HalfSpace,
+    IntArray,
+    Placed,
+    Shape,
+    Sphere,
+    TriangleMesh,
+    turned,
+)
+
+SPHERE, CAPSULE, CYLINDER, POLYHEDRON, HALF_SPACE, MESH = range(6)
+
+SLOT = np.dtype(
+    [
+        ("kind", "i8"),
+        ("ident", "i8"),  # never used twice in a world, unlike the place in the array
+        ("row", "i8"),  # of the body in the state array; -1: static
+        ("solid", "i8"),
+        ("p", "f8", (3,)),  # of the shape in its solid
+        ("R", "f8", (3, 3)),
+        ("q", "f8", (4,)),  # w x y z of the engine's shape in the solid
+        ("radius", "f8"),
+        ("half_length", "f8"),
+        ("centre", "f8", (3,)),  # of the box around the shape, in the shape's frame
+        ("half", "f8", (3,)),
+        ("vertex_first", "i8"),
+        ("vertex_count", "i8"),
+        ("face_first", "i8"),  # polyhedron: faces; mesh: triangles
+        ("face_count", "i8"),
+        ("cell_first", "i8"),  # mesh: its grid of cells
+        ("cell_origin", "f8", (3,)),
+        ("cell_size", "f8"),
+        ("cells", "i8", (3,)),
+        ("oriented", "i8"),
+        ("friction", "f8"),
+        ("restitution", "f8"),
+    ],
+    align=True,
+)
+
+_BOX_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
+"""Corners of a box, bit i of a number selecting the sign of axis i, counter-clockwise seen from outside."""
+
+
+@dataclass(frozen=True)
+class Polyhedron:
+    """Corners (n, 3) and faces, each a ring of corner numbers counter-clockwise seen from outside, with outward `normals` (m, 3)."""
+
+    vertices: FloatArray
+    faces: tuple[tuple[int, ...], ...]
+    normals: FloatArray
+
+
+def polyhedron(shape: Box | ConvexHull) -> Polyhedron:
+    """The corners and plane faces of a box or hull.
+
+    Raises:
+        BadSolid: a hull without volume or with more than `HULL_POINTS` corners.
+    """
+    if isinstance(shape, Box):
+        signs = np.array([[1.0 if k >> i & 1 else -1.0 for i in range(3)] for k in range(8)])
+        axes = np.eye(3)
+        # In the order of _BOX_FACES.
+        outward = np.array([-axes[0], axes[0], -axes[1], axes[1], -axes[2], axes[2]])
+        return Polyhedron(signs * np.array(shape.half), _BOX_FACES, outward)
+    from scipy.spatial import ConvexHull as Quickhull
+    from scipy.spatial import QhullError
+
+    try:
+        hull = Quickhull(shape.points)
+    except QhullError as error:
+        raise BadSolid("the points of a hull span no volume") from error
+    corners = np.sort(hull.vertices)
+    if len(corners) > HULL_POINTS:
+        raise BadSolid(f"a hull of {len(corners)} corners: simplify it to at most {HULL_POINTS}")
+    vertices = np.ascontiguousarray(shape.points[corners])
+    rings: list[tuple[int, ...]] = []
+    normals: list[FloatArray] = []
+    for members in _coplanar(hull.equations):
+        normal = hull.equations[members[0], :3]
+        ring = np.unique(np.searchsorted(corners, hull.simplices[members]))
+        spokes = vertices[ring] - vertices[ring].mean(axis=0)
+        side = np.cross(normal, spokes[0])
+        order = np.argsort(np.arctan2(spokes @ side, spokes @ spokes[0] * np.linalg.norm(normal)), kind="stable")
+        rings.append(tuple(int(k) for k in ring[order]))
+        normals.append(normal)
+    return Polyhedron(vertices, tuple(rings), np.array(normals))
+
+
+def _coplanar(equations: FloatArray) -> list[list[int]]:
+    """Triangles of a hull that lie in one plane, in the order of their first."""
+    groups: list[list[int]] = []
+    size = float(np.abs(equations[:, 3]).max())
+    for k, plane in enumerate(equations):
+        for group in groups:
+            first = equations[group[0]]
+            if first[:3] @ plane[:3] > 1.0 - 1e-12 and abs(first[3] - plane[3]) <= 1e-9 * size:
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
+@dataclass
+class Rows:
+    """All slots of a world and what they refer to. Rows of polyhedra and of meshes share `vertices`; static meshes stand there in N."""
+
+    slots: npt.NDArray[np.void]
+    vertices: FloatArray
+    face_normals: FloatArray
+    face_start: IntArray
+    face_vertices: IntArray
+    triangles: IntArray
+    triangle_normals: FloatArray
+    cell_start: IntArray
+    cell_triangles: IntArray
+
+
+@dataclass
+class Part:
+    """One placed shape on its way into `Rows`: its SLOT row (1), numbers counted from its own first."""
+
+    slot: npt.NDArray[np.void]
+    corners: Polyhedron | None = None
+    mesh: TriangleMesh | None = None
+    normals: FloatArray | None = None
+    cell_start: IntArray | None = None
+    cell_triangles: IntArray | None = None
+
+
+def part(placed: Placed) -> Part:
+    """The rows of one placed shape, still of no solid."""
+    shape = placed.shape
+    slot = np.zeros(1, SLOT)
+    slot["p"], slot["R"] = placed.p, turned(placed.q)
+    if isinstance(shape, TriangleMesh):
+        return _mesh_part(slot, placed, shape)
+    if isinstance(shape, Box | ConvexHull):
+        corners = polyhedron(shape)
+        slot["kind"] = POLYHEDRON
+        _bound(slot, corners.vertices)
+        return Part(slot, corners)
+    slot["kind"] = _kind(shape)
+    if isinstance(shape, HalfSpace):
+        return Part(slot)
+    half_length = 0.0 if isinstance(shape, Sphere) else shape.half_length
+    round_end = 0.0 if isinstance(shape, Cylinder) else shape.radius
+    slot["radius"], slot["half_length"] = shape.radius, half_length
+    slot["half"] = half_length + round_end, shape.radius, shape.radius
+    return Part(slot)
+
+
+def _kind(shape: Shape) -> int:
+    return {Sphere: SPHERE, Capsule: CAPSULE, Cylinder: CYLINDER, HalfSpace: HALF_SPACE}[type(shape)]
+
+
+def _bound(slot: npt.NDArray[np.void], points: FloatArray) -> None:
+    low, high = points.min(axis=0), points.max(axis=0)
+    slot["centre"], slot["half"] = 0.5 * (low + high), 0.5 * (high - low)
+
+
+def _mesh_part(slot: npt.NDArray[np.void], placed: Placed, mesh: TriangleMesh) -> Part:
+    """A static mesh, turned into N once and for all, with cells that list the triangles in them."""
+    vertices = np.ascontiguousarray(mesh.vertices @ turned(placed.q).T + np.array(placed.p))
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
+    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    slot["kind"], slot["oriented"] = MESH, mesh.oriented
+    slot["p"], slot["R"] = 0.0, np.eye(3)
+    _bound(slot, vertices)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    edges = high - low + 1e-9
+    size = max(float(np.prod(edges) / (2.0 * len(faces))) ** (1.0 / 3.0), float(edges.max()) / 1000.0)
+    # A flat mesh has an area to share out, not a volume.
+    size = max(size, float(np.sqrt(np.sort(edges)[1:].prod() / len(faces))))
+    slot["cell_origin"], slot["cell_size"] = low, size
+    slot["cells"] = np.maximum(1, np.ceil(edges / size)).astype(np.int64)
+    start, members = fill_cells(vertices, faces, low, size, slot["cells"][0])
+    turned_mesh = TriangleMesh(vertices, faces, mesh.oriented)
+    return Part(slot, None, turned_mesh, np.ascontiguousarray(normals), start, members)
+
+
+def rows(parts: Sequence[Part]) -> Rows:
+    """All parts end to end."""
+    slots = np.concatenate([p.slot for p in parts]) if parts else np.zeros(0, SLOT)
+    vertices: list[FloatArray] = [np.zeros((0, 3))]
+    face_normals: list[FloatArray] = [np.zeros((0, 3))]
+    triangle_normals: list[FloatArray] = [np.zeros((0, 3))]
+    triangles = [np.zeros((0, 3), np.int64)]
+    rings, starts, members = [[np.zeros(0, np.int64)] for _ in range(3)]
+    lengths: list[int] = []
+    n_vertices = n_triangles = n_cells = n_members = 0
+    for slot, p in zip(slots, parts, strict=True):
+        slot["vertex_first"] = n_vertices
+        if p.corners is not None:
+            slot["vertex_count"], slot["face_first"] = len(p.corners.vertices), len(lengths)
+            slot["face_count"] = len(p.corners.faces)
+            vertices.append(p.corners.vertices)
+            face_normals.append(p.corners.normals)
+            lengths += [len(face) for face in p.corners.faces]
+            rings += [np.array(face) + n_vertices for face in p.corners.faces]
+            n_vertices += len(p.corners.vertices)
+        if p.mesh is not None and p.normals is not None and p.cell_start is not None and p.cell_triangles is not None:
+            slot["vertex_count"], slot["face_first"] = len(p.mesh.vertices), n_triangles
+            slot["face_count"], slot["cell_first"] = len(p.mesh.faces), n_cells
+            vertices.append(p.mesh.vertices)
+            triangles.append(p.mesh.faces + n_vertices)
+            triangle_normals.append(p.normals)
+            # One entry more than cells, so that each mesh's last cell has an end.
+            starts.append(p.cell_start + n_members)
+            members.append(p.cell_triangles + n_triangles)
+            n_vertices += len(p.mesh.vertices)
+            n_triangles += len(p.mesh.faces)
+            n_cells += len(p.cell_start)
+            n_members += len(p.cell_triangles)
+    face_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.array(lengths, dtype=np.int64))])
+    return Rows(
+        slots, np.concatenate(vertices), np.concatenate(face_normals), face_start, np.concatenate(rings),
+        np.concatenate(triangles), np.concatenate(triangle_normals), np.concatenate(starts), np.concatenate(members),
+    )  # fmt: skip
