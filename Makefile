@@ -18,9 +18,9 @@ help:  ## show this
 
 # MAVProxy is a peer of the tests, and needs neither vtk nor OpenCV of its windows.
 install: $(STAMP)  ## create .venv with everything installed and compile the physics
-$(STAMP): pyproject.toml clients/python/pyproject.toml
+$(STAMP): pyproject.toml bench/pyproject.toml clients/python/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[solid,bench,docs,dev]" -e clients/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[solid,docs,dev]" -e bench -e clients/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps "MAVProxy>=1.8.71"
 	$(BIN)/python -m uwserver.physics.warm
 	@touch $@
@@ -70,4 +70,4 @@ image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-
 
 clean:  ## remove .venv and everything built
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	find uwserver adapters scenarios clients tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+	find uwserver bench adapters scenarios clients tests tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from uwserver.modifiers import Delay, WhiteNoise
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.resolved import Resolved
-from uwserver.scenario.schema import Scenario, Server, VehicleEntry, WorldTable
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, Server, VehicleEntry, WorldTable
 from uwserver.sensors import ImuConfig
 from uwserver.sensors.truth import Truth
 from uwserver.world import World

@@ -69,13 +69,13 @@ SHARED_BY_ADAPTERS = {
 LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""
 
-CLOCKS = {"uwserver.clock"}
+CLOCKS = {"uwserver.simulation.clock"}
 """Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting. `bench` measures too."""
 
 DEGREES = {"uwserver.units"}
 """Where degrees become radians. Loader and codecs call it."""
 
-EXTRA = {"uwserver.physics.collision.bullet", "uwserver.bench"}
+EXTRA = {"uwserver.physics.collision.bullet", "uwserver_bench"}
 """The only homes of pybullet, which is an optional dependency and holds the interpreter lock: one module of physics, and the bench."""
 
 
@@ -364,7 +364,7 @@ def test_degrees_are_converted_only_at_the_border():
         } & {"rad", "deg"}  # fmt: skip
         if uses:
             # Missions are files too, though a client sends them.
-            exceptions = ("uwserver.physics.oracle", "uwserver.autopilot.route", "uwserver.autopilot.services")
+            exceptions = ("uwserver.validation.oracle", "uwserver.autopilot.route", "uwserver.autopilot.services")
             assert module.part in ("scenario", "sensors", "modifiers") or module.name in exceptions, (
                 f"{module.name} uses {uses}"
             )
@@ -450,8 +450,8 @@ UNITS = {
 @pytest.fixture(scope="module")
 def all_ports():
     from uwserver.actuators import ForceTorqueConfig
-    from uwserver.scenario.build import build
-    from uwserver.scenario.load import load
+    from uwserver.scenario.build.world import build
+    from uwserver.scenario.load.scenario import load
     from uwserver.sensors import SensorConfig
 
     world = build(load("one_of_everything", adapters=_any_adapters()))

@@ -15,9 +15,9 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uwserver.scenario.build import build
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.load import load
+from uwserver.scenario.load.scenario import load
 from uwserver.units import deg
 from uwserver.world import World
 

@@ -16,11 +16,11 @@ from uwserver.cli.pictures import picture
 from uwserver.environment.absorption import absorption
 from uwserver.environment.column import ThermoclineColumn, WaterColumn
 from uwserver.ports import Sample
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry, WorldTable
 from uwserver.sensors import BatteryConfig, GpsConfig, ImuConfig
-from uwserver.sensors.triad import TriadErrors
+from uwserver.sensors.motion.triad import TriadErrors
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
@@ -74,8 +74,8 @@ def imu_grades() -> None:
 
 
 def _allan(errors: TriadErrors, n: int) -> tuple[list[float], list[float]]:
-    from uwserver.scenario.build import stream_of
-    from uwserver.sensors.triad import Triad
+    from uwserver.scenario.build.world import stream_of
+    from uwserver.sensors.motion.triad import Triad
 
     rng = stream_of(1, "plot")
     triad = Triad(errors)

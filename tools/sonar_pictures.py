@@ -15,8 +15,8 @@ from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
 from uwserver.physics.rays.embree import Rays
 from uwserver.physics.rays.raycast import FloatArray, Geometry
-from uwserver.scenario.documents import shipped
-from uwserver.scenario.profiles import check_profile
+from uwserver.scenario.files.documents import shipped
+from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import (
     AltimeterConfig,
     DvlConfig,
@@ -27,8 +27,8 @@ from uwserver.sensors import (
     SensorConfig,
     UsblConfig,
 )
+from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.sensors.instrument import Instrument
-from uwserver.sensors.interrogation import Beacon
 from uwserver.units import deg, rad
 
 # Before pyplot is imported: no display.

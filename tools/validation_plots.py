@@ -9,8 +9,8 @@ import matplotlib
 import numpy as np
 
 from uwserver.physics.dynamics.params import FloatArray
-from uwserver.testing.closed_forms import tilt
 from uwserver.units import deg
+from uwserver.validation.closed_forms import tilt
 
 # Before pyplot is imported: no display.
 matplotlib.use("Agg")

@@ -24,15 +24,15 @@ from uwserver.physics.dynamics.energy import kinetic_energy, rotations
 from uwserver.physics.dynamics.immersion import immersion
 from uwserver.physics.dynamics.params import BodyParams, FloatArray
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.physics.oracle import build, load_oracle, run, validate
-from uwserver.scenario.body import body_params
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Environment, Scenario, VehicleEntry
-from uwserver.testing.closed_forms import closed_forms, tilt
-from uwserver.testing.contact_forms import contact_forms
-from uwserver.testing.motion import energy_excess, momentum, record
-from uwserver.testing.remus import SIMULATED, STEPS, Remus, remus_track
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Environment, Scenario, VehicleEntry
+from uwserver.scenario.vehicle.body import body_params
 from uwserver.units import deg
+from uwserver.validation.closed_forms import closed_forms, tilt
+from uwserver.validation.contact_forms import contact_forms
+from uwserver.validation.motion import energy_excess, momentum, record
+from uwserver.validation.oracle import build, load_oracle, run, validate
+from uwserver.validation.remus import SIMULATED, STEPS, Remus, remus_track
 
 ROOT = Path(__file__).parents[1]
 ORACLES = ROOT / "tests" / "physics" / "oracles"

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from uwserver.scenario.schema import Scenario
-    from uwserver.world import World
+    from uwserver.scenario.load.tables import Scenario
+    from uwserver.world.world import World
 
 __all__ = ["__version__", "load"]
 
@@ -36,7 +36,7 @@ def load(scenario: str | Path | Scenario, *, seed: int | None = None) -> World:
     """
     # Imported here so that `import uwserver` stays quick.
     from uwserver.adapter import installed_adapters
-    from uwserver.scenario.build import build
-    from uwserver.scenario.load import load as load_scenario
+    from uwserver.scenario.build.world import build
+    from uwserver.scenario.load.scenario import load as load_scenario
 
     return build(load_scenario(scenario, adapters=installed_adapters()), seed)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import uwclient
 
-from uwserver.replay import replay
+from uwserver.recording.replay import replay
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120

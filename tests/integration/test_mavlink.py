@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from uwserver.bench.processes import serving
-from uwserver.bench.server import STATUS
+from uwserver_bench.processes import serving
+from uwserver_bench.server import STATUS
 
 mavutil = pytest.importorskip("pymavlink.mavutil", reason="pymavlink is not installed")
 

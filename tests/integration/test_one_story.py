@@ -22,13 +22,13 @@ from typing import Any, Protocol
 
 import pytest
 from uwserver_adapters.moos import wire as moos
+from uwserver_bench.processes import serving
+from uwserver_bench.wires import Message, Peer, ZenohPeer, ask, connect
 
 from uwserver.adapter import installed_adapters
-from uwserver.bench.processes import serving
-from uwserver.bench.wires import Message, Peer, ZenohPeer, ask, connect
 from uwserver.ports import Field, Sample
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
 
 PATIENCE_S = 30
 ROUNDS, TICKS = 8, 60

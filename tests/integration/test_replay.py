@@ -21,20 +21,20 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from uwserver.bus import Bus, Mailbox
 from uwserver.cli.replay import replay as replay_command
-from uwserver.clock import SystemTime
 from uwserver.ports import Call, Command, Event, Sample
-from uwserver.recorder import Recorder
-from uwserver.recording import HASHES, REQUESTS
-from uwserver.replay import NotReplayable, replay
-from uwserver.requests import checked_args
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.resolved import Resolved
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.ports.checks import checked_args
+from uwserver.recording.format import HASHES, REQUESTS
+from uwserver.recording.recorder import Recorder
+from uwserver.recording.replay import NotReplayable, replay
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors.truth import Truth
-from uwserver.simulation import Simulation, Timing
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.thread import Simulation, Timing
 
 U = (0.1, -0.2, 0.3, 0.1, 0.4, 0.4, -0.4, 0.4)
 TIMEOUT_S = 60.0

@@ -13,7 +13,7 @@ import uwserver
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import installed_adapters
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.load import load
+from uwserver.scenario.load.scenario import load
 from uwserver.sensors import SensorConfig
 
 SCENARIOS = sorted(

@@ -16,7 +16,7 @@ from uwserver.adapter import installed_adapters
 from uwserver.environment.geodesy import north_east
 from uwserver.physics.geometry.shapes import Box, turned
 from uwserver.ports import Port
-from uwserver.scenario.load import load
+from uwserver.scenario.load.scenario import load
 from uwserver.units import rad
 from uwserver.world import World
 

@@ -21,7 +21,7 @@ from uwserver.physics.dynamics.appendage_params import (
 )
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.testing.motion import record
+from uwserver.validation.motion import record
 
 RHO = 1025.0
 NU0 = np.array([1.4, -0.3, 0.2, 0.2, -0.1, 0.3])

@@ -13,8 +13,8 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.energy import kinetic_energy, relative_velocities
 from uwserver.physics.dynamics.params import BodyParams, FloatArray
 from uwserver.physics.kernel.layout import NU, P, Q
-from uwserver.physics.oracle import build, load_oracle
-from uwserver.testing.motion import momentum, record
+from uwserver.validation.motion import momentum, record
+from uwserver.validation.oracle import build, load_oracle
 
 ZERO = np.zeros((6, 6))
 

@@ -12,10 +12,10 @@ import pytest
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams, FloatArray
 from uwserver.physics.kernel.layout import NU
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Environment, Scenario, VehicleEntry, WorldTable
-from uwserver.testing.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Environment, Scenario, VehicleEntry, WorldTable
+from uwserver.validation.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
 from uwserver.world import World
 
 DEPTH = 200.0

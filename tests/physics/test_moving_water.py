@@ -27,7 +27,7 @@ from uwserver.physics.kernel.layout import (
     Q,
     SeaRows,
 )
-from uwserver.testing.motion import record
+from uwserver.validation.motion import record
 
 G, RHO = 9.81, 1025.0
 NO_PROFILES, NO_WAVES = np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.physics.oracle import OracleResult, validate
+from uwserver.validation.oracle import OracleResult, validate
 
 
 @pytest.mark.parametrize(

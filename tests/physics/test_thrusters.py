@@ -16,9 +16,9 @@ from uwserver.physics.dynamics.immersion import disc_fraction
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.scenario.body import force_table, lag, thruster_params
-from uwserver.scenario.vehicle_schema import Thruster, ThrusterDevice
-from uwserver.testing.motion import record
+from uwserver.scenario.vehicle.body import force_table, lag, thruster_params
+from uwserver.scenario.vehicle.tables import Thruster, ThrusterDevice
+from uwserver.validation.motion import record
 
 MAKER = {
     12.0: (36.4, 28.6, 36),

@@ -7,11 +7,11 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 
-from uwserver.bus import Bus, Mailbox
-from uwserver.clock import SystemTime, Timing
 from uwserver.ports import Event, Progress, Reply
-from uwserver.scenario.build import build
-from uwserver.simulation import Simulation
+from uwserver.scenario.build.world import build
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.thread import Simulation
 
 PATIENCE_S = 30.0
 FREE = Timing(mode="freerun")

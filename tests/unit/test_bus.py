@@ -6,9 +6,9 @@ import logging
 
 import pytest
 
-from uwserver.bus import MAX_POSTED, MAX_TICKS, Bus, Mailbox
 from uwserver.ports import Call, Event, Progress, Refused, Reply, Sample
-from uwserver.slots import TickOutput
+from uwserver.ports.crossing import TickOutput
+from uwserver.simulation.bus import MAX_POSTED, MAX_TICKS, Bus, Mailbox
 
 
 class Notes:

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from uwserver.clock import OVERLOAD_NS, Barrier, Pace, SystemTime
+from uwserver.simulation.clock import OVERLOAD_NS, Barrier, Pace, SystemTime
 from uwserver.testing.mock_time import MockTime
 from uwserver.units import NANOSECONDS
 

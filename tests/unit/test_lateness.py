@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.lateness import BUCKETS_S, Lateness
+from uwserver.simulation.lateness import BUCKETS_S, Lateness
 
 MS = 1_000_000
 

@@ -10,8 +10,8 @@ import pytest
 from simulation_rig import PATIENCE_S, Rig, running
 
 from uwserver.adapter import Order
-from uwserver.clock import Timing
 from uwserver.ports import Call, Command, Fault, Refused, Reply, Sample
+from uwserver.simulation.clock import Timing
 
 LOCKED = Timing(mode="lockstep", lockstep_clients=("a",), lockstep_timeout_s=0.0)
 

@@ -14,19 +14,28 @@ import pytest
 from mcap.reader import make_reader
 from mcap.records import Message
 
-from uwserver import recorder as recorder_module
 from uwserver.adapter import AdapterTable
-from uwserver.bus import Bus, Mailbox
-from uwserver.clock import SystemTime
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
-from uwserver.recorder import Recorder
-from uwserver.recording import EVENTS, HASHES, METADATA, REQUESTS, RecordingWriter, head_of, metadata, port_schema
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.resolved import Resolved
-from uwserver.scenario.schema import Scenario, VehicleEntry
-from uwserver.simulation import Simulation, Timing
-from uwserver.snapshot import take
+from uwserver.recording import recorder as recorder_module
+from uwserver.recording.format import (
+    EVENTS,
+    HASHES,
+    METADATA,
+    REQUESTS,
+    RecordingWriter,
+    head_of,
+    metadata,
+    port_schema,
+)
+from uwserver.recording.recorder import Recorder
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.thread import Simulation, Timing
+from uwserver.world.snapshot import take
 
 WAIT_S = 30.0
 SAMPLE = Sample("rov/depth", 2**32 + 7, 10, 20, True, (1.5, None))

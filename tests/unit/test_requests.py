@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwserver.ports import Argument, Field, Port, Refused, Service
-from uwserver.requests import checked_args, checked_command, find, suggestion
+from uwserver.ports.checks import checked_args, checked_command, find, suggestion
 
 THRUSTERS = Port(
     "rov/thrusters",

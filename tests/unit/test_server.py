@@ -10,11 +10,11 @@ from typing import ClassVar
 import msgspec
 import pytest
 
-from uwserver import server as server_module
 from uwserver.adapter import AdapterNotFound, AdapterTable
 from uwserver.ports import Event, Refused, Reply
-from uwserver.server import Options, Server, StartFailed
-from uwserver.simulation import Timing
+from uwserver.server import life_cycle as server_module
+from uwserver.server.life_cycle import Options, Server, StartFailed
+from uwserver.simulation.thread import Timing
 
 PATIENCE_S = 30
 

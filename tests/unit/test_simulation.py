@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from simulation_rig import FREE, PATIENCE_S, Rig, running
 
-from uwserver import snapshot
 from uwserver.ports import Call, Command, Progress, Refused, Reply
-from uwserver.requests import checked_args
-from uwserver.scenario.build import build
-from uwserver.simulation import CLOCK_SERVICES, Timing
+from uwserver.ports.checks import checked_args
+from uwserver.scenario.build.world import build
+from uwserver.simulation.thread import CLOCK_SERVICES, Timing
+from uwserver.world import snapshot
 
 
 def test_step_runs_exactly_n_ticks_and_pauses(resolved):

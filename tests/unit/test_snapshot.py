@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uwserver import snapshot
 from uwserver.ports import Command, Refused
+from uwserver.world import snapshot
 
 
 def drive(world, ticks, rng):
@@ -91,7 +91,7 @@ def test_equal_runs_hash_equally_in_another_process(make_world):
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "import numpy as np\n"
         "from conftest import small_scenario\n"
-        "from uwserver.scenario.build import build\n"
+        "from uwserver.scenario.build.world import build\n"
         "from uwserver import snapshot\n"
         "w = build(small_scenario())\n"
         "w.command('rov/thrusters', u=[0.3] * 8)\n"

@@ -10,12 +10,12 @@ from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.estimator import Known, known
-from uwserver.autopilot.goal import Later
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
 from uwserver.autopilot.state import NAN, Memory, Mode, Orders, Saved
 from uwserver.autopilot.sticks import enter, stay
 from uwserver.ports import Fault, Json, OnReply, Progress, Refused, Reply, Sample
+from uwserver.ports.later import Later
 
 _PROGRESS_S = 0.5
 

@@ -10,7 +10,6 @@ from msgspec import structs
 
 from uwserver.autopilot.estimator import place_at
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.goal import Later
 from uwserver.autopilot.mission import read_items, shown_items
 from uwserver.autopilot.modes import MODES
 from uwserver.autopilot.pilot import Autopilot
@@ -18,6 +17,7 @@ from uwserver.autopilot.state import Mode
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.ports.later import Later
 from uwserver.units import rad
 
 Asked = Mapping[str, Json]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from importlib.metadata import entry_points
 
 import click
 
 from uwserver import __version__
-from uwserver.requests import suggestion
+from uwserver.ports.checks import suggestion
 
 _WHERE = {
     "run": "run",
@@ -18,18 +19,21 @@ _WHERE = {
     "replay": "replay",
     "plot": "plot",
     "validate": "validate",
-    "bench": "bench",
     "doctor": "doctor",
 }
+_ELSEWHERE = {"bench": "uwserver-bench"}
+"""Commands of other distributions, found by their entry point in the group ``uwserver.commands``."""
 
 
 class _Lazy(click.Group):
     """Finds a command in its module when it is asked for: `uwserver list` need not load the server."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_WHERE)
+        return [*_WHERE, *_ELSEWHERE]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name in _ELSEWHERE:
+            return _elsewhere(cmd_name)
         if cmd_name not in _WHERE:
             return None
         module = importlib.import_module(f"uwserver.cli.{_WHERE[cmd_name]}")
@@ -39,9 +43,25 @@ class _Lazy(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in _WHERE:
-            ctx.fail(f'no command "{args[0]}"{suggestion(args[0], _WHERE)}; there are: {", ".join(_WHERE)}')
+        known = self.list_commands(ctx)
+        if args and args[0] not in known:
+            ctx.fail(f'no command "{args[0]}"{suggestion(args[0], known)}; there are: {", ".join(known)}')
         return super().resolve_command(ctx, args)
+
+
+def _elsewhere(name: str) -> click.Command:
+    """The command of another distribution; one that says what to install, when that is missing."""
+    for entry in entry_points(group="uwserver.commands", name=name):
+        command: click.Command = entry.load()
+        return command
+    missing = _ELSEWHERE[name]
+    text = f"it is not installed: pip install {missing} (in a checkout of the sources: pip install ./{name})"
+
+    def refuse(**_: object) -> None:
+        raise click.ClickException(f"uwserver {name}: {text}")
+
+    takes_all = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
+    return click.Command(name, context_settings=takes_all, callback=refuse, short_help=f"({text})")
 
 
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})

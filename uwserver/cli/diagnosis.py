@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from uwserver.adapter import AdapterNotFound, adapter_entries, load_adapter
-from uwserver.clock import Pace, SystemTime
+from uwserver.simulation.clock import Pace, SystemTime
 from uwserver.units import NANOSECONDS
 
 Level = Literal["ok", "warning", "fault"]

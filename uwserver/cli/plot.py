@@ -13,8 +13,8 @@ import msgspec
 
 import uwserver
 from uwserver.ports import Field, Port, Refused, Sample
-from uwserver.requests import suggestion
-from uwserver.scenario.errors import ScenarioError
+from uwserver.ports.checks import suggestion
+from uwserver.scenario.files.errors import ScenarioError
 from uwserver.units import NANOSECONDS
 
 _RUN_S = 20.0

@@ -11,7 +11,7 @@ import click
 import msgspec
 
 if TYPE_CHECKING:
-    from uwserver.replay import Replayed
+    from uwserver.recording.replay import Replayed
 
 
 @click.command()
@@ -29,8 +29,8 @@ def replay(file: Path, as_json: bool, extensions: tuple[Path, ...]) -> None:
 
     Exits with 0 if all are equal, with 1 at the first difference or if the file cannot be replayed.
     """
-    from uwserver.replay import NotReplayable
-    from uwserver.replay import replay as replay_file
+    from uwserver.recording.replay import NotReplayable
+    from uwserver.recording.replay import replay as replay_file
 
     try:
         result = replay_file(file, extensions)

@@ -18,8 +18,8 @@ import msgspec
 from uwserver.actuators import ThrustersConfig
 
 if TYPE_CHECKING:
-    from uwserver.scenario.resolved import Resolved, ResolvedVehicle
-    from uwserver.server import Options
+    from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
+    from uwserver.server.life_cycle import Options
 
 DEFAULT_SCENARIO = "bluerov2_pool"
 
@@ -66,9 +66,9 @@ def run(
     """Serve SCENARIO (a shipped name or a file; default bluerov2_pool) until SIGINT or SIGTERM."""
     from uwserver.adapter import AdapterNotFound, installed_adapters
     from uwserver.logs import set_up_logging
-    from uwserver.scenario.errors import ScenarioError
-    from uwserver.scenario.load import load
-    from uwserver.server import Options, StartFailed, timing_of
+    from uwserver.scenario.files.errors import ScenarioError
+    from uwserver.scenario.load.scenario import load
+    from uwserver.server.life_cycle import Options, StartFailed, timing_of
 
     set_up_logging(log_level, log_json)
     try:
@@ -104,7 +104,7 @@ def _run_loop(resolved: Resolved, options: Options) -> int:
 
 
 async def _serve(resolved: Resolved, options: Options) -> int:
-    from uwserver.server import Server
+    from uwserver.server.life_cycle import Server
 
     return await Server(resolved, options).run()
 

@@ -14,15 +14,15 @@ from msgspec import Struct
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, installed_adapters
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
-from uwserver.scenario.convert import NAME, kinds_of
-from uwserver.scenario.documents import find, read, shipped
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.export import explain as explain_resolved
-from uwserver.scenario.json_schema import FileKind, json_schema
-from uwserver.scenario.load import load
-from uwserver.scenario.resolved import Resolved, ResolvedVehicle
-from uwserver.scenario.starter import starter
+from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
+from uwserver.scenario.authoring.json_schema import FileKind, json_schema
+from uwserver.scenario.authoring.starter import starter
+from uwserver.scenario.files.convert import NAME, kinds_of
+from uwserver.scenario.files.documents import find, read, shipped
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.export import explain as explain_resolved
+from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
+from uwserver.scenario.load.scenario import load
 from uwserver.sensors import SensorConfig
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from uwserver.physics.oracle import OracleResult
-from uwserver.physics.oracle import validate as validate_oracle
+from uwserver.validation.oracle import OracleResult
+from uwserver.validation.oracle import validate as validate_oracle
 
 COLUMNS = ("position m", "attitude deg", "velocity m/s", "rate rad/s")
 

@@ -8,24 +8,24 @@ from typing import Any
 
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
-from uwserver.faults import FaultConfig
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.convert import NO_MORE, More, Report, check_name, convert, convert_kind, kinds_of
-from uwserver.scenario.documents import from_tables
-from uwserver.scenario.errors import KeyPath, Problem, ScenarioError, did_you_mean
-from uwserver.scenario.extensions import extension_kinds
-from uwserver.scenario.load import scenario_from
-from uwserver.scenario.schema import Clock, Current, Environment, Scenario, Server, VehicleEntry, WorldTable
-from uwserver.scenario.solid_schema import ObjectEntry, Seabed, Structure
+from uwserver.scenario.files.convert import NO_MORE, More, Report, check_name, convert, convert_kind, kinds_of
+from uwserver.scenario.files.documents import from_tables
+from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, did_you_mean
+from uwserver.scenario.load.extensions import extension_kinds
+from uwserver.scenario.load.scenario import scenario_from
+from uwserver.scenario.load.tables import Clock, Current, Environment, Scenario, Server, VehicleEntry, WorldTable
+from uwserver.scenario.solids.tables import ObjectEntry, Seabed, Structure
 from uwserver.sensors import SensorConfig, StreamTable
 from uwserver.sensors.truth import Truth
+from uwserver.world.faults import FaultConfig
 
 
 class ScenarioBuilder:
     """Collects tables; every verb returns the builder itself.
 
     Keys are those of the scenario file. All verbs raise ScenarioError for a key or value that the file could not hold either. What only
-    the whole scenario shows (rates, mounts, the vehicle file) is checked by `uwserver.scenario.load.load`.
+    the whole scenario shows (rates, mounts, the vehicle file) is checked by `uwserver.scenario.load.scenario.load`.
     """
 
     def __init__(

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from uwserver.sensors.altimeter import AltimeterConfig
-from uwserver.sensors.attitude import AttitudeConfig
+from uwserver.sensors.acoustic.altimeter import AltimeterConfig
+from uwserver.sensors.acoustic.dvl import DvlConfig
+from uwserver.sensors.acoustic.interrogation import carriers
+from uwserver.sensors.acoustic.lbl import LblConfig
+from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
+from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, StreamTable
-from uwserver.sensors.battery import BatteryConfig
-from uwserver.sensors.clock import ClockConfig
 from uwserver.sensors.compound import Compound, CompoundConfig
-from uwserver.sensors.contact import ContactConfig
-from uwserver.sensors.ctd import CtdConfig
-from uwserver.sensors.dvl import DvlConfig
-from uwserver.sensors.gps import GpsConfig
-from uwserver.sensors.imu import ImuConfig
 from uwserver.sensors.instrument import Instrument, Settings
-from uwserver.sensors.interrogation import carriers
-from uwserver.sensors.lbl import LblConfig
-from uwserver.sensors.leak import LeakConfig
-from uwserver.sensors.magnetometer import MagnetometerConfig
-from uwserver.sensors.motion_capture import MotionCaptureConfig
-from uwserver.sensors.pressure import PressureConfig
-from uwserver.sensors.range_array import RangeArrayConfig
-from uwserver.sensors.rpm import RpmConfig
-from uwserver.sensors.scanning_sonar import ScanningSonarConfig
-from uwserver.sensors.sound_speed import SoundSpeedConfig
-from uwserver.sensors.usbl import UsblConfig
+from uwserver.sensors.motion.attitude import AttitudeConfig
+from uwserver.sensors.motion.gps import GpsConfig
+from uwserver.sensors.motion.imu import ImuConfig
+from uwserver.sensors.motion.magnetometer import MagnetometerConfig
+from uwserver.sensors.motion.motion_capture import MotionCaptureConfig
+from uwserver.sensors.onboard.battery import BatteryConfig
+from uwserver.sensors.onboard.clock import ClockConfig
+from uwserver.sensors.onboard.contact import ContactConfig
+from uwserver.sensors.onboard.leak import LeakConfig
+from uwserver.sensors.onboard.rpm import RpmConfig
+from uwserver.sensors.optical.range_array import RangeArrayConfig
+from uwserver.sensors.water.ctd import CtdConfig
+from uwserver.sensors.water.pressure import PressureConfig
+from uwserver.sensors.water.sound_speed import SoundSpeedConfig
 
 SensorConfig = (
     ImuConfig

@@ -25,7 +25,7 @@ from uwserver.ports import (
     Value,
     matches,
 )
-from uwserver.requests import checked_args, checked_command, find
+from uwserver.ports.checks import checked_args, checked_command, find
 
 TICK_NS = 4_000_000
 """Simulation time of a tick."""

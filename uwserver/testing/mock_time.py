@@ -8,7 +8,7 @@ from uwserver.units import NANOSECONDS
 
 
 class MockTime:
-    """A `uwserver.clock.Time` that passes only when somebody waits, or when the test moves it.
+    """A `uwserver.simulation.clock.Time` that passes only when somebody waits, or when the test moves it.
 
     Attributes:
         waits: length of every wait, s.

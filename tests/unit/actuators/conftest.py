@@ -8,9 +8,9 @@ import pytest
 
 from uwserver.actuators import Body
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors.truth import Truth
 from uwserver.world import World
 

@@ -6,10 +6,10 @@ import pytest
 
 from uwserver.actuators import BallastConfig, Body, FinConfig, FinsConfig, MovingMassConfig, PropellerConfig
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, Truth, VehicleEntry
-from uwserver.snapshot import restore, take
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, Truth, VehicleEntry
+from uwserver.world.snapshot import restore, take
 
 SERVOS = ("fins.rudder", "fins.elevator", "propellers.main", "ballasts.buoyancy_engine", "moving_masses.battery")
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from uwserver.ports import Call, Command, Progress, Reply
-from uwserver.scenario.build import build
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.load import load
+from uwserver.scenario.load.scenario import load
 from uwserver.world import World
 
 RATE = 240
@@ -74,7 +74,7 @@ class Flight:
 
     def refusal(self, port: str, **value: Any) -> str:
         """What a command to a port of the vehicle is answered; "" when it is taken."""
-        from uwserver.requests import checked_command
+        from uwserver.ports.checks import checked_command
 
         answers: list[Reply] = []
         path = f"v/{port}"

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from uwserver.scenario.build import build
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.load import load
+from uwserver.scenario.load.scenario import load
 
 BEACONS = {
     "a": {"position_ned_m": [60.0, 0.0, 25.0]},

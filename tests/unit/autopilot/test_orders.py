@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from uwserver import snapshot
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.world import snapshot
 
 HELD = "is held by the autopilot while it is armed: call v/autopilot/disarm first, or steer by v/autopilot/pilot"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from uwserver import snapshot
-from uwserver.scenario.build import build
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.load import load
+from uwserver.scenario.load.scenario import load
+from uwserver.world import snapshot
 
 
 def test_outputs_are_the_commands_as_parts_of_full_ones(fly):

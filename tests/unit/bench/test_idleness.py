@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from uwserver.bench import idleness
-from uwserver.bench.idleness import Bystanders
+from uwserver_bench import idleness
+from uwserver_bench.idleness import Bystanders
 
 SPIN = "import time; end = time.process_time() + 0.5\nwhile time.process_time() < end: pass"
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-
-from uwserver.bench import physics
-from uwserver.bench.peers import LINEAR_DAMPING, PUSH, QUADRATIC_DAMPING, BulletWithNumpy, MujocoFluid, MujocoVehicle
-from uwserver.bench.physics import OpenWater, bench_physics
+from uwserver_bench import physics
+from uwserver_bench.peers import LINEAR_DAMPING, PUSH, QUADRATIC_DAMPING, BulletWithNumpy, MujocoFluid, MujocoVehicle
+from uwserver_bench.physics import OpenWater, bench_physics
 
 
 def test_without_sensors_nothing_is_measured_and_with_them_all_are() -> None:

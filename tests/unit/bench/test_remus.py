@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
-from uwserver.bench.remus import BAR, VARIABLE, OurRemus, bench_remus
+from uwserver_bench.remus import BAR, VARIABLE, OurRemus, bench_remus
 
 THEIRS = """
 import numpy as np

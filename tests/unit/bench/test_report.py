@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 
-from uwserver.bench.report import Report, machine_facts
-from uwserver.bench.rows import Row
+from uwserver_bench.report import Report, machine_facts
+from uwserver_bench.rows import Row
 
 MACHINE = machine_facts()
 FAST = Row("physics", "fast enough", "x realtime", (210.0, 250.0, 190.0), at_least=200.0)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-
-from uwserver.bench.rows import Row, quantile
+from uwserver_bench.rows import Row, quantile
 
 
 def row(*values: float, **bars: float) -> Row:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-
-from uwserver.bench.wires import Datagrams, JsonLines, Message, MsgpackFrames, Refusal, ask
+from uwserver_bench.wires import Datagrams, JsonLines, Message, MsgpackFrames, Refusal, ask
 
 MESSAGES = [
     {"id": 1, "result": {"tick": 3}},

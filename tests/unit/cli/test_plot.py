@@ -16,7 +16,7 @@ from matplotlib.collections import QuadMesh
 from uwserver.cli.pictures import picture
 from uwserver.cli.plot import plot
 from uwserver.ports import Port, Sample
-from uwserver.scenario.catalogue import sensor_kinds
+from uwserver.scenario.authoring.catalogue import sensor_kinds
 
 SCENARIO = """\
 schema = 1

@@ -11,8 +11,8 @@ from click.testing import CliRunner, Result
 import uwserver.cli.scenario as commands
 from uwserver.adapter import AdapterTable
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.convert import kinds_of
-from uwserver.scenario.documents import shipped
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.scenario.files.documents import shipped
 from uwserver.sensors import SensorConfig
 
 if sys.version_info >= (3, 11):

@@ -17,10 +17,10 @@ from uwserver.environment.column import (
     uniform_column,
 )
 from uwserver.environment.water import Water
-from uwserver.scenario.build import build
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.export import explain
-from uwserver.scenario.load import load
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.export import explain
+from uwserver.scenario.load.scenario import load
 
 STANDARD = {"salinity_psu": 35.0}
 COLUMNS: dict[str, ColumnConfig] = {

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver import snapshot
 from uwserver.environment.currents import GaussMarkovConfig, ProfileConfig, UniformConfig
 from uwserver.environment.waves import WavesConfig
-from uwserver.scenario.build import build
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Current, Environment, Scenario, Server, VehicleEntry
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Current, Environment, Scenario, Server, VehicleEntry
 from uwserver.sensors import MotionCaptureConfig, PressureConfig
+from uwserver.world import snapshot
 
 ROUGH = Environment(
     current=Current(velocity_ned_mps=(0.1, 0.0, 0.0)),

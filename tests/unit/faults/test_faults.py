@@ -8,8 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uwserver import snapshot
-from uwserver.faults.table import (
+from uwserver.modifiers import WhiteNoise
+from uwserver.physics.dynamics.params import rigid_body_inertia
+from uwserver.ports import Refused
+from uwserver.scenario.build.world import build
+from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, Server, VehicleEntry
+from uwserver.sensors import ImuConfig
+from uwserver.world import snapshot
+from uwserver.world.faults.table import (
     BuoyancyChange,
     MassLoss,
     SensorFrozen,
@@ -18,15 +27,6 @@ from uwserver.faults.table import (
     ThrusterStuck,
     ThrusterWeak,
 )
-from uwserver.modifiers import WhiteNoise
-from uwserver.physics.dynamics.params import rigid_body_inertia
-from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, Server, VehicleEntry
-from uwserver.sensors import ImuConfig
 
 RATE = 240
 

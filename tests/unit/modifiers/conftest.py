@@ -9,7 +9,7 @@ import pytest
 
 from uwserver.modifiers import Measurement, Modifier, ModifierConfig, Stream
 from uwserver.ports import Field
-from uwserver.scenario.members import stream_of
+from uwserver.scenario.build.members import stream_of
 
 Bench = Callable[..., Modifier]
 

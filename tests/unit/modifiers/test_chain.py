@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers import Bias, Delay, Dropout, GaussMarkov, Quantise, WhiteNoise
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.members import stream_of
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.members import stream_of
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors import ImuConfig, PressureConfig
 
 NOISE = WhiteNoise(field="f_S", sigma=0.1)

@@ -28,7 +28,7 @@ from uwserver.modifiers import (
     WhiteNoise,
 )
 from uwserver.ports import Field
-from uwserver.scenario.members import stream_of
+from uwserver.scenario.build.members import stream_of
 
 SEEDS = (1, 2, 3)
 RISK = 1e-6

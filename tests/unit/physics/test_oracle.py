@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.physics.oracle import FORMAT, validate
+from uwserver.validation.oracle import FORMAT, validate
 
 ZERO = np.zeros((6, 6)).tolist()
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 import pytest
 
-from uwserver.scenario.convert import convert
-from uwserver.scenario.errors import KeyPath, dotted
+from uwserver.scenario.files.convert import convert
+from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.table import Positive, Table
 
 

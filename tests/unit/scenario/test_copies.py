@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from uwserver.scenario import solid_files
-from uwserver.scenario.build import build
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.export import to_toml
-from uwserver.scenario.load import load
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load import solids as solid_files
+from uwserver.scenario.load.export import to_toml
+from uwserver.scenario.load.scenario import load
 
 ROV = 'schema = 1\n[vehicles.rov]\nmodel = "./tiny.toml"\nposition_ned_m = [1.0, 2.0, 5.0]\n'
 HULL = '[collision.hull]\nkind = "sphere"\nradius_m = 0.2\n'

@@ -11,11 +11,11 @@ import pytest
 from scipy import optimize
 
 from uwserver.environment.water import Water
-from uwserver.scenario.build import build
-from uwserver.scenario.documents import read, shipped
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.profiles import check_profile
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.documents import read, shipped
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import LblConfig, Pose, Scope, UsblConfig
 
 DEVICES = {name: path for name, path in shipped("devices").items() if read(path).raw["kind"] != "thruster"}

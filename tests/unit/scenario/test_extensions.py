@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.replay import NotReplayable, replay
-from uwserver.scenario.build import build
+from uwserver.recording.replay import NotReplayable, replay
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
 
 PAGE = Path(__file__).parents[3] / "docs/how-to/extend.md"
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE.read_text(), re.S | re.M)

@@ -6,9 +6,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from uwserver.scenario.convert import kinds_of
-from uwserver.scenario.documents import read, shipped
-from uwserver.scenario.json_schema import FILES, FileKind, json_schema
+from uwserver.scenario.authoring.json_schema import FILES, FileKind, json_schema
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.scenario.files.documents import read, shipped
 from uwserver.sensors import SensorConfig
 
 COMMITTED = Path(__file__).parents[3] / "docs/reference"

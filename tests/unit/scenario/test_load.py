@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.documents import shipped
-from uwserver.scenario.errors import Problem, ScenarioError
-from uwserver.scenario.export import explain, to_toml
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario
+from uwserver.scenario.files.documents import shipped
+from uwserver.scenario.files.errors import Problem, ScenarioError
+from uwserver.scenario.load.export import explain, to_toml
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uwserver.scenario.locate import locate
+from uwserver.scenario.files.locate import locate
 
 if sys.version_info >= (3, 11):
     import tomllib

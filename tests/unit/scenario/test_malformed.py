@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
 
 Write = Callable[..., Path]
 SENSOR = '[vehicles.rov.sensors.s0]\nkind = "imu"\nrate_hz = 60\n'

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from uwserver.scenario.convert import fields, kinds_of
-from uwserver.scenario.documents import read, shipped
-from uwserver.scenario.errors import KeyPath, ScenarioError, dotted
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario
-from uwserver.scenario.vehicle_schema import ThrusterDevice, Vehicle
+from uwserver.scenario.files.convert import fields, kinds_of
+from uwserver.scenario.files.documents import read, shipped
+from uwserver.scenario.files.errors import KeyPath, ScenarioError, dotted
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
 
 FILES = {
     **{f"{name} (scenario)": (path, Scenario) for name, path in shipped().items()},

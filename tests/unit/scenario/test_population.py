@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, Server, VehicleEntry
-from uwserver.scenario.solid_schema import BoxObject, FlatSeabed
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, Server, VehicleEntry
+from uwserver.scenario.solids.tables import BoxObject, FlatSeabed
 from uwserver.sensors.truth import Truth
 from uwserver.world import World
 

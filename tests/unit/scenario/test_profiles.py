@@ -12,12 +12,12 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.convert import kinds_of
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.profiles import check_profile
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import DvlConfig, Pose, SensorConfig
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane

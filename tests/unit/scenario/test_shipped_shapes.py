@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from uwserver.physics.geometry.shapes import Box, Capsule, Cylinder, turned
-from uwserver.scenario.documents import shipped
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.files.documents import shipped
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 
 
 def volume_and_half(shape: object) -> tuple[float, tuple[float, float, float]]:

@@ -21,12 +21,12 @@ from uwserver.physics.geometry.shapes import (
     Sphere,
     TriangleMesh,
 )
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.objects import object_params
-from uwserver.scenario.schema import Environment
-from uwserver.scenario.solid_archive import pack, unpack
-from uwserver.scenario.solid_schema import BoxObject, CylinderObject, SphereObject
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Environment
+from uwserver.scenario.solids.archive import pack, unpack
+from uwserver.scenario.solids.objects import object_params
+from uwserver.scenario.solids.tables import BoxObject, CylinderObject, SphereObject
 
 HEAD = 'schema = 1\n[vehicles.rov]\nmodel = "./tiny.toml"\nposition_ned_m = [0.0, 0.0, 5.0]\n'
 

@@ -9,10 +9,10 @@ import pytest
 
 from uwserver.modifiers import GaussMarkov, Measurement, RandomWalk, Stream, WhiteNoise
 from uwserver.ports import Field
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.members import stream_of
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.members import stream_of
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors import ImuConfig
 
 DT = 0.01

@@ -9,22 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from uwserver import snapshot
 from uwserver.environment.column import ThermoclineColumn, WaterColumn
 from uwserver.environment.eigenray import eigenray
 from uwserver.environment.water import Water
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.modifiers import Measurement
-from uwserver.scenario.build import build
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors import LblConfig, Pose, UsblConfig
-from uwserver.sensors.interrogation import READY, Beacon
+from uwserver.sensors.acoustic.interrogation import READY, Beacon
 from uwserver.sensors.truth import Truth
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.units import rad
+from uwserver.world import snapshot
 
 PLACES = {"a": (120.0, 40.0, 60.0), "b": (-80.0, 150.0, 55.0), "c": (30.0, -200.0, 58.0)}
 BEACONS = {name: Beacon(position_ned_m=p, turn_around_s=0.1) for name, p in PLACES.items()}

@@ -18,11 +18,11 @@ from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.convert import kinds_of
-from uwserver.scenario.load import load
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.scenario.load.scenario import load
 from uwserver.sensors import Instrument, Pose, Scope, SensorConfig
-from uwserver.sensors.interrogation import Beacon
+from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
 from uwserver.testing.sensors import measured

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uwserver.frames import quat_from_rpy
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Current, Environment, Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Current, Environment, Scenario, VehicleEntry, WorldTable
 from uwserver.sensors import ImuConfig, Pose
 from uwserver.sensors.truth import Truth
 from uwserver.units import rad

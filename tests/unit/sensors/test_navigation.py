@@ -15,10 +15,10 @@ from uwserver.environment.earth import Earth
 from uwserver.environment.geodesy import latitude_longitude, north_east
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy, rotate
-from uwserver.scenario.build import stream_of
-from uwserver.scenario.documents import shipped
-from uwserver.scenario.magnetic import magnetic_about
-from uwserver.scenario.profiles import check_profile
+from uwserver.scenario.build.world import stream_of
+from uwserver.scenario.files.documents import shipped
+from uwserver.scenario.vehicle.profiles import check_profile
+from uwserver.scenario.world.magnetic import magnetic_about
 from uwserver.sensors import (
     AttitudeConfig,
     ClockConfig,
@@ -29,8 +29,8 @@ from uwserver.sensors import (
     Pose,
     SoundSpeedConfig,
 )
-from uwserver.sensors.ctd import practical_salinity
-from uwserver.sensors.triad import HUMP, Triad, TriadErrors
+from uwserver.sensors.motion.triad import HUMP, Triad, TriadErrors
+from uwserver.sensors.water.ctd import practical_salinity
 from uwserver.units import deg, rad
 
 EARTH = Earth(rad(63.43), rad(10.40), 1_767_225_600_000_000_000, magnetic_about(rad(63.43), rad(10.40), 2026.5))

@@ -10,10 +10,10 @@ from msgspec import structs
 
 from uwserver.modifiers import Bias, ClockDrift, Delay, Dropout, WhiteNoise
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.errors import ScenarioError
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors import ImuConfig, Instrument, MotionCaptureConfig, PressureConfig, StreamTable
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane, Sphere

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from uwserver.physics.kernel.layout import NU
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors import ImuConfig, MotionCaptureConfig, PressureConfig
 from uwserver.sensors.truth import TRUTH, Truth, TruthAcceleration, TruthPose, TruthVelocity, TruthWrench
 

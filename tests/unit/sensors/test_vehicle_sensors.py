@@ -10,9 +10,9 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry, WorldTable
 from uwserver.sensors import (
     BatteryConfig,
     CompoundConfig,
@@ -26,10 +26,10 @@ from uwserver.sensors import (
     RpmConfig,
     SensorConfig,
 )
-from uwserver.sensors.triad import TriadErrors
+from uwserver.sensors.motion.triad import TriadErrors
 from uwserver.sensors.wiring import Touch
-from uwserver.testing.colliders import Floor
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
+from uwserver.validation.colliders import Floor
 from uwserver.world import World
 
 THRUSTERS = tuple(f"t{k}" for k in range(1, 9))

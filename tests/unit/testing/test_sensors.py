@@ -9,11 +9,11 @@ from typing import Any, get_args
 import pytest
 
 from uwserver.ports import Field, Value
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
-from uwserver.scenario.schema import Scenario, VehicleEntry
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Scope, SensorConfig, SensorTable
-from uwserver.sensors.interrogation import Beacon
+from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import check_sensor
 from uwserver.testing.sensors import scopes
 

@@ -10,8 +10,8 @@ from uwserver_adapters.moos.bridge import Bridge
 from uwserver_adapters.moos.config import BridgeTable, MoosConfig, MoosDbConfig
 
 from uwserver.adapter import installed_adapters
-from uwserver.scenario.build import build
-from uwserver.scenario.load import load
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
 from uwserver.testing import FakeContext
 
 PAGE = (Path(__file__).parents[4] / "docs" / "how-to" / "moos.md").read_text()

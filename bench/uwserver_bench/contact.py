@@ -1,0 +1,180 @@
+"""Whole ticks with contacts: hulls at rest on a large seabed, vehicles far above it, one contact solve; and snapshots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwserver.environment.water import Water
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.collision.contacts import Contacts, FloatArray
+from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
+from uwserver.physics.geometry.shapes import ConvexHull, Placed, Solid
+from uwserver.physics.kernel.layout import NU, Q
+from uwserver.simulation.clock import SystemTime
+from uwserver.units import STANDARD_ATMOSPHERE_PA
+from uwserver.world import snapshot
+from uwserver.world.world import World
+from uwserver_bench.physics import COMMAND_EVERY, DEPTH_M, RATE_HZ, OpenWater
+from uwserver_bench.rows import Row
+from uwserver_bench.solids import pebble, seabed_mesh, states_above
+
+if TYPE_CHECKING:
+    from uwserver.physics.collision.bullet import Solids
+
+RESTING_BARS = {10: 5.0, 100: 0.5}
+FAR_BAR = 1.10
+SOLVE_BAR_US = 60.0
+SNAPSHOT_BAR_MS = 1.0
+SETTLE_TICKS = 1200
+"""After 5 s the hulls lie still, but for those on slopes steeper than their friction holds."""
+
+
+def bench_contact(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The part of the report on contacts.
+
+    Args:
+        quick: short repeats, before anything has settled.
+        say: gets a line of progress.
+    """
+    try:
+        from uwserver.physics.collision.bullet import Solids
+    except ImportError as error:
+        return [Row("contact", "hulls on a seabed", "x realtime", (), note=f'pip install "uwserver[solid]" ({error})')]
+    repeats, budget_s, settle = (2, 0.02, 20) if quick else (7, 0.4, SETTLE_TICKS)
+    bed = Solid("seabed", (Placed(seabed_mesh()),))
+    rows = []
+    for count, bar in RESTING_BARS.items():
+        say(f"contact: {count} hulls come to rest")
+        with Solids() as solids:
+            solids.add_static(bed)
+            world = _hulls(solids, count)
+            world.step(settle)
+            times = tuple(_timed(world.advance, budget_s) for _ in range(repeats))
+            held = len(world.hydro.touched.impulse)
+        rows.append(
+            Row(
+                "contact",
+                f"{count} hulls at rest on a seabed of 99 458 triangles, 240 Hz",
+                "x realtime",
+                tuple(1.0 / RATE_HZ / s for s in times),
+                bar,
+                note=f"{held} contacts",
+            )
+        )
+    say("contact: vehicles far above the seabed")
+    with Solids() as solids:
+        solids.add_static(bed)
+        rows.append(_far_row(solids, repeats, budget_s))
+    say("contact: one solve, snapshots")
+    rows.append(_solve_row(repeats))
+    rows += _snapshot_rows(repeats)
+    return rows
+
+
+def _hull(heavy: float) -> BodyParams:
+    """The size of a small ROV, `heavy` newtons heavier than its water; off-diagonal added mass."""
+    M_A = np.diag([6.4, 7.1, 18.7, 0.19, 0.14, 0.22])
+    M_A[0, 4] = M_A[4, 0] = 0.5
+    D, Q = np.diag([20.0, 20.0, 30.0, 1.0, 1.0, 1.0]), np.diag([140.0, 210.0, 190.0, 1.2, 0.5, 1.5])
+    return BodyParams(
+        rigid_body_inertia(13.5, np.diag([0.26, 0.23, 0.37]), (0.0, 0.0, 0.0)), M_A, D, Q, np.zeros((6, 6)), 132.0 + heavy, 132.0,
+        (0.0, 0.0, 0.0), (0.0, 0.0, -0.01),
+    )  # fmt: skip
+
+
+def _hulls(solids: Solids, count: int) -> World:
+    """Hulls of 32 corners a little above the seabed, 20 m apart, in a world of nothing else."""
+    hydro = Hydrodynamics([_hull(20.0)] * count, 1.0 / RATE_HZ)
+    shape = Solid("hull", (Placed(ConvexHull(pebble())),))
+    hydro.state[:] = states_above(0.35)[:count]
+    hydro.state[:, NU:] = 0.0
+    for row in range(count):
+        solids.add_moving(shape, row)
+    hydro.collider = solids
+    water = Water(1025.0, 9.81, 10.0, STANDARD_ATMOSPHERE_PA, (0.0, 0.0, 0.0))
+    return World("bench", Fraction(round(RATE_HZ)), 1, "2026-01-01T00:00:00Z", hydro, water)
+
+
+def _far_row(solids: Solids, repeats: int, budget_s: float) -> Row:
+    """A hundred vehicles in open water above the seabed, with its search for contacts and without, in turns."""
+    vehicles = OpenWater(100)
+    shape = Solid("hull", (Placed(ConvexHull(pebble())),))
+    for row in range(vehicles.vehicles):
+        solids.add_moving(shape, row)
+    hydro, ratios = vehicles.hydro, []
+    for _ in range(repeats):
+        seconds = []
+        for collider in (None, solids):
+            vehicles.prepare()
+            hydro.collider = collider
+            seconds.append(_timed(lambda: vehicles.run(COMMAND_EVERY), budget_s))
+            hydro.collider = None
+        ratios.append(seconds[1] / seconds[0])
+    name = f"100 vehicles {DEPTH_M:g} m deep, far above a seabed / without one"
+    return Row("contact", name, "ratio", tuple(ratios), at_most=FAR_BAR)
+
+
+class _Same:
+    """Finds the same contacts again and again."""
+
+    def __init__(self, contacts: Contacts) -> None:
+        self._contacts = contacts
+
+    def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
+        """Those given."""
+        return self._contacts
+
+
+def _solve_row(repeats: int) -> Row:
+    """What four contacts add to the tick of one body that slides on them, beyond the search."""
+    hydro = Hydrodynamics([_hull(20.0)], 1.0 / RATE_HZ)
+    start = np.zeros((1, 13))
+    start[0, Q], start[0, NU], start[0, NU + 5] = 1.0, 0.4, 0.1
+    points = np.array([[x, y, 0.15] for x in (-0.2, 0.2) for y in (-0.15, 0.15)])
+    feet = _Same(
+        Contacts(
+            np.zeros(4, np.int64), np.full(4, -1), points, np.tile([0.0, 0.0, -1.0], (4, 1)), np.zeros(4), np.arange(4), np.full(4, 0.5),
+            np.zeros(4),
+        )
+    )  # fmt: skip
+
+    def tick() -> None:
+        hydro.state[:] = start
+        hydro.advance(0.0)
+
+    values = []
+    for _ in range(repeats + 1):
+        seconds = []
+        for collider in (None, feet):
+            hydro.collider = collider
+            tick()
+            seconds.append(_timed(tick, 0.05))
+        values.append(1e6 * (seconds[1] - seconds[0]))
+    name = "4 contacts of one body: trial step, solve with the 6x6 mass, friction, settle"
+    return Row("contact", name, "us", tuple(values[1:]), at_most=SOLVE_BAR_US)
+
+
+def _snapshot_rows(repeats: int) -> list[Row]:
+    world = OpenWater(10, sensors=True).world
+    world.step(20)
+    kept = snapshot.take(world)
+    taken = tuple(1e3 * _timed(lambda: snapshot.take(world), 0.02) for _ in range(repeats))
+    restored = tuple(1e3 * _timed(lambda: snapshot.restore(world, kept), 0.02) for _ in range(repeats))
+    return [
+        Row("contact", "snapshot of 10 vehicles with their sensors", "ms", taken, at_most=SNAPSHOT_BAR_MS),
+        Row("contact", "restore of 10 vehicles with their sensors", "ms", restored, at_most=SNAPSHOT_BAR_MS),
+    ]
+
+
+def _timed(work: Callable[[], object], budget_s: float) -> float:
+    """Seconds that one call of the work takes, over as many as fill the budget."""
+    clock = SystemTime()
+    times, start = 0, clock.now_ns()
+    while (clock.now_ns() - start) * 1e-9 < budget_s or times < 3:
+        work()
+        times += 1
+    return (clock.now_ns() - start) * 1e-9 / times

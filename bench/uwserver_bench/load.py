@@ -1,0 +1,165 @@
+"""Plays the clients of a bench, in a process of its own: ``python -m uwserver_bench.load``.
+
+One task a line on stdin (JSON), one result a line on stdout. Plain sockets and one selector: all clients together must cost little beside
+the server that they measure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import selectors
+import socket
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from uwserver.simulation.clock import SystemTime
+from uwserver_bench.rows import quantile
+
+SUBSCRIBE = b'{"jsonrpc":"2.0","id":0,"method":"subscribe","params":{"pattern":"**"}}\n'
+COMMAND_RATE_HZ = 50.0
+SILENT_BUFFER_BYTES = 4096
+"""A client that never reads must fill up soon."""
+
+_CONNECT_S = 10.0
+_clock = SystemTime()
+
+
+@dataclass
+class Client:
+    """One connection: bytes of an unfinished line, and when its open request was sent (ns)."""
+
+    connection: socket.socket
+    rest: bytes = b""
+    sent_ns: int = 0
+    latencies_s: list[float] = field(default_factory=list)
+    samples: int = 0
+
+    def lines(self) -> list[bytes]:
+        """The lines that have come whole.
+
+        Raises:
+            ConnectionError: the server closed the connection.
+        """
+        received = self.connection.recv(1 << 18)
+        if not received:
+            raise ConnectionError("the server closed a connection")
+        *lines, self.rest = (self.rest + received).split(b"\n")
+        return lines
+
+    def send(self, request: bytes) -> None:
+        """Send a request and note when."""
+        self.sent_ns = _clock.now_ns()
+        self.connection.sendall(request)
+
+    def answered(self, line: bytes) -> None:
+        """Count the reply to the open request.
+
+        Raises:
+            ValueError: it was refused.
+        """
+        if b'"error"' in line:
+            raise ValueError(f"the server refused a request: {line.decode(errors='replace')}")
+        self.latencies_s.append((_clock.now_ns() - self.sent_ns) * 1e-9)
+
+
+def clients(task: Mapping[str, Any]) -> dict[str, object]:
+    """`active` clients that take all samples and send `request` at 50 Hz, `silent` ones that subscribe and never read, for `seconds`.
+
+    The silent ones stay connected to the end. Returns samples a second over all active clients, and the latencies of the commands.
+    """
+    with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
+        for _ in range(task["silent"]):
+            stack.enter_context(_connect(task, SILENT_BUFFER_BYTES)).sendall(SUBSCRIBE)
+        active = [Client(stack.enter_context(_connect(task))) for _ in range(task["active"])]
+        for client in active:
+            selector.register(client.connection, selectors.EVENT_READ, client)
+            client.connection.sendall(SUBSCRIBE)
+        request = task["request"].encode() + b"\n"
+        start = _clock.now_ns()
+        end, turn = start + int(task["seconds"] * 1e9), 0
+        gap = int(1e9 / (COMMAND_RATE_HZ * len(active)))  # they take turns, so that commands come evenly
+        while (now := _clock.now_ns()) < end:
+            if now >= start + turn * gap:
+                active[turn % len(active)].send(request)
+                turn += 1
+            wait = max(0.0, (start + turn * gap - now) * 1e-9)
+            for key, _ in selector.select(wait):
+                _take(key.data)
+        elapsed = (_clock.now_ns() - start) * 1e-9
+    latencies = [late for client in active for late in client.latencies_s]
+    return {
+        "samples_per_s": sum(client.samples for client in active) / elapsed,
+        "commands_per_s": len(latencies) / elapsed,
+        "command_p99_s": quantile(latencies, 0.99) if latencies else None,
+    }
+
+
+def _take(client: Client) -> None:
+    for line in client.lines():
+        if b'"method":"sample"' in line:
+            client.samples += 1
+        elif b'"id":1' in line:
+            client.answered(line)
+
+
+def calls(task: Mapping[str, Any]) -> dict[str, object]:
+    """`connections` that each send `request`, wait for its reply and send it again, for `seconds`: rate and latency of replies."""
+    with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
+        everyone = [Client(stack.enter_context(_connect(task))) for _ in range(task["connections"])]
+        request = task["request"].encode() + b"\n"
+        for client in everyone:
+            selector.register(client.connection, selectors.EVENT_READ, client)
+            client.send(request)
+        start = now = _clock.now_ns()
+        end = start + int(task["seconds"] * 1e9)
+        while now < end:
+            for key, _ in selector.select(0.5):
+                client = key.data
+                for line in client.lines():
+                    if b'"id":1' in line:
+                        client.answered(line)
+                        client.send(request)
+            now = _clock.now_ns()
+    latencies = [late for client in everyone for late in client.latencies_s]
+    if not latencies:
+        raise ValueError(f"no reply within {task['seconds']} s to {task['request']}")
+    return {
+        "per_s": len(latencies) / ((now - start) * 1e-9),
+        "p50_s": quantile(latencies, 0.5),
+        "p99_s": quantile(latencies, 0.99),
+    }
+
+
+def _connect(task: Mapping[str, Any], receive_buffer: int = 0) -> socket.socket:
+    connection = socket.socket()
+    try:
+        if receive_buffer:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.settimeout(_CONNECT_S)
+        connection.connect((task["host"], task["port"]))
+    except OSError:
+        connection.close()
+        raise
+    return connection
+
+
+_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"clients": clients, "calls": calls}
+
+
+def main(lines: Sequence[str] | None = None) -> None:
+    """Carry out tasks until stdin ends."""
+    for line in sys.stdin if lines is None else lines:
+        task = json.loads(line)
+        try:
+            result = _TASKS[task["task"]](task)
+        except (OSError, ValueError) as error:
+            result = {"failed": f"load task {task['task']}: {error}"}
+        print(json.dumps(result), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""The vehicle mode of MAVLink: what ground stations cost, and how fast they get the parameters."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Event
+
+from uwserver.physics.warm import warm
+from uwserver.simulation.clock import SystemTime
+from uwserver_bench.mavlink_peer import MavlinkPeer
+from uwserver_bench.processes import BenchFailed, Served, serving
+from uwserver_bench.rows import Row
+from uwserver_bench.server import STATUS
+
+STATIONS, SHARE_BAR, PARAMETERS_BAR = 4, 5.0, 300.0
+_PATIENCE_S = 20.0
+_SCENARIO = """\
+schema = 1
+title = "bench mavlink"
+[server]
+metrics = false
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 20.0]
+[vehicles.rov.autopilot]
+[vehicles.rov.sensors.ahrs]
+kind = "attitude"
+rate_hz = 60
+[adapters.tcp]
+kind = "sockets"
+port = 0
+[adapters.gcs]
+kind = "mavlink"
+links = ["udpin:127.0.0.1:0"]
+origin_deg = [63.44, 10.39]
+"""
+
+
+def bench_mavlink(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The mavlink part of the report.
+
+    Args:
+        quick: one short repeat.
+        say: gets a line of progress.
+
+    Raises:
+        BenchFailed: the server did not do its part.
+    """
+    name = f"{STATIONS} ground stations at the rates of QGroundControl: added share of a core"
+    if find_spec("pymavlink") is None:
+        return [Row("mavlink", name, "%", (), note='not measured: pip install "uwserver[mavlink]"')]
+    warm()
+    repeats, seconds = (1, 2.0) if quick else (3, 10.0)
+    alone, shares, told, downloads = list[float](), list[float](), list[float](), list[float]()
+    with _serving() as (served, port):
+        for repeat in range(repeats):
+            say(f"mavlink: repeat {repeat + 1} of {repeats}")
+            base = _share(served.pid, lambda: SystemTime().wait(seconds, Event()))
+            counts: list[int] = []
+            with _stations(port) as stations:
+                with_stations = _share(served.pid, lambda: counts.append(_listen(stations, seconds)))  # noqa: B023  # called at once
+                downloads.append(_download(stations[0]))
+            alone.append(base)
+            shares.append(with_stations - base)
+            told.append(counts[0] / seconds)
+    return [
+        Row("mavlink", name, "%", tuple(shares), at_most=SHARE_BAR),
+        Row("mavlink", "messages to them", "1/s", tuple(told)),
+        Row("mavlink", "share of a core of the server without them", "%", tuple(alone)),
+        Row("mavlink", "parameters to one of them", "1/s", tuple(downloads), at_least=PARAMETERS_BAR),
+    ]
+
+
+@contextlib.contextmanager
+def _serving() -> Iterator[tuple[Served, int]]:
+    """A server, and the UDP port where it waits for ground stations."""
+    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
+        scenario = Path(folder) / "mavlink.toml"
+        scenario.write_text(_SCENARIO, encoding="utf-8")
+        with serving(scenario) as served:
+            address = served.ask(STATUS)["value"]["adapters"]["gcs"]["address"]
+            yield served, int(address.rpartition(":")[2])
+
+
+@contextlib.contextmanager
+def _stations(port: int) -> Iterator[list[MavlinkPeer]]:
+    """Ground stations that have asked for telemetry."""
+    with contextlib.ExitStack() as stack:
+        peers = [stack.enter_context(contextlib.closing(MavlinkPeer(port, 255 - k))) for k in range(STATIONS)]
+        for peer in peers:
+            peer.beat()
+            peer.ask_for_streams()
+        _listen(peers, 1.0)
+        yield peers
+
+
+def _listen(peers: Sequence[MavlinkPeer], seconds: float) -> int:
+    """Messages that all of them heard in this time; each says once a second that it is there."""
+    clock, heard = SystemTime(), 0
+    end = clock.now_ns() + int(seconds * 1e9)
+    beat_at = 0
+    with selectors.DefaultSelector() as selector:
+        for peer in peers:
+            selector.register(peer, selectors.EVENT_READ, peer)
+        while (now := clock.now_ns()) < end:
+            if now - beat_at > 1_000_000_000:
+                beat_at = now
+                for peer in peers:
+                    peer.beat()
+            for key, _ in selector.select(max(0.0, min(0.2, (end - now) * 1e-9))):
+                heard += len(key.data.read())
+    return heard
+
+
+def _download(peer: MavlinkPeer) -> float:
+    """Parameters a second, until all have come."""
+    clock = SystemTime()
+    start = clock.now_ns()
+    peer.ask_for_parameters()
+    seen: set[int] = set()
+    while (elapsed := (clock.now_ns() - start) * 1e-9) < _PATIENCE_S:
+        for id, payload in peer.read(0.1):
+            if id == MavlinkPeer.PARAM_VALUE:
+                count, index = MavlinkPeer.count_and_index(payload)
+                seen.add(index)
+                if len(seen) == count:
+                    return count / ((clock.now_ns() - start) * 1e-9)
+    raise BenchFailed(f"{len(seen)} parameters came in {elapsed:.0f} s")
+
+
+def _share(pid: int, work: Callable[[], object]) -> float:
+    """Per cent of a core that a process uses while the work is done."""
+    clock = SystemTime()
+    start_ns, start_s = clock.now_ns(), _cpu_s(pid)
+    work()
+    return 100.0 * (_cpu_s(pid) - start_s) / ((clock.now_ns() - start_ns) * 1e-9)
+
+
+def _cpu_s(pid: int) -> float:
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError as error:
+        raise BenchFailed(f"processor time of the server is not known here: {error}") from error
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

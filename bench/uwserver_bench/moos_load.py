@@ -1,0 +1,103 @@
+"""Plays the clients of `uwserver bench moos`, in a process of its own: ``python -m uwserver_bench.moos_load``, told as `uwserver_bench.load`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import selectors
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from uwserver.simulation.clock import SystemTime
+from uwserver_bench.moos_peer import MoosPeer
+from uwserver_bench.rows import quantile
+from uwserver_bench.traced import TICKS, open_trace
+
+TOGETHER = 20
+"""Doubles in a packet."""
+IN_FLIGHT = 4000
+_clock = SystemTime()
+
+Task = Mapping[str, Any]
+
+
+def flow(task: Task) -> dict[str, object]:
+    """One client writes doubles as fast as another hears them, for `seconds`; returns doubles a second that were heard."""
+    names = [f"FLOW_{k}" for k in range(TOGETHER)]
+    with _peers(task, 2) as (writer, reader):
+        reader.hear("FLOW_*")
+        written = heard = 0
+        start = _clock.now_ns()
+        end = start + int(task["seconds"] * 1e9)
+        while _clock.now_ns() < end:
+            while written - heard < IN_FLIGHT:
+                writer.write((name, float(written)) for name in names)
+                written += TOGETHER
+            heard += sum(key.startswith(b"FLOW_") for _, key, _ in reader.receive(0.1))
+        return {"per_s": heard / ((_clock.now_ns() - start) * 1e-9)}
+
+
+def navigation(task: Task) -> dict[str, object]:
+    """Hear NAV_* for `seconds`: p99 time (s) from the end of the tick that gave a position out to the client, and sets a second."""
+    ends, late = open_trace(task["trace"]), []
+    with _peers(task, 1) as (reader,):
+        reader.hear("NAV_X")
+        reader.hear("UWSERVER_TIME")
+        end = _clock.now_ns() + int(task["seconds"] * 1e9)
+        has_position = False
+        while _clock.now_ns() < end:
+            for at_ns, key, number in reader.receive(0.1):
+                if key == b"NAV_X":
+                    has_position = True
+                elif has_position:  # the time comes last in each packet
+                    has_position = False
+                    late.append((at_ns - int(ends[round(number * task["rate_hz"]) % TICKS])) * 1e-9)
+    late = late[5:]  # the database keeps a set from before we came
+    if not late:
+        raise ValueError("no position came")
+    return {"p99_s": quantile(late, 0.99), "per_s": len(late) / task["seconds"]}
+
+
+def crowd(task: Task) -> dict[str, object]:
+    """`clients` hear what one writes at a steady pace, so that `per_s` notifications go out; returns how many came a second."""
+    count = task["clients"]
+    names = [f"CROWD_{k}" for k in range(TOGETHER)]
+    period = int(1e9 * TOGETHER * count / task["per_s"])
+    with _peers(task, count + 1) as (writer, *readers), selectors.DefaultSelector() as selector:
+        for reader in readers:
+            reader.hear("CROWD_*")
+            selector.register(reader, selectors.EVENT_READ, reader)
+        start = due = _clock.now_ns()
+        end, heard = start + int(task["seconds"] * 1e9), 0
+        while (now := _clock.now_ns()) < end:
+            if now >= due:
+                writer.write((name, 1.0) for name in names)
+                due += period
+            for key, _ in selector.select(max(0.0, (due - _clock.now_ns()) * 1e-9)):
+                heard += sum(name.startswith(b"CROWD_") for _, name, _ in key.data.receive(0.0))
+        return {"per_s": heard / ((_clock.now_ns() - start) * 1e-9)}
+
+
+@contextlib.contextmanager
+def _peers(task: Task, count: int) -> Any:
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(contextlib.closing(MoosPeer(task["address"], f"bench{k}"))) for k in range(count)]
+
+
+_TASKS: Mapping[str, Callable[[Task], dict[str, object]]] = {"flow": flow, "navigation": navigation, "crowd": crowd}
+
+
+def main(lines: Sequence[str] | None = None) -> None:
+    """Carry out tasks until stdin ends."""
+    for line in sys.stdin if lines is None else lines:
+        task = json.loads(line)
+        try:
+            result = _TASKS[task["task"]](task)
+        except (OSError, ValueError) as error:
+            result = {"failed": f"load task {task['task']}: {error}"}
+        print(json.dumps(result), flush=True)
+
+
+if __name__ == "__main__":
+    main()

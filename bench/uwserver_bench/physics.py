@@ -1,0 +1,217 @@
+"""Free-running worlds against their peers, in one process, interleaved: each repeat runs every contender once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario, VehicleEntry, WorldTable
+from uwserver.simulation.clock import SystemTime
+from uwserver.world.world import World
+from uwserver_bench.peers import BulletBodies, BulletWithNumpy, MujocoFluid, MujocoVehicle
+from uwserver_bench.rows import Row
+
+RATE_HZ = 240.0
+DEPTH_M = 100.0
+"""Open water: no vehicle drifts to the surface within a repeat."""
+
+COMMAND_EVERY = 24
+"""Each vehicle gets a new thruster command every this many ticks (10 Hz); vehicles take turns."""
+
+COUNTS = (1, 10, 100)
+BARS: Mapping[int, float] = {1: 200.0, 10: 80.0, 100: 10.0}
+SENSORS_BAR = 100.0
+
+_PEERS: tuple[tuple[type[BulletBodies | MujocoFluid], str], ...] = (
+    (BulletBodies, "pybullet"),
+    (BulletWithNumpy, "pybullet"),
+    (MujocoFluid, "mujoco"),
+    (MujocoVehicle, "mujoco"),
+)
+
+
+class Contender(Protocol):
+    """Something that steps vehicles; `dt` is its step, s."""
+
+    name: str
+    vehicles: int
+    dt: float
+
+    def prepare(self) -> None:
+        """Go back to the start; not timed."""
+
+    def run(self, steps: int) -> None:
+        """Do the steps."""
+
+    def close(self) -> None:
+        """Give back what it holds."""
+
+
+class OpenWater:
+    """BlueROV2 Heavies through `World.advance`, the path of the server: kernel, thrusters, watchdogs, commands that change at 10 Hz.
+
+    Args:
+        vehicles: how many.
+        sensors: let each measure with the sensors of its vehicle file, at their rates and with their errors.
+    """
+
+    dt = 1.0 / RATE_HZ
+
+    def __init__(self, vehicles: int, sensors: bool = False) -> None:
+        self.name = "uwserver, physics + thrusters + sensors" if sensors else "uwserver, physics + thrusters"
+        self.vehicles = vehicles
+        entries = {
+            f"rov{k}": VehicleEntry(model="bluerov2_heavy", position_ned_m=(5.0 * (k % 10), 5.0 * (k // 10), DEPTH_M))
+            for k in range(vehicles)
+        }
+        scenario = Scenario(schema=1, seed=1, world=WorldTable(rate_hz=RATE_HZ), vehicles=entries)
+        self._world = build(load(scenario, adapters={}))
+        self._sensors = sensors
+        self._ports = [f"{name}/thrusters" for name in entries]
+        # Zero on average, so that nobody goes far.
+        (size,) = self._world.ports[self._ports[0]].fields[0].shape
+        draws = np.random.Generator(np.random.PCG64(1)).uniform(-0.5, 0.5, (64, size))
+        self._commands = [[*row.tolist()] for row in np.concatenate([draws, -draws])]
+
+    def prepare(self) -> None:
+        """Put the world back to its start, everyone commanded."""
+        self._world.call("world/reset")
+        if not self._sensors:
+            for path in self._world.sensors:
+                self._world.call(f"{path}/deactivate")
+        for k, port in enumerate(self._ports):
+            self._world.command(port, u=self._commands[k % len(self._commands)])
+        self._world.step(2)
+
+    def run(self, steps: int) -> None:
+        """Ticks with their commands; samples are made and dropped."""
+        world, ports, commands = self._world, self._ports, self._commands
+        for tick in range(steps):
+            for k in range(tick % COMMAND_EVERY, len(ports), COMMAND_EVERY):
+                world.command(ports[k], u=commands[(tick // COMMAND_EVERY + k) % len(commands)])
+            world.advance()
+
+    @property
+    def world(self) -> World:
+        """What it steps."""
+        return self._world
+
+    @property
+    def hydro(self) -> Hydrodynamics:
+        """The bodies of that world."""
+        return self._world.hydro
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds a step of one contender, one value a repeat."""
+
+    name: str
+    vehicles: int
+    dt: float
+    seconds: tuple[float, ...]
+
+    @property
+    def real_time_factors(self) -> tuple[float, ...]:
+        """Simulated seconds per second."""
+        return tuple(self.dt / s for s in self.seconds)
+
+
+def bench_physics(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The physics part of the report.
+
+    Args:
+        quick: two short repeats.
+        say: gets a line of progress.
+    """
+    repeats, budget_s = (2, 0.02) if quick else (7, 0.4)
+    missing: dict[str, str] = {}
+    with ExitStack() as stack:
+        contenders: list[Contender] = [OpenWater(1), OpenWater(1, sensors=True), OpenWater(10), OpenWater(100)]
+        for kind, package in _PEERS:
+            try:
+                contenders += [kind(n) for n in COUNTS]
+            except ImportError as error:
+                missing[package] = f"not installed: pip install {package} ({error})"
+        for contender in contenders:
+            stack.callback(contender.close)
+        timings = _interleaved(contenders, repeats, budget_s, say)
+    return [*_own_rows(timings), *_peer_rows(timings, missing), *_ratio_rows(timings)]
+
+
+def _interleaved(
+    contenders: Sequence[Contender], repeats: int, budget_s: float, say: Callable[[str], None]
+) -> list[Timing]:
+    say("physics: compiling and warming up")
+    steps = [_steps_in(contender, budget_s) for contender in contenders]
+    seconds: list[list[float]] = [[] for _ in contenders]
+    for repeat in range(repeats):
+        say(f"physics: repeat {repeat + 1} of {repeats}")
+        for contender, n, taken in zip(contenders, steps, seconds, strict=True):
+            taken.append(_seconds_a_step(contender, n))
+    return [Timing(c.name, c.vehicles, c.dt, tuple(s)) for c, s in zip(contenders, seconds, strict=True)]
+
+
+def _seconds_a_step(contender: Contender, steps: int) -> float:
+    clock = SystemTime()
+    contender.prepare()
+    start = clock.now_ns()
+    contender.run(steps)
+    return (clock.now_ns() - start) * 1e-9 / steps
+
+
+def _steps_in(contender: Contender, budget_s: float) -> int:
+    """How many steps fill the budget; the first steps, which may compile, are not counted."""
+    contender.prepare()
+    contender.run(5)
+    return max(5, round(budget_s / _seconds_a_step(contender, 20)))
+
+
+def _row(timing: Timing, bar: float | None = None, note: str = "") -> Row:
+    return Row("physics", _title(timing.name, timing.vehicles), "x realtime", timing.real_time_factors, bar, note=note)
+
+
+def _title(name: str, vehicles: int) -> str:
+    return f"{name}: {vehicles} vehicle{'s' if vehicles > 1 else ''}"
+
+
+def _own_rows(timings: Sequence[Timing]) -> list[Row]:
+    rows = []
+    for timing in timings:
+        if timing.name == "uwserver, physics + thrusters":
+            rows.append(_row(timing, BARS[timing.vehicles]))
+        elif timing.name.startswith("uwserver"):
+            rows.append(_row(timing, SENSORS_BAR))
+    return rows
+
+
+def _peer_rows(timings: Sequence[Timing], missing: Mapping[str, str]) -> list[Row]:
+    rows = []
+    for kind, package in _PEERS:
+        name = kind.name
+        found = [_row(timing) for timing in timings if timing.name == name]
+        rows += found or [Row("physics", name, "x realtime", (), note=missing[package])]
+    return rows
+
+
+def _ratio_rows(timings: Sequence[Timing]) -> list[Row]:
+    """How many times less we take a vehicle-step than each peer, repeat by repeat: above 1 we are faster."""
+    own = {t.vehicles: t for t in timings if t.name == "uwserver, physics + thrusters"}
+    rows = []
+    for peer in timings:
+        if peer.name.startswith("uwserver"):
+            continue
+        values = tuple(theirs / ours for theirs, ours in zip(peer.seconds, own[peer.vehicles].seconds, strict=True))
+        bar = 1.0 if peer.name == MujocoVehicle.name and peer.vehicles == 100 else None
+        rows.append(Row("physics", f"a step of {_title(peer.name, peer.vehicles)} / ours", "ratio", values, bar))
+    return rows

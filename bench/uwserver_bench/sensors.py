@@ -1,0 +1,171 @@
+"""What readings cost: single devices over a large seabed, and a vehicle with all of them, free-running.
+
+In processor time of the one thread that does it all: on an idle machine that is wall time, and on a shared one the work of others counts
+only by what it takes of the caches.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.sensors import Scope
+from uwserver.units import NANOSECONDS
+from uwserver.world.world import World
+from uwserver_bench.physics import COMMAND_EVERY, RATE_HZ
+from uwserver_bench.rows import Row
+from uwserver_bench.solids import seabed_mesh
+
+REAL_TIME_BAR = 40.0
+DEVICES = {
+    "sonar": ("Micron DST ping, 13 x 71 rays, 400 bins over 20 m", 700.0),
+    "dvl": ("DVL1000 sample, bottom and water track", 50.0),
+    "inertial": ("IMU sample, full error model", 10.0),
+    "altimeter": ("Micron Echosounder ping, 61 rays", None),
+    "depth": ("depth sample with four errors", None),
+    "gps": ("GPS sample under water", None),
+}
+"""By name of the sensor in SCENARIO: the row and its bar, us."""
+
+DEPTH_M, ABOVE_M = 20.0, 5.0
+"""Of the seabed, whose waves of 3 m lie in the sonar's sight; and the vehicle's height over its mean."""
+
+SCENARIO = f"""\
+schema = 1
+title = "bench"
+seed = 1
+
+[world]
+rate_hz = {RATE_HZ:g}
+origin_lat_deg = 63.43
+origin_lon_deg = 10.40
+
+[seabed]
+kind = "grid"
+file = "seabed.npy"
+spacing_m = [2.0, 2.0]
+
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, {DEPTH_M - ABOVE_M}]
+
+[vehicles.rov.override.sensors.imu]
+enabled = false
+
+[vehicles.rov.override.sensors.pressure]
+enabled = false
+
+[vehicles.rov.sensors.inertial]
+kind = "imu"
+profile = "mems_imu"
+rate_hz = 120
+
+[vehicles.rov.sensors.dvl]
+kind = "dvl"
+profile = "dvl1000"
+rate_hz = 8
+position_frd_m = [-0.1, 0.0, 0.2]
+
+[vehicles.rov.sensors.gps]
+kind = "gps"
+profile = "m8_gps"
+rate_hz = 5
+position_frd_m = [0.0, 0.0, -0.2]
+
+[vehicles.rov.sensors.altimeter]
+kind = "altimeter"
+profile = "micron_echosounder"
+rate_hz = 10
+position_frd_m = [0.1, 0.0, 0.2]
+
+[vehicles.rov.sensors.sonar]
+kind = "scanning_sonar"
+profile = "micron_dst"
+rate_hz = 20
+range_m = 20.0
+position_frd_m = [0.1, 0.0, -0.3]
+"""
+
+
+def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The part of the report on sensors.
+
+    Args:
+        quick: two short repeats.
+        say: gets a line of progress.
+    """
+    try:
+        world = survey()
+    except ImportError as error:
+        return [Row("sensors", "readings", "us", (), note=f'pip install "uwserver[solid]" ({error})')]
+    repeats, budget_s = (2, 0.02) if quick else (7, 0.3)
+    values: dict[str, list[float]] = {name: [] for name in (*DEVICES, "all")}
+    for repeat in range(-1, repeats):  # the first warms up
+        say(f"sensors: repeat {max(repeat, 0) + 1} of {repeats}")
+        world.call("world/reset")
+        world.step(2)
+        found = {name: _reading_us(world, name, budget_s) for name in DEVICES}
+        found["all"] = _real_time_factor(world, budget_s)
+        for name, value in found.items() if repeat >= 0 else ():
+            values[name].append(value)
+    rows = [Row("sensors", title, "us", tuple(values[name]), at_most=bar) for name, (title, bar) in DEVICES.items()]
+    title = "BlueROV2 Heavy: imu 120, depth 48, dvl 8, gps 5, altimeter 10, sonar 20 Hz"
+    return [*rows, Row("sensors", title, "x realtime", tuple(values["all"]), REAL_TIME_BAR)]
+
+
+def survey() -> World:
+    """A BlueROV2 Heavy with devices over a seabed of 99 458 triangles.
+
+    Raises:
+        ImportError: without the engines of solid things.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        depth = seabed_mesh().vertices[:, 2] + DEPTH_M
+        size = round(len(depth) ** 0.5)
+        np.save(Path(folder, "seabed.npy"), depth.reshape(size, size))
+        file = Path(folder, "bench.toml")
+        file.write_text(SCENARIO, encoding="utf-8")
+        return build(load(file, adapters={}))
+
+
+def _reading_us(world: World, name: str, budget_s: float) -> float:
+    """Microseconds that a reading of one device takes with its errors, from the present state; each time it is ready for it."""
+    slot, x = world.sensors[f"rov/{name}"], world.hydro.state[0].tolist()
+    rates, tau = world.hydro.rates_of_change(0.0)
+    scope = Scope(
+        world.t_ns, tuple(x[:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), world.water, tuple(rates[0].tolist()),
+        tuple(tau[0].tolist()), world.geometry, world.vehicles, world.earth, slot.wiring, world.lambert,
+    )  # fmt: skip
+
+    def seconds(times: int) -> float:
+        start = time.thread_time_ns()
+        for _ in range(times):
+            scope.t_ns += 10 * NANOSECONDS
+            slot.read(scope)
+        return (time.thread_time_ns() - start) * 1e-9
+
+    # The clock of a thread is slow: it is read at the ends alone.
+    times = max(10, round(budget_s * 10 / seconds(10)))
+    return 1e6 * seconds(times) / times
+
+
+def _real_time_factor(world: World, budget_s: float) -> float:
+    """Simulated over processor time with everything on, from the start, its thrusters commanded ten times a second."""
+    world.call("world/reset")
+    (size,) = world.ports["rov/thrusters"].fields[0].shape
+    draws = np.random.Generator(np.random.PCG64(1)).uniform(-0.3, 0.3, (32, size))
+    # Zero on average, so that it goes nowhere.
+    commands = np.concatenate([draws, -draws]).tolist()
+    start = time.thread_time_ns()
+    while (time.thread_time_ns() - start) * 1e-9 < 2.0 * budget_s:
+        for u in commands:
+            world.command("rov/thrusters", u=u)
+            for _ in range(COMMAND_EVERY):
+                world.advance()
+    return world.t_ns / (time.thread_time_ns() - start)

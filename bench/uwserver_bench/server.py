@@ -1,0 +1,157 @@
+"""A server in its own process over loopback: how late its ticks are with and without clients, and how soon it answers."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event
+
+from uwserver.physics.warm import warm
+from uwserver.simulation.clock import SystemTime
+from uwserver_bench.idleness import Bystanders
+from uwserver_bench.processes import BenchFailed, Load, Served, loading, serving
+from uwserver_bench.rows import Row
+
+RATE_HZ = 250
+ACTIVE, SILENT, CONNECTIONS = 10, 10, 10
+
+LATENESS_BAR_MS, ADDED_LATENESS_BAR_MS = 1.0, 0.3
+READING_P99_BAR_MS, READING_RATE_BAR = 2.0, 10_000.0
+CHANGING_P99_BAR_MS = 1000.0 / RATE_HZ + 2.0
+
+UNKNOWN = "not measured: this system has no /proc"
+
+_TRIES = 50
+
+SCENARIO = f"""\
+schema = 1
+title = "bench"
+
+[world]
+rate_hz = {RATE_HZ}
+
+[server]
+metrics = false
+
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 20.0]
+
+# The rates of the vehicle file divide 240 Hz; these are the nearest that divide {RATE_HZ} Hz.
+[vehicles.rov.override.sensors]
+imu = {{ rate_hz = 125.0 }}
+pressure = {{ rate_hz = 50.0 }}
+depth = {{ rate_hz = 50.0 }}
+
+[adapters.tcp]
+kind = "sockets"
+port = 0
+"""
+
+STATUS = '{"jsonrpc":"2.0","id":1,"method":"call","params":{"service":"world/status"}}'
+COMMAND = (
+    '{"jsonrpc":"2.0","id":1,"method":"command","params":{"port":"rov/thrusters",'
+    '"value":{"u":[0.1,0.1,-0.1,-0.1,0.2,0.2,0.2,0.2]}}}'
+)
+READING = {"ping": '{"jsonrpc":"2.0","id":1,"method":"ping","params":{}}', "world/status": STATUS}
+CHANGING = {
+    "command": COMMAND,
+    "call rov/imu/get": '{"jsonrpc":"2.0","id":1,"method":"call","params":{"service":"rov/imu/get"}}',
+}
+
+
+def bench_server(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The server part of the report.
+
+    Args:
+        quick: one short repeat of each.
+        say: gets a line of progress.
+
+    Raises:
+        BenchFailed: a process did not do its part.
+    """
+    say("server: warming the kernel cache")
+    warm()
+    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder, loading() as load:
+        scenario = Path(folder) / "bench.toml"
+        scenario.write_text(SCENARIO, encoding="utf-8")
+        pairs, seconds = (1, 0.5) if quick else (5, 4.0)
+        rows = _lateness(scenario, load, pairs, seconds, say)
+        repeats, seconds = (1, 0.2) if quick else (5, 1.0)
+        return rows + _answers(scenario, load, repeats, seconds, say)
+
+
+# -- lateness -----------------------------------------------------------------------------------------------------------------------
+
+
+def _lateness(scenario: Path, load: Load, pairs: int, seconds: float, say: Callable[[str], None]) -> list[Row]:
+    """A fresh server a phase, so that phases do not mix; with and without clients in turns."""
+    without: list[float] = []
+    crowded: list[float] = []
+    busy: list[float] = []
+    results = []
+    for pair in range(pairs):
+        say(f"server: lateness with and without clients, pair {pair + 1} of {pairs}")
+        with serving(scenario) as served:
+            bystanders = Bystanders(served.pid)
+            SystemTime().wait(seconds, Event())
+            without.append(lateness_p99_ms(served))
+            busy += [cores] if (cores := bystanders.cores()) is not None else []
+        with serving(scenario) as served:
+            crowd = load.do("clients", served, active=ACTIVE, silent=SILENT, seconds=seconds, request=COMMAND)
+            results.append(crowd)
+            crowded.append(lateness_p99_ms(served))
+    added = tuple(there - alone for there, alone in zip(crowded, without, strict=True))
+    who = f"{ACTIVE} active clients, {SILENT} that never read"
+    return [
+        Row("server", f"tick lateness p99 at {RATE_HZ} Hz, no client", "ms", tuple(without)),
+        Row("server", f"tick lateness p99 at {RATE_HZ} Hz, {who}", "ms", tuple(crowded), at_most=LATENESS_BAR_MS),
+        Row("server", "what the clients add to it", "ms", added, at_most=ADDED_LATENESS_BAR_MS),
+        Row(
+            "server",
+            "other work on this machine meanwhile (none: idle)",
+            "cores",
+            tuple(busy),
+            note="" if busy else UNKNOWN,
+        ),
+        Row("server", f"samples received by the {ACTIVE}", "1/s", tuple(r["samples_per_s"] for r in results)),
+        Row("server", f"their commands, {ACTIVE} x 50 Hz", "1/s", tuple(r["commands_per_s"] for r in results)),
+    ]
+
+
+def lateness_p99_ms(served: Served) -> float:
+    """Over all ticks since the server's start, ms."""
+    for _ in range(_TRIES):
+        lateness = served.ask(STATUS)["value"]["lateness"]
+        if lateness.get("p99_s"):
+            return float(lateness["p99_s"]) * 1e3
+        SystemTime().wait(0.1, Event())
+    raise BenchFailed('"world/status" tells no lateness: the server does not run in real time')
+
+
+# -- answers ------------------------------------------------------------------------------------------------------------------------
+
+
+def _answers(scenario: Path, load: Load, repeats: int, seconds: float, say: Callable[[str], None]) -> list[Row]:
+    """Ten connections, one open request each; kinds of requests in turns on one server."""
+    requests = {**READING, **CHANGING}
+    rates: dict[str, list[float]] = {name: [] for name in requests}
+    late: dict[str, list[float]] = {name: [] for name in requests}
+    with serving(scenario) as served:
+        for repeat in range(repeats):
+            say(f"server: answers, repeat {repeat + 1} of {repeats}")
+            for name, request in requests.items():
+                result = load.do("calls", served, connections=CONNECTIONS, seconds=seconds, request=request)
+                rates[name].append(result["per_s"])
+                late[name].append(result["p99_s"] * 1e3)
+    rows = []
+    for name in READING:
+        title = f"{name}, {CONNECTIONS} connections"
+        rows.append(Row("server", f"{title}: rate", "1/s", tuple(rates[name]), at_least=READING_RATE_BAR))
+        rows.append(Row("server", f"{title}: p99", "ms", tuple(late[name]), at_most=READING_P99_BAR_MS))
+    for name in CHANGING:
+        title = f"{name}, {CONNECTIONS} connections"
+        rows.append(Row("server", f"{title}: rate", "1/s", tuple(rates[name])))
+        rows.append(Row("server", f"{title}: p99", "ms", tuple(late[name]), at_most=CHANGING_P99_BAR_MS))
+    return rows

@@ -1,0 +1,108 @@
+"""A server that notes when each tick ended: ``python -m uwserver_bench.traced SCENARIO TRACE``.
+
+TRACE becomes an array of int64, mapped into memory: at `tick` modulo its length stands the monotonic time (ns, the clock of all processes
+of this machine) at which the simulation thread had finished that tick, just before it handed the samples over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.adapter import installed_adapters
+from uwserver.logs import set_up_logging
+from uwserver.ports import Call, Command, Field, Port, Value
+from uwserver.scenario.load.scenario import load
+from uwserver.server.life_cycle import Options, Server
+from uwserver.simulation.clock import SystemTime
+from uwserver.world.components import SensorSlot
+
+if TYPE_CHECKING:
+    from uwserver.sensors import Scope
+    from uwserver.world.world import World
+
+TICKS = 1 << 16
+"""Ticks that the trace holds: more than four minutes at 250 Hz."""
+MEGABYTE_HZ = 10
+_VALUES = 1 << 17
+
+
+def open_trace(file: str | Path, mode: str = "r") -> npt.NDArray[np.int64]:
+    """The trace of a running server ("r"), or a new one ("w+")."""
+    return np.memmap(file, dtype=np.int64, mode=mode, shape=(TICKS,))  # type: ignore[call-overload,no-any-return]
+
+
+class Trace:
+    """The simulation's observer."""
+
+    def __init__(self, ends: npt.NDArray[np.int64]) -> None:
+        self._ends = ends
+        self._clock = SystemTime()
+
+    def requested(self, item: Command | Call, tick: int) -> None:
+        """Nothing is noted of requests."""
+
+    def ticked(self, world: World) -> None:
+        """Note the time."""
+        self._ends[world.tick % TICKS] = self._clock.now_ns()
+
+
+class Megabyte:
+    """A sensor that gives 2**17 numbers: a megabyte as f64. Its first value tells whether a sample is whole and the right one."""
+
+    fields = (Field("image", "1", "Numbers that mean nothing.", "S", (_VALUES,)),)
+    doc = "A megabyte, to load the ways out."
+    needs_rates = False
+
+    def __init__(self) -> None:
+        self._values = tuple(k / 7.0 for k in range(_VALUES))
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always the same numbers."""
+        return True, [self._values]
+
+
+def install_megabyte(world: World, vehicle: str) -> str:
+    """Put a `Megabyte` at 10 Hz on a vehicle, before the world runs; returns its path."""
+    path = f"{vehicle}/megabyte"
+    port = Port(path, "sensor", "megabyte", Megabyte.fields, Megabyte.doc, float(MEGABYTE_HZ))
+    divisor = round(world.rate_hz / MEGABYTE_HZ)
+    member = world.members[vehicle]
+    slot = SensorSlot(port, member.vehicle.row, Megabyte(), (), divisor, 0)
+    carrier = replace(member, sensors=(*member.sensors, slot))
+    world.set_members(carrier if other is member else other for other in world.members.values())
+    return path
+
+
+async def _serve(scenario: str, trace: str, options: list[str]) -> int:
+    resolved = load(scenario, adapters=installed_adapters())
+
+    def announce(addresses: dict[str, str]) -> None:
+        for stats in server.hub.stats.values():
+            addresses |= {key: str(value) for key, value in stats.details.items()}
+        print(json.dumps(addresses), flush=True)
+
+    server = Server(resolved, Options(announce=announce))
+    server.hub.simulation.observe(Trace(open_trace(trace, "w+")))
+    if "megabyte" in options:
+        world = server.hub.simulation.world
+        install_megabyte(world, next(iter(world.vehicles)))
+    return await server.run()
+
+
+def main() -> None:
+    """Serve until SIGTERM; the addresses of all adapters go to stdout as JSON."""
+    set_up_logging("error", as_json=False)
+    scenario, trace, *options = sys.argv[1:]
+    sys.exit(asyncio.run(_serve(scenario, trace, options)))
+
+
+if __name__ == "__main__":
+    main()

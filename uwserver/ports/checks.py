@@ -1,0 +1,163 @@
+"""Checks of what comes from outside, before it may touch the world: commands against their port, calls against their service.
+
+Pure functions; every fault is a `Refused` whose text says what is wrong, what is allowed, and what to do.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from uwserver.ports.values import Argument, ErrorCode, Field, Json, Port, Refused, Service
+
+SHOWN = 80
+
+
+def find(kind: str, path: str, known: Mapping[str, object]) -> None:
+    """Refuse an unknown port or service path, with the nearest known ones."""
+    if path not in known:
+        code: ErrorCode = "unknown_service" if kind == "service" else "unknown_port"
+        word = shown(path)
+        raise Refused(code, f'no {kind} "{word}"{suggestion(word, known)}; "describe" lists them all', word)
+
+
+def shown(word: object) -> str:
+    """A foreign name as it may be shown and compared: cut at 80 characters, so that a long one costs neither time nor log."""
+    text = str(word)
+    return text if len(text) <= SHOWN else text[:SHOWN] + "..."
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """`` (did you mean "x"?)`` or nothing."""
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f' (did you mean "{near[0]}"?)' if near else ""
+
+
+def checked_command(port: Port, value: Mapping[str, object]) -> tuple[tuple[float, ...] | None, ...]:
+    """One tuple of floats per field of an actuator's port; None for a field that was left out.
+
+    Raises:
+        Refused: unknown field (`bad_argument`), nothing given, wrong shape, not finite, out of range.
+    """
+    if port.direction != "actuator":
+        raise Refused("bad_argument", f'"{port.path}" is a sensor: it takes no commands, subscribe to it', port.path)
+    if not isinstance(value, Mapping):
+        raise Refused("bad_argument", f'"value" must be a map like {{"{port.fields[0].name}": ...}}', port.path)
+    names = [field.name for field in port.fields]
+    for key in value:
+        if key not in names:
+            word = shown(key)
+            text = f'"{port.path}" has no field "{word}"{suggestion(word, names)}; it takes: {", ".join(names)}'
+            raise Refused("bad_argument", text, word)
+    if not value:
+        raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
+    return tuple(_checked_field(field, value[field.name]) if field.name in value else None for field in port.fields)
+
+
+def _checked_field(field: Field, value: object) -> tuple[float, ...]:
+    flat = _flatten(value, field.shape, field.name)
+    if not all(map(math.isfinite, flat)):
+        raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
+    _check_range(field, min(flat))
+    _check_range(field, max(flat))
+    if field.is_rotation and math.hypot(*flat) < 1e-6:
+        raise Refused(
+            "out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name
+        )
+    return flat
+
+
+def _check_range(field: Field | Argument, number: float) -> None:
+    low, high = field.minimum, field.maximum
+    if (low is not None and number < low) or (high is not None and number > high):
+        bounds = (("at least", low), ("at most", high))
+        limits = " and ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None)
+        unit = "" if field.unit == "1" else f" {field.unit}"
+        raise Refused("out_of_range", f'"{field.name}" must be {limits}{unit}, not {number:.12g}', field.name)
+
+
+def _flatten(value: object, shape: Sequence[int], name: str) -> tuple[float, ...]:
+    if not shape:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise Refused("bad_shape", f'"{name}" must be a number, not {_kind(value)}', name)
+        try:
+            return (float(value),)
+        except OverflowError:
+            raise Refused("not_finite", f'"{name}" is too large', name) from None
+    if not isinstance(value, list | tuple) or len(value) != shape[0]:
+        found = f"a list of {len(value)}" if isinstance(value, list | tuple) else _kind(value)
+        raise Refused("bad_shape", f'"{name}" must be a list of {shape[0]}, not {found}', name)
+    if len(shape) == 1 and all(type(item) is float for item in value):
+        return tuple(value)
+    return tuple(number for item in value for number in _flatten(item, shape[1:], name))
+
+
+def _kind(value: object) -> str:
+    if value is None:
+        return "null"
+    names = {
+        bool: "a boolean",
+        str: "a text",
+        dict: "a map",
+        list: "a list",
+        tuple: "a list",
+        int: "a number",
+        float: "a number",
+    }
+    return names.get(type(value), f"a {type(value).__name__}")
+
+
+def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json]:
+    """Arguments of a call with the defaults filled in.
+
+    Raises:
+        Refused: unknown or missing argument, wrong type, not finite, out of range.
+    """
+    if not isinstance(args, Mapping):
+        raise Refused("bad_argument", '"args" must be a map', service.path)
+    known = {argument.name: argument for argument in service.arguments}
+    for key in args:
+        if key not in known:
+            takes = ", ".join(known) or "none"
+            word = shown(key)
+            text = f'"{service.path}" has no argument "{word}"{suggestion(word, known)}; it takes: {takes}'
+            raise Refused("bad_argument", text, word)
+    checked: dict[str, Json] = {}
+    for name, argument in known.items():
+        if name in args:
+            checked[name] = _checked_argument(argument, args[name])
+        elif argument.required:
+            raise Refused("bad_argument", f'"{service.path}" needs "{name}": {argument.doc}', name)
+        else:
+            checked[name] = argument.default
+    return checked
+
+
+def _checked_argument(argument: Argument, value: object) -> Json:
+    name = argument.name
+    if argument.type == "json":
+        return value  # type: ignore[return-value]  # came from a decoder: it is Json
+    if argument.type == "bool":
+        if not isinstance(value, bool):
+            raise Refused("bad_argument", f'"{name}" must be true or false, not {_kind(value)}', name)
+        return value
+    if argument.type == "str":
+        if not isinstance(value, str):
+            raise Refused("bad_argument", f'"{name}" must be a text, not {_kind(value)}', name)
+        if argument.choices and value not in argument.choices:
+            word = shown(value)
+            hint = suggestion(word, argument.choices)
+            raise Refused("bad_argument", f'"{name}" is one of {", ".join(argument.choices)}, not "{word}"{hint}', name)
+        return value
+    flat = _checked_field(Field(name, argument.unit, argument.doc, "", argument.shape), value)
+    for number in flat:
+        if argument.type == "int" and number != int(number):
+            raise Refused("bad_argument", f'"{name}" must be a whole number, not {number:.12g}', name)
+        _check_range(argument, number)
+    numbers: list[Json] = [int(number) if argument.type == "int" else number for number in flat]
+    if argument.shape:
+        return numbers
+    if argument.type == "int" and isinstance(value, int):
+        return value  # above 2**53 the float is not exact
+    return numbers[0]

@@ -1,0 +1,327 @@
+"""The format of a recording: an MCAP file that any MCAP tool can plot, and from which `uwserver.recording.replay` can run the world again.
+
+One channel a port, topic = its path, JSON with a JSON schema that names units and frames; ``log_time`` is `t_sent_ns` (for commands: the
+time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besides them three channels of our own:
+
+* ``uwserver/requests``: every command and call that was carried out (`Request`);
+* ``uwserver/hashes``: the hash of the whole state, each simulated second and at the end (`StateHash`);
+* ``uwserver/events``: what every client was told.
+
+Requests and hashes share one running index: the order in which they happened, also where a reset makes the tick go back.
+The metadata record ``uwserver`` stands first: versions, seed, timing, and the whole resolved scenario.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import IO, Any
+
+import msgspec
+from msgspec import Struct
+
+from uwserver import __version__
+from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.scenario.files.convert import NO_MORE, More, convert_struct
+from uwserver.scenario.files.errors import KeyPath, dotted
+from uwserver.scenario.load.export import tables
+from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.solids.archive import pack, unpack
+from uwserver.scenario.solids.objects import object_params
+from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.simulation import clock
+from uwserver.simulation.clock import Timing
+
+FORMAT = "uwserver-recording-1"
+METADATA = "uwserver"
+REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
+
+CHUNK_BYTES = 256 * 1024
+"""A chunk is written at the latest when it has grown to this."""
+
+_SECRETS = ("token", "password", "secret")
+_JSON_TYPES = {"float": "number", "int": "integer", "bool": "boolean", "str": "string"}
+
+
+class Request(Struct, frozen=True, omit_defaults=True):
+    """A command (`port`, `value`) or a call (`service`, `args`) that was carried out.
+
+    Attributes:
+        index: running number over requests and hashes.
+        batch: those of one batch were carried out together: of several commands to one port only the last acted.
+        tick: at whose start.
+        source: who sent it.
+        value: one entry per field of the port.
+    """
+
+    index: int
+    batch: int
+    tick: int
+    source: str
+    port: str = ""
+    value: tuple[tuple[float, ...] | None, ...] = ()
+    service: str = ""
+    args: dict[str, Any] = {}
+
+    @classmethod
+    def of(cls, item: Command | Call, index: int, batch: int, tick: int) -> Request:
+        """The entry for a command or call."""
+        if isinstance(item, Command):
+            return cls(index, batch, tick, item.source, port=item.port, value=item.value)
+        return cls(index, batch, tick, item.source, service=item.service, args=dict(item.args))
+
+    @property
+    def item(self) -> Command | Call:
+        """The command or call itself."""
+        if self.port:
+            return Command(self.port, self.value, self.source)
+        return Call(self.service, self.args, self.source)
+
+
+class StateHash(Struct, frozen=True):
+    """`Snapshot.hash` of the world after `tick`; `index` as in `Request`."""
+
+    index: int
+    tick: int
+    hash: str
+
+
+class Versions(Struct, frozen=True):
+    """What a run depends on besides its scenario. `started_utc` is the wall clock."""
+
+    uwserver: str
+    python: str
+    numpy: str
+    numba: str
+    platform: str
+    started_utc: str = ""
+
+
+class Head(Struct, frozen=True):
+    """The metadata record: everything but the requests that a replay needs."""
+
+    versions: Versions
+    seed: int
+    timing: dict[str, Any]
+    resolved: Resolved
+
+
+def versions_here() -> Versions:
+    """Those of this process."""
+    return Versions(
+        __version__,
+        platform.python_version(),
+        version("numpy"),
+        version("numba"),
+        platform.platform(),
+        clock.utc_text(),
+    )
+
+
+def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
+    """The metadata record of a recording. Keys of adapters that hold a token, password or secret are left out."""
+    whole = {
+        "name": resolved.name,
+        "scenario": _without_secrets(tables(resolved.scenario, defaults=True)),
+        "vehicles": {
+            name: {
+                "vehicle": tables(vehicle.vehicle, defaults=True),
+                "devices": {key: tables(device, defaults=True) for key, device in vehicle.devices.items()},
+            }
+            for name, vehicle in resolved.vehicles.items()
+        },
+        "materials": resolved.materials,
+    }
+    solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
+    solids |= {f"objects/{name}": body.solid for name, body in resolved.objects.items()}
+    solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
+    return {
+        "format": FORMAT,
+        **{key: str(value) for key, value in msgspec.structs.asdict(versions_here()).items()},
+        "seed": str(seed),
+        "timing": msgspec.json.encode(timing).decode(),
+        "scenario": msgspec.json.encode(whole, enc_hook=str).decode(),
+        "solids": pack(solids),
+    }
+
+
+def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
+    """A metadata record read back; adapters stay plain tables.
+
+    Args:
+        record: of a recording.
+        more: kinds of the extensions that its scenario uses; their files are not in the recording.
+
+    Raises:
+        ValueError: it is of another format, or the scenario in it does not fit this version.
+    """
+    if record.get("format") != FORMAT:
+        raise ValueError(f'the recording is of the format "{record.get("format")}", this uwserver reads {FORMAT}')
+    try:
+        whole = msgspec.json.decode(record["scenario"])
+        if whole["scenario"].get("extensions") and not more:
+            names = ", ".join(whole["scenario"]["extensions"])
+            raise ValueError(f"its sensors come from {names}: give the file by --extension, if you trust it")
+        scenario = _typed(whole["scenario"], Scenario, more)
+        solids = unpack(record["solids"])
+        vehicles = {
+            name: ResolvedVehicle(
+                name,
+                scenario.vehicles[name],
+                _typed(parts["vehicle"], Vehicle, more),
+                msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
+                solids.get(f"vehicles/{name}"),
+            )
+            for name, parts in whole["vehicles"].items()
+        }
+        objects = {
+            name: ResolvedObject(name, entry, object_params(entry, scenario.environment), solids[f"objects/{name}"])
+            for name, entry in scenario.objects.items()
+        }
+        static = {name.removeprefix("static/"): solid for name, solid in solids.items() if name.startswith("static/")}
+        resolved = Resolved(whole["name"], scenario, vehicles, None, (), static, objects, tuple(whole["materials"]))
+        versions = msgspec.convert(dict(record), Versions)
+        return Head(versions, int(record["seed"]), msgspec.json.decode(record["timing"]), resolved)
+    except (KeyError, TypeError, ValueError) as error:
+        text = f"the scenario in the recording (uwserver {record.get('uwserver')}) does not fit uwserver {__version__}: {error}"
+        raise ValueError(text) from error
+
+
+def _typed(raw: dict[str, Any], type_: Any, more: More) -> Any:
+    if not more:
+        return msgspec.convert(raw, type_)
+
+    def fail(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        raise ValueError(f"{dotted(path)}: {text}")
+
+    return convert_struct(raw, type_, (), fail, more=more)
+
+
+def _without_secrets(scenario: dict[str, Any]) -> dict[str, Any]:
+    adapters = {
+        name: {key: value for key, value in table.items() if not any(word in key.lower() for word in _SECRETS)}
+        for name, table in scenario.get("adapters", {}).items()
+    }
+    return {**scenario, "adapters": adapters}
+
+
+class RecordingWriter:
+    """Turns what happened into records of an open file. Used by one thread at a time.
+
+    Args:
+        file: an empty binary file, opened for writing.
+        head: the metadata record.
+        ports: what is known at the start; a port that comes later gets its channel with its first message.
+
+    Every method raises OSError when the file cannot be written.
+    """
+
+    def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port]) -> None:
+        # Imported here: it costs more than the rest of the start-up, and most runs record nothing.
+        from mcap.writer import Writer
+
+        self._encode = msgspec.json.Encoder().encode
+        self._channels: dict[str, tuple[int, tuple[str, ...]]] = {}
+        self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
+        self._writer.start("", f"uwserver {__version__}")
+        self._writer.add_metadata(METADATA, head)
+        self._events = self._channel(EVENTS, "uwserver.Event", _schema_of(Event))
+        self._hashes = self._channel(HASHES, "uwserver.StateHash", _schema_of(StateHash))
+        self._requests = self._channel(REQUESTS, "uwserver.Request", _schema_of(Request))
+        for port in ports.values():
+            self._add_port(port)
+        self.flush()
+
+    def sample(self, sample: Sample, ports: Mapping[str, Port]) -> None:
+        """One sample on the channel of its port."""
+        channel, names = self._channels.get(sample.port) or self._add_port(ports[sample.port])
+        message = {
+            "seq": sample.seq,
+            "t_ns": sample.t_ns,
+            "t_sent_ns": sample.t_sent_ns,
+            "valid": sample.valid,
+            "value": dict(zip(names, sample.value, strict=True)),
+        }
+        # MCAP has 32 bits for the sequence; the message itself holds the whole number.
+        self._add(channel, sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
+
+    def request(self, request: Request, t_ns: int, ports: Mapping[str, Port]) -> None:
+        """One request, carried out at t_ns; a command also on the channel of its port, to be plotted."""
+        self._add(self._requests, t_ns, request, t_ns, request.index & 0xFFFFFFFF)
+        if request.port in ports:
+            channel, names = self._channels.get(request.port) or self._add_port(ports[request.port])
+            value = dict(zip(names, request.value, strict=True))
+            message = {"tick": request.tick, "source": request.source, "value": value}
+            self._add(channel, t_ns, message, t_ns, request.index & 0xFFFFFFFF)
+
+    def hash(self, entry: StateHash, t_ns: int) -> None:
+        """One state hash, taken at t_ns."""
+        self._add(self._hashes, t_ns, entry, t_ns, entry.index & 0xFFFFFFFF)
+
+    def event(self, event: Event) -> None:
+        """One event."""
+        self._add(self._events, event.t_ns, event, event.t_ns)
+
+    def flush(self) -> None:
+        """End the chunk in progress and hand everything to the operating system."""
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """Write index and statistics; nothing may follow."""
+        self._writer.finish()
+
+    def _add(self, channel: int, log_time: int, message: object, publish_time: int, sequence: int = 0) -> None:
+        self._writer.add_message(channel, log_time, self._encode(message), publish_time, sequence)
+
+    def _add_port(self, port: Port) -> tuple[int, tuple[str, ...]]:
+        about = {"kind": port.kind, "direction": port.direction, "doc": port.doc}
+        channel = self._channel(port.path, port.path, port_schema(port), about)
+        self._channels[port.path] = channel, tuple(field.name for field in port.fields)
+        return self._channels[port.path]
+
+    def _channel(self, topic: str, name: str, schema: dict[str, Any], about: dict[str, str] | None = None) -> int:
+        schema_id = self._writer.register_schema(name, "jsonschema", self._encode(schema))
+        return int(self._writer.register_channel(topic, "json", schema_id, about or {}))
+
+
+def port_schema(port: Port) -> dict[str, Any]:
+    """JSON schema of the messages on a port's channel."""
+    value = {"type": "object", "properties": {field.name: _field_schema(field) for field in port.fields}}
+    integer = {"type": "integer"}
+    if port.direction == "sensor":
+        properties = {
+            "seq": integer,
+            "t_ns": integer,
+            "t_sent_ns": integer,
+            "valid": {"type": "boolean"},
+            "value": value,
+        }
+    else:
+        properties = {"tick": integer, "source": {"type": "string"}, "value": value}
+    return {"title": port.path, "description": port.doc, "type": "object", "properties": properties}
+
+
+def _field_schema(field: Field) -> dict[str, Any]:
+    about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
+    # null where a sensor has no value.
+    scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
+    if not field.shape:
+        return {**scalar, "description": about}
+    if len(field.shape) > 1:
+        about += f"; row-major, shape {'x'.join(map(str, field.shape))}"
+    return {
+        "type": ["array", "null"],
+        "items": scalar,
+        "minItems": field.size,
+        "maxItems": field.size,
+        "description": about,
+    }
+
+
+def _schema_of(type_: type) -> dict[str, Any]:
+    """A flat JSON schema of a Struct, without references: not every viewer follows them."""
+    schema = msgspec.json.schema(type_)
+    found: dict[str, Any] = schema["$defs"][type_.__name__]
+    return found

@@ -1,0 +1,283 @@
+"""Records a run while it goes on. See `uwserver.recording.format` for the file, `uwserver.recording.replay` for what can be done with it.
+
+Three threads meet in one queue: the loop brings samples and events (a sink of the bus), the simulation thread brings requests and states (an
+observer), and the thread "recorder" turns them into JSON and writes the file. Neither of the first two ever touches the file.
+
+In real time samples are dropped and counted when the writer cannot keep up; in other modes the tick waits for it, so that nothing is lost.
+Requests and states are never dropped: a replay needs all of them. A file that cannot be written any more ends the recording, not the world.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from uwserver.ports import Call, Command, Event, Json, Sample
+from uwserver.recording.format import RecordingWriter, Request, StateHash, metadata
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.simulation.bus import Bus
+from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.thread import Simulation
+from uwserver.units import NANOSECONDS
+from uwserver.world import snapshot
+from uwserver.world.snapshot import Snapshot
+from uwserver.world.world import World
+
+log = logging.getLogger(__name__)
+
+MAX_SAMPLES = 32_768
+"""Samples that may wait for the writer."""
+
+MAX_REQUESTS = 250_000
+"""Requests that may wait for the writer; beyond that the recording ends, because without them it could not be replayed."""
+
+CHUNK_NS = NANOSECONDS // 2
+"""A chunk is written at the latest after this wall time: that much a killed server loses."""
+
+CLOSE_TIMEOUT_S = 5.0
+_DRAIN_S = 0.1
+_BACKPRESSURE_S = 0.002
+
+
+@dataclass(frozen=True)
+class _State:
+    """A state whose hash the writer computes: it is too slow for the tick."""
+
+    index: int
+    t_ns: int
+    snapshot: Snapshot
+
+
+_Item = tuple[Sample, ...] | Request | _State | Event
+
+
+class Recorder:
+    """Writes one run to one file. A `Sink` on the loop, an `Observer` on the simulation thread.
+
+    Args:
+        path: a file that does not exist yet.
+        world: as built, before its first tick.
+        resolved: what it was built from.
+    """
+
+    def __init__(self, path: Path, world: World, resolved: Resolved) -> None:
+        self._path = path
+        self._world = world
+        self._resolved = resolved
+        self._simulation: Simulation | None = None
+        self._queue: deque[_Item] = deque()
+        self._open = False
+        self._ending = threading.Event()
+        self._error = ""
+        self._second = max(1, round(world.rate_hz))
+        # Each counter has one thread that writes it: loop, simulation, recorder.
+        self._samples_put = self._dropped = 0
+        self._index = self._requests_put = self._batch = 0
+        self._in_batch = False
+        self._samples_taken = self._requests_taken = self._samples = self._bytes = 0
+
+    @contextlib.contextmanager
+    def running(self, simulation: Simulation, bus: Bus) -> Iterator[None]:
+        """Record while the context is open. Enter it before the simulation runs, leave it when its thread has ended.
+
+        Raises:
+            OSError: the file exists already or cannot be written; the text names it and says what to do.
+        """
+        file, writer = self._started(simulation)
+        thread = threading.Thread(target=self._run, args=(file, writer), name="recorder", daemon=True)
+        self._simulation = simulation
+        simulation.observe(self)
+        detach = bus.attach(self)
+        self._open = True
+        thread.start()
+        log.info("recording to %s", self._path)
+        try:
+            yield
+        except BaseException:
+            # A server that could not even start leaves no file that its second try would refuse to overwrite.
+            if self._index == 0 and self._samples_put == 0:
+                self._error = "nothing was recorded"
+                self._path.unlink(missing_ok=True)
+            raise
+        finally:
+            detach()
+            self._close(thread)
+
+    def status(self) -> dict[str, Json]:
+        """For ``world/status``: file, whether it is still written, what is in it, what is missing, and why it ended early."""
+        return {
+            "path": str(self._path),
+            "recording": self._open and not self._error,
+            "samples": self._samples,
+            "requests": self._requests_taken,
+            "bytes": self._bytes,
+            "dropped": self._dropped,
+            "error": self._error,
+        }
+
+    # -- loop -----------------------------------------------------------------------------------------------------------------------
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Queue the samples of one tick."""
+        if self._error:
+            return
+        if self._full(MAX_SAMPLES) and not self._may_wait():
+            self._dropped += len(samples)
+            return
+        self._samples_put += len(samples)
+        self._queue.append(tuple(samples))
+
+    def put_event(self, event: Event) -> None:
+        """Queue an event."""
+        if not self._error:
+            self._queue.append(event)
+
+    # -- simulation thread ----------------------------------------------------------------------------------------------------------
+
+    def requested(self, item: Command | Call, tick: int) -> None:
+        """Queue a request."""
+        if not self._open or self._error:
+            return
+        if self._requests_put - self._requests_taken >= MAX_REQUESTS:
+            self._fail(
+                f"{MAX_REQUESTS} commands and calls wait to be written: they come faster than the recorder can write"
+            )
+            return
+        if not self._in_batch and self._simulation is not None:
+            # What is carried out together ends before the simulation's next turn.
+            self._in_batch = True
+            self._simulation.steer(self._end_batch)
+        self._requests_put += 1
+        self._queue.append(Request.of(item, self._next_index(), self._batch, tick))
+
+    def ticked(self, world: World) -> None:
+        """Queue the state each simulated second; wait for the writer where nobody waits for the tick."""
+        if not self._open or self._error:
+            return
+        if world.tick % self._second == 0:
+            self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
+        while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
+            self._ending.wait(_BACKPRESSURE_S)
+
+    def _end_batch(self) -> None:
+        self._in_batch = False
+        self._batch += 1
+
+    def _next_index(self) -> int:
+        index, self._index = self._index, self._index + 1
+        return index
+
+    # -- any thread -----------------------------------------------------------------------------------------------------------------
+
+    def _full(self, limit: int) -> bool:
+        return self._samples_put - self._samples_taken >= limit
+
+    def _may_wait(self) -> bool:
+        """Whether ticks are not paced by the wall clock: another mode, or steps of a paused world."""
+        simulation = self._simulation
+        return simulation is not None and (simulation.timing.mode != "realtime" or simulation.paused)
+
+    def _fail(self, text: str) -> None:
+        if not self._error:
+            self._error = text
+            log.error("recording to %s ended: %s; the world goes on without it", self._path, text)
+
+    # -- the recorder's thread ------------------------------------------------------------------------------------------------------
+
+    def _run(self, file: IO[bytes], writer: RecordingWriter) -> None:
+        try:
+            self._write(writer, file)
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+        except Exception as error:
+            self._fail(f"internal fault: {error}")
+            log.exception("the recorder failed")
+        finally:
+            self._queue.clear()
+            # After a full disk the last flush fails once more.
+            with contextlib.suppress(OSError):
+                file.close()
+
+    def _write(self, writer: RecordingWriter, file: IO[bytes]) -> None:
+        time = SystemTime()
+        flushed = time.now_ns()
+        while not self._error:
+            # Asked before draining: what was queued before the end is still written.
+            ending = self._ending.is_set()
+            while self._queue and not self._error:
+                self._write_item(writer, self._queue.popleft())
+                now = time.now_ns()
+                if now - flushed >= CHUNK_NS:
+                    writer.flush()
+                    flushed, self._bytes = now, file.tell()
+            if ending:
+                writer.finish()
+                file.flush()
+                self._bytes = file.tell()
+                return
+            if time.now_ns() - flushed >= CHUNK_NS:
+                writer.flush()
+                flushed, self._bytes = time.now_ns(), file.tell()
+            self._ending.wait(_DRAIN_S)
+
+    def _write_item(self, writer: RecordingWriter, item: _Item) -> None:
+        ports = self._world.ports
+        if isinstance(item, tuple):
+            for sample in item:
+                writer.sample(sample, ports)
+            self._samples += len(item)
+            self._samples_taken += len(item)
+        elif isinstance(item, Request):
+            writer.request(item, self._world.time_of(item.tick), ports)
+            self._requests_taken += 1
+        elif isinstance(item, _State):
+            writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
+        else:
+            writer.event(item)
+
+    # -- start and end ------------------------------------------------------------------------------------------------------------
+
+    def _started(self, simulation: Simulation) -> tuple[IO[bytes], RecordingWriter]:
+        """A new file with its head. An old recording is never overwritten: it may be the only one of its run."""
+        head = metadata(self._resolved, self._world.seed, simulation.timing)
+        try:
+            file = self._path.open("xb")
+        except FileExistsError:
+            text = f"cannot record to {self._path}: it exists already; give --record another name, or remove it first"
+            raise FileExistsError(text) from None
+        except OSError as error:
+            raise self._unwritable(error) from error
+        try:
+            return file, RecordingWriter(file, head, self._world.ports)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                file.close()
+            self._path.unlink(missing_ok=True)
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> OSError:
+        reason = error.strerror or str(error)
+        return OSError(f"cannot record to {self._path}: {reason}; give --record a place that can be written")
+
+    def _close(self, thread: threading.Thread) -> None:
+        self._open = False
+        if not self._error:
+            self._queue.append(_State(self._next_index(), self._world.t_ns, snapshot.take(self._world)))
+        self._ending.set()
+        thread.join(CLOSE_TIMEOUT_S)
+        if thread.is_alive():
+            log.warning(
+                "%s is not written to its end: the disk does not answer; it reads up to its last chunk", self._path
+            )
+        if self._dropped:
+            total = self._dropped + self._samples
+            log.warning(
+                "%d of %d samples are missing in %s: it was written too slowly; a replay is not affected",
+                self._dropped, total, self._path,
+            )  # fmt: skip

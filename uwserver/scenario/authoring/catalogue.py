@@ -1,0 +1,134 @@
+"""What kinds of sensor and modifier there are, with fields, units, frames, keys and named devices: for `uwserver list` and the reference pages."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from msgspec import NODEFAULT, UNSET, Struct
+
+from uwserver.modifiers import ModifierConfig
+from uwserver.ports import Argument, Field
+from uwserver.scenario.files.convert import fields, kinds_of
+from uwserver.scenario.files.documents import read, shipped
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load, scenario_from
+from uwserver.sensors import Instrument, Pose, SensorConfig, SensorTable
+
+_PROVENANCE = ("source", "status")
+
+
+class Output(NamedTuple):
+    """What a sensor of a kind tells: the sensor of `one_of_everything` that does, its port, and the settings of its service ``set``."""
+
+    example: str
+    doc: str
+    fields: tuple[Field, ...]
+    settings: tuple[Argument, ...]
+
+
+class Value(NamedTuple):
+    """One value of a device file, with its provenance; `key` is dotted."""
+
+    key: str
+    value: Any
+    status: str
+    source: str
+
+
+class Device(NamedTuple):
+    """A shipped device file of a sensor."""
+
+    name: str
+    title: str
+    values: tuple[Value, ...]
+
+
+class SensorKind(NamedTuple):
+    """One kind of sensor: several outputs where a key decides what it tells."""
+
+    kind: str
+    table: type[Struct]
+    outputs: tuple[Output, ...]
+    devices: tuple[Device, ...]
+
+
+def sensor_kinds() -> dict[str, SensorKind]:
+    """All kinds, in the order of the union; what they tell is that of the scenario that has one of everything."""
+    found: dict[str, dict[tuple[str, ...], Output]] = {kind: {} for kind in kinds_of(SensorConfig)}
+    for name, sensor in _examples():
+        built = sensor.build(Pose())
+        names = tuple(field.name for field in built.fields)
+        found[str(sensor.__struct_config__.tag)].setdefault(
+            names, Output(name, built.doc, built.fields, built.arguments if isinstance(built, Instrument) else ())
+        )
+    devices = _devices()
+    return {
+        kind: SensorKind(kind, table, tuple(found[kind].values()), devices.get(kind, ()))
+        for kind, table in kinds_of(SensorConfig).items()
+    }
+
+
+def modifier_kinds() -> dict[str, type[Struct]]:
+    """Tables of all modifiers by their kind."""
+    return kinds_of(ModifierConfig)
+
+
+def keys_of(table: type[Struct]) -> dict[str, str]:
+    """Own keys of a sensor's or modifier's table (not those that every sensor has), each with its default as a file would write it."""
+    common = {info.name for info in fields(SensorTable)} if issubclass(table, SensorTable) else set()
+    return {info.encode_name: _default(info) for info in fields(table) if info.name not in common}
+
+
+def first_sentence(component: Any) -> str:
+    """About a component: of its own doc, or of its module's where that only lists keys."""
+    own = inspect.getdoc(component) or ""
+    doc = own if own and not own.startswith("Attributes") else inspect.getdoc(inspect.getmodule(component)) or ""
+    return " ".join(doc.split("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+
+
+def _examples() -> Iterator[tuple[str, Any]]:
+    """Sensors of the scenario that has one of everything, by name; its adapters, which may not be installed, do not matter."""
+    document = read(shipped()["one_of_everything"])
+    problems: list[str] = []
+    raw = {**document.raw, "adapters": {}}
+    scenario = scenario_from(raw, {}, lambda path, text, at=None: problems.append(f"{path}: {text}"))
+    if scenario is None:
+        raise ScenarioError([document.problem((), text) for text in problems])
+    for vehicle in load(scenario, adapters={}).vehicles.values():
+        yield from vehicle.vehicle.sensors.items()
+
+
+def _devices() -> dict[str, tuple[Device, ...]]:
+    found: dict[str, tuple[Device, ...]] = {}
+    for name, path in shipped("devices").items():
+        raw = read(path).raw
+        if "properties" not in raw:
+            continue
+        values = [value for group in raw["properties"].values() for value in _values(group, "", group)]
+        kind = str(raw["kind"])
+        found[kind] = (*found.get(kind, ()), Device(name, str(raw["title"]), tuple(values)))
+    return found
+
+
+def _values(table: Mapping[str, Any], prefix: str, group: Mapping[str, Any]) -> Iterator[Value]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _values(value, f"{prefix}{key}.", group)
+        elif key not in _PROVENANCE:
+            yield Value(prefix + key, value, str(group["status"]), str(group["source"]))
+
+
+def _default(info: Any) -> str:
+    if info.default is UNSET:
+        return "none"
+    if info.default is not NODEFAULT:
+        return "its own" if isinstance(info.default, Struct) else _plain(info.default)
+    return "required" if info.default_factory is NODEFAULT else "none"
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(list(value) if isinstance(value, tuple) else value)

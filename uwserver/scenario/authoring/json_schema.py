@@ -1,0 +1,50 @@
+"""JSON Schema of the three kinds of file, for editors that complete and check TOML while it is typed."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Literal
+
+import msgspec
+
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.appendage_tables import Sourced
+from uwserver.scenario.vehicle.profiles import SensorDevice
+from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.sensors import SensorConfig
+
+FileKind = Literal["scenario", "vehicle", "device"]
+FILES: dict[FileKind, type[msgspec.Struct]] = {"scenario": Scenario, "vehicle": Vehicle, "device": ThrusterDevice}
+
+
+def json_schema(kind: FileKind) -> str:
+    """The schema as JSON text. Adapters are open in it: their keys depend on what is installed."""
+    schema = _devices() if kind == "device" else msgspec.json.schema(FILES[kind])
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _devices() -> dict[str, Any]:
+    """Of thrusters, and of each kind of sensor, whose groups of properties hold the keys of its table with their provenance."""
+    sensors = kinds_of(SensorConfig)
+    references, definitions = msgspec.json.schema_components(
+        (ThrusterDevice, SensorDevice, Sourced, *sensors.values()), ref_template="#/$defs/{name}"
+    )
+    names = [reference["$ref"].rsplit("/", 1)[1] for reference in references]
+    device, sourced = definitions.pop(names[1]), definitions.pop(names[2])
+    files = [references[0]]
+    for (kind, struct), name in zip(sensors.items(), names[3:], strict=True):
+        keys = {key: value for key, value in definitions.pop(name)["properties"].items() if key != "kind"}
+        group = {**sourced, "title": "Properties", "properties": {**sourced["properties"], **keys}}
+        properties = {
+            **device["properties"],
+            "kind": {"const": kind},
+            "properties": {"type": "object", "additionalProperties": group},
+        }
+        definitions[f"{struct.__name__}Device"] = {
+            **device,
+            "title": f"Device of kind {kind}",
+            "properties": properties,
+        }
+        files.append({"$ref": f"#/$defs/{struct.__name__}Device"})
+    return {"anyOf": files, "$defs": definitions}

@@ -1,0 +1,342 @@
+"""From a vehicle's tables to its built-in autopilot: what it listens to, what it holds, and how strong that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+import msgspec
+import numpy as np
+from msgspec import UnsetType, structs
+
+from uwserver.actuators import (
+    ActuatorConfig,
+    FinConfig,
+    FinsConfig,
+    ForceTorqueConfig,
+    PropellerConfig,
+    ThrusterConfig,
+    ThrustersConfig,
+)
+from uwserver.autopilot.allocation import Allocation, Thrust, Thrusters, Wrench
+from uwserver.autopilot.config import AutopilotConfig
+from uwserver.autopilot.craft import Craft, Held, Helm
+from uwserver.autopilot.estimator import Estimator, Source, Surroundings
+from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.hover import Hover
+from uwserver.autopilot.outputs import Hold, Outputs
+from uwserver.autopilot.pilot import Autopilot
+from uwserver.autopilot.ports import TEST_TIMEOUT_S, StateSensor, set_points
+from uwserver.autopilot.services import services
+from uwserver.autopilot.state import Six
+from uwserver.autopilot.torpedo import Torpedo
+from uwserver.frames import Vec3
+from uwserver.modifiers import WhiteNoise
+from uwserver.physics.dynamics.params import BodyParams, FloatArray, ThrusterParams
+from uwserver.ports import Port, Service
+from uwserver.scenario.load.resolved import ResolvedVehicle
+from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
+from uwserver.sensors import (
+    AltimeterConfig,
+    AttitudeConfig,
+    BatteryConfig,
+    DvlConfig,
+    GpsConfig,
+    ImuConfig,
+    LblConfig,
+    LeakConfig,
+    MotionCaptureConfig,
+    Pose,
+    PressureConfig,
+    SensorConfig,
+    UsblConfig,
+)
+from uwserver.world.components import ActuatorSlot, Carry, SensorSlot
+from uwserver.world.world import World
+
+RATE_HZ, STATE_RATE_HZ = 60, 10
+_HEARD = (
+    ImuConfig, AttitudeConfig, PressureConfig, DvlConfig, AltimeterConfig, GpsConfig, MotionCaptureConfig, UsblConfig,
+    LblConfig, LeakConfig, BatteryConfig,
+)  # fmt: skip
+_ONLY_ONE = (ImuConfig, AttitudeConfig, PressureConfig, BatteryConfig)
+_UNKNOWN_PUSH = 0.5
+"""Acceleration (m/s2, rad/s2) that a vehicle without thrusters is taken to be able to give itself where its file says nothing."""
+
+
+@dataclass(frozen=True)
+class Piloted:
+    """An autopilot with its ports and services."""
+
+    autopilot: Autopilot
+    state: SensorSlot
+    set_points: tuple[ActuatorSlot, ...]
+    services: tuple[tuple[Service, Carry], ...]
+
+
+def build_autopilot(
+    world: World,
+    resolved: ResolvedVehicle,
+    params: BodyParams,
+    name: str,
+    row: int,
+    mounts: Mapping[str, Pose],
+    actuators: Mapping[str, ActuatorSlot],
+) -> Piloted | None:
+    """The autopilot of a vehicle of a checked scenario; None if it has none.
+
+    Args:
+        world, resolved, params: of the vehicle.
+        name: its first level of paths.
+        row: of its body.
+        mounts: X_BS of its sensors.
+        actuators: by their names in the vehicle file.
+    """
+    config = resolved.entry.autopilot
+    if isinstance(config, UnsetType):
+        return None
+    file, path = resolved.vehicle, f"{name}/autopilot"
+    gains = gains_of(file, config)
+    divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
+    dt = float(divisor / world.rate_hz)
+    hands = _Hands()
+    allocation, helm = _controls(file, params, actuators, hands, dt)
+    craft = Craft(
+        path=path,
+        estimator=Estimator(_sources(world, file, name, mounts), _surroundings(world, file, config), 1.0 / dt),
+        allocation=allocation,
+        helm=helm,
+        held=hands.held,
+        blocked=hands.blocked,
+        outputs=Outputs(hands.holds),
+        gains=gains,
+        divisor=divisor,
+        dt=dt,
+        flies=isinstance(helm, Torpedo),
+        mode=config.mode,
+        armed=config.armed,
+        on_leak=config.on_leak,
+        on_low_battery=config.on_low_battery,
+    )
+    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text))
+    slots = tuple(_set_point_slots(world, path, pilot, config))
+    pilot.set_points = {
+        slot.port.path.rsplit("/", 1)[1]: slot for slot in slots if not slot.port.path.endswith("/pilot")
+    }
+    pilot.begin()
+    return Piloted(pilot, _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
+
+
+def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
+    """Of the vehicle file, with those of the scenario in their place.
+
+    Raises:
+        msgspec.ValidationError: a name or value that is none.
+    """
+    own = Gains() if isinstance(file.autopilot, UnsetType) else file.autopilot.gains
+    return msgspec.convert({**structs.asdict(own), **config.gains}, Gains)
+
+
+def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
+    """Ticks of a step; by default the fewest that make at most `most` steps a second."""
+    if isinstance(wanted, UnsetType):
+        return max(1, math.ceil(physics / most))
+    return round(physics / Fraction(str(wanted)))
+
+
+def _set_point_slots(world: World, path: str, pilot: Autopilot, config: AutopilotConfig) -> Iterator[ActuatorSlot]:
+    timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S} | dict.fromkeys(
+        ("velocity", "attitude"), config.setpoint_timeout_s
+    )
+    for name, point in set_points(pilot):
+        timeout = timeouts.get(name, 0.0)
+        port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
+        yield ActuatorSlot(port, point, round(Fraction(str(timeout)) * world.rate_hz))
+
+
+def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
+    sensor = StateSensor(pilot)
+    divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
+    rate = float(world.rate_hz / divisor)
+    port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)
+    return SensorSlot(port, row, sensor, (), divisor, 0)
+
+
+# -- what it hears --------------------------------------------------------------------------------------------------------------------------
+
+
+def _sources(world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose]) -> dict[str, Source]:
+    found: dict[str, Source] = {}
+    taken: set[type] = set()
+    for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
+        if not isinstance(sensor, _HEARD) or (isinstance(sensor, _ONLY_ONE) and type(sensor) in taken):
+            continue
+        taken.add(type(sensor))
+        mount = mounts[key]
+        density = atmosphere = 0.0
+        if isinstance(sensor, PressureConfig) and sensor.output == "pressure":
+            density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
+        found[f"{name}/{key}"] = Source(
+            kind=str(sensor.__struct_config__.tag),
+            p=mount.p,
+            q=mount.q,
+            sigma=_sigma(sensor),
+            north=world.earth.declination if getattr(sensor, "north", "") == "magnetic" else 0.0,
+            density=density,
+            atmosphere=atmosphere,
+        )
+    return found
+
+
+def _sigma(sensor: SensorConfig) -> float:
+    """What the operator expects of a position, from the same data sheet as the scenario's author, m."""
+    if isinstance(sensor, UsblConfig | LblConfig):
+        return 0.3
+    noise = [m.sigma for m in sensor.modifiers.values() if isinstance(m, WhiteNoise) and m.field == "p_NS"]
+    return max([0.01, *noise])
+
+
+def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> Surroundings:
+    beacons: dict[str, Vec3] = {}
+    for sensor in file.sensors.values():
+        if isinstance(sensor, UsblConfig | LblConfig):
+            for name, beacon in sensor.beacons.items():
+                if isinstance(beacon.position_ned_m, tuple) and not any(beacon.velocity_ned_mps):
+                    beacons[name] = beacon.position_ned_m
+    start = None if isinstance(config.start_position_ned_m, UnsetType) else config.start_position_ned_m
+    return Surroundings(world.water.gravity, world.earth.latitude, world.earth.longitude, beacons, start)
+
+
+# -- what it holds --------------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Hands:
+    """Actuators that are commanded, in the allocation's order, and others on the same devices, which are only kept from commanding them."""
+
+    held: list[Held] = field(default_factory=list)
+    holds: list[Hold] = field(default_factory=list)
+    blocked: list[Held] = field(default_factory=list)
+
+    def take(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
+        """Hold an actuator. A field without a largest value has `strongest` as its full command."""
+        full = tuple((field.maximum or strongest,) * field.size for field in slot.port.fields)
+        self.held.append(slot)
+        self.holds.append(Hold(tuple(names), full))
+
+
+def _controls(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands, dt: float
+) -> tuple[Allocation, Helm]:
+    inertia = _six(np.diag(params.M_RB + params.M_A))
+    kinds = {type(config) for config in file.actuators.values()}
+    if PropellerConfig in kinds and kinds & {FinConfig, FinsConfig}:
+        fins = _fins(file, params, actuators, hands)
+        weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
+        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft, dt)
+    allocation: Allocation
+    if kinds & {ThrusterConfig, ThrustersConfig}:
+        allocation = _thrusters(file, params, actuators, hands)
+    else:
+        key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
+        hands.take(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
+        allocation = Wrench(_wrench_limits(file, params))
+    drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
+    return allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
+
+
+def _devices(
+    file: VehicleFile,
+    kinds: tuple[type, ...],
+    table: str,
+    everything: tuple[str, ...],
+    actuators: Mapping[str, ActuatorSlot],
+    hands: _Hands,
+    strongest: float = 0.0,
+) -> Iterator[tuple[ActuatorConfig, tuple[str, ...]]]:
+    """The actuators of these kinds with the names of their devices, those of many first; no device comes twice."""
+    members = {
+        key: getattr(config, "members", None) or ((config.member,) if hasattr(config, "member") else everything)
+        for key, config in file.actuators.items()
+        if isinstance(config, kinds)
+    }
+    seen: set[str] = set()
+    for key, names in sorted(members.items(), key=lambda item: -len(item[1])):
+        if seen.intersection(names):
+            hands.blocked.append(actuators[key])
+            continue
+        seen.update(names)
+        hands.take(actuators[key], [f"{table}.{name}" for name in names], strongest)
+        yield file.actuators[key], names
+
+
+def _six(values: FloatArray) -> Six:
+    a, b, c, d, e, f = values.tolist()
+    return (a, b, c, d, e, f)
+
+
+def _thrusters(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
+) -> Thrusters:
+    by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
+    strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
+    kinds = (ThrusterConfig, ThrustersConfig)
+    return Thrusters([
+        ([by_name[name] for name in names], getattr(config, "input", "u") == "force")
+        for config, names in _devices(file, kinds, "thrusters", tuple(by_name), actuators, hands, strongest)
+    ])  # fmt: skip
+
+
+def _thrust(thruster: ThrusterParams) -> Thrust:
+    axis = np.array(thruster.axis) / np.linalg.norm(thruster.axis)
+    column = np.concatenate([axis, np.cross(thruster.r, axis) + thruster.torque_per_force * axis])
+    voltages = thruster.table.voltages
+    nearest = min(range(len(voltages)), key=lambda k: abs(voltages[k] - thruster.voltage))
+    return Thrust(_six(column), tuple((u, force * thruster.installed) for u, force in thruster.table.curves[nearest]))
+
+
+def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
+    own = file.autopilot
+    if not isinstance(own, UnsetType) and not isinstance(own.max_wrench, UnsetType):
+        return own.max_wrench
+    return _six(_UNKNOWN_PUSH * np.diag(params.M_RB + params.M_A))
+
+
+def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands) -> FinsAndShaft:
+    groups = [
+        [_fin(params, f"fins.{name}") for name in names]
+        for _, names in _devices(file, (FinConfig, FinsConfig), "fins", tuple(file.fins), actuators, hands)
+    ]
+    propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
+    for key, member in propellers.items():
+        hands.take(actuators[key], (f"propellers.{member}",))
+    shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
+    shaft = replace(shaft, strength=len(propellers) * shaft.strength)
+    return FinsAndShaft(groups, shaft, len(propellers))
+
+
+def _fin(params: BodyParams, servo: str) -> FinEffect:
+    """Of a fin's foil and of its published derivatives, straight ahead at 1 m/s and small angles."""
+    column = np.zeros(6)
+    for foil in params.appendages.foils:
+        if foil.servo == servo:
+            normal = np.cross(foil.hinge, foil.chord)
+            force = foil.pressure_area * foil.slope * normal / np.linalg.norm(normal)
+            column += np.concatenate([force, np.cross(foil.r, force)])
+    for term in params.appendages.derivatives:
+        if term.servo == servo and term.power == 1 and term.j == term.k == 0:
+            column[term.axis] += term.coefficient
+    limits = next(s for s in params.appendages.servos if s.name == servo)
+    return FinEffect(_six(column), min(-limits.low, limits.high))
+
+
+def _shaft(params: BodyParams, servo: str) -> Shaft:
+    propeller = next(p for p in params.appendages.propellers if p.servo == servo)
+    limit = next(s for s in params.appendages.servos if s.name == servo).high
+    (j0, k0, _), (j1, k1, _) = propeller.curve[0], propeller.curve[-1]
+    fall = (k0 - k1) / (j1 - j0) if j1 > j0 else 0.0
+    strength = propeller.density * propeller.diameter**4 * propeller.deduction
+    return Shaft(k0 + fall * j0, fall, strength, propeller.wake, propeller.diameter, propeller.astern, limit)

@@ -1,0 +1,165 @@
+"""From resolved vehicles and objects to bodies of a world, with their components."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+
+import numpy as np
+from msgspec import UNSET, UnsetType, structs
+
+from uwserver.actuators import ActuatorConfig, Body
+from uwserver.frames import quat_from_rpy
+from uwserver.modifiers import Modifier, ModifierConfig, Stream
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.ports import Field, Port
+from uwserver.scenario.build.autopilot import build_autopilot
+from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
+from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
+from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor, SensorConfig
+from uwserver.sensors.truth import TRUTH
+from uwserver.sensors.wiring import Electric, Wiring
+from uwserver.units import NANOSECONDS, rad
+from uwserver.world.components import ActuatorSlot, Member, SensorSlot, SideStream
+from uwserver.world.services import component_services
+from uwserver.world.vehicle import Vehicle
+from uwserver.world.world import World
+
+
+def physics_rate(rate_hz: float) -> Fraction:
+    """The rate as the exact rational that the user wrote in decimals."""
+    return Fraction(str(rate_hz))
+
+
+def build_scene(world: World, resolved: Resolved) -> None:
+    """Give a world the solid things of its scenario that never move."""
+    # The engines, which a world without anything solid does not need.
+    from uwserver.physics.scene import Scene
+    from uwserver.physics.warm import solid_kernels
+
+    solid_kernels()
+    scene = Scene(lambda: world.hydro.state)
+    for solid in resolved.static.values():
+        scene.add_static(solid)
+    world.set_scene(scene)
+
+
+def object_member(world: World, resolved: ResolvedObject, name: str) -> Member:
+    """A free object as a body of the world, at rest at the origin."""
+    row = world.hydro.add(resolved.params)
+    truth = resolved.entry.truth
+    sensors = () if isinstance(truth, UnsetType) else tuple(_truth(world, name, truth.rate_hz, row))
+    services = tuple(component_services(world, sensors, ()))
+    return Member(Vehicle(name, "object", row, world.hydro), sensors, (), services, resolved.solid)
+
+
+def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, name: str) -> Member:
+    """A vehicle with its components as a body of the world, at rest at the origin."""
+    file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
+    first_thruster, first_wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
+    row = hydro.add(params)
+    thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
+    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    body = Body(hydro, row, thrusters, first_wrench, servos)
+    wiring = Wiring(hydro, row, thrusters, _electrics(resolved))
+    built: dict[str, SensorSlot] = {}
+    for key, config in sorted(file.sensors.items(), key=lambda item: isinstance(item[1], CompoundConfig)):
+        built[key] = _sensor(world, f"{name}/{key}", config, file, row, built)
+    for slot in built.values():
+        slot.wiring = wiring
+    sensors = list(built.values())
+    if not isinstance(entry.truth, UnsetType):
+        sensors += _truth(world, name, entry.truth.rate_hz, row)
+    actuators = {key: _actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items()}
+    mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
+    piloted = build_autopilot(world, resolved, params, name, row, mounts, actuators)
+    slots = list(actuators.values())
+    if piloted is not None:
+        sensors.append(piloted.state)
+        slots += piloted.set_points
+    services = tuple(component_services(world, sensors, slots)) + (() if piloted is None else piloted.services)
+    return Member(
+        Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid,
+        None if piloted is None else piloted.autopilot,
+    )  # fmt: skip
+
+
+def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
+    tables = {name: device.electric for name, device in resolved.devices.items()}
+    return {
+        name: Electric(table.power_WpN15, table.speed_radpspN05)
+        for name, table in tables.items()
+        if not isinstance(table, UnsetType)
+    }
+
+
+def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
+    """X_BS of a sensor: its mount's, or its own."""
+    place = config if config.mount is UNSET else file.mounts[str(config.mount)]
+    roll, pitch, yaw = (rad(angle) for angle in place.rpy_deg)
+    return Pose(place.position_frd_m, quat_from_rpy(roll, pitch, yaw))
+
+
+def _sensor(
+    world: World, path: str, config: SensorConfig, file: VehicleFile, row: int, built: Mapping[str, SensorSlot]
+) -> SensorSlot:
+    sensor: Sensor = config.build(mount_of(config, file))
+    divisor = round(world.rate_hz / physics_rate(config.rate_hz))
+    if isinstance(sensor, Instrument):
+        sensor.dt = float(divisor / world.rate_hz)
+        sensor.start(stream_of(world.seed, path))
+        sensor.load_kernels()
+    if isinstance(sensor, Compound):
+        sensor.join(built)
+    kind = str(config.__struct_config__.tag)
+    port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+    slot = SensorSlot(
+        port,
+        row,
+        sensor,
+        _modifiers(world, port, config.modifiers),
+        divisor,
+        round((config.latency_s or 0.0) * NANOSECONDS),
+    )
+    sides = {name: structs.replace(port, path=f"{path}/{name}") for name in config.streams}
+    slot.sides = tuple(
+        SideStream(sides[name], stream.ideal, _modifiers(world, sides[name], stream.modifiers))
+        for name, stream in config.streams.items()
+    )
+    if isinstance(sensor, Instrument) and "ideal" in config.__struct_fields__ and any(s.ideal for s in slot.sides):
+        twin: Sensor = structs.replace(config, ideal=True).build(mount_of(config, file))
+        assert isinstance(twin, Instrument)
+        twin.load_kernels()
+        twin.dt, slot.twin = sensor.dt, twin
+    return slot
+
+
+def _modifiers(world: World, port: Port, tables: Mapping[str, ModifierConfig]) -> tuple[Modifier, ...]:
+    assert port.rate_hz is not None
+    return tuple(
+        table.build(Stream(port.fields, 1.0 / port.rate_hz, stream_of(world.seed, f"{port.path}/{name}")))
+        for name, table in tables.items()
+    )
+
+
+def stream_of(seed: int, path: str) -> np.random.Generator:
+    """The random stream of one path: it depends on nothing but the scenario's seed and the path itself."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=tuple(path.encode()))))
+
+
+def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
+    divisor = round(world.rate_hz / physics_rate(rate_hz))
+    for name, kind in TRUTH.items():
+        sensor = kind()
+        path = f"{vehicle}/truth/{name}"
+        port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+        yield SensorSlot(port, row, sensor, (), divisor, 0)
+
+
+def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> ActuatorSlot:
+    actuator = config.build(body)
+    fields: tuple[Field, ...] = actuator.fields
+    kind = str(config.__struct_config__.tag)
+    timeout = config.timeout_s or None
+    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=timeout)
+    return ActuatorSlot(port, actuator, round(physics_rate(config.timeout_s) * world.rate_hz))

@@ -1,0 +1,172 @@
+"""Who is in the world: all bodies of the scenario at its start, and those that ``world/spawn`` and ``world/remove`` let come and go."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from uwserver.frames import Quat, Vec3, quat_from_rpy
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.layout import NU, P, Q
+from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.ports.checks import shown
+from uwserver.scenario.build.members import build_scene, object_member, vehicle_member
+from uwserver.scenario.files.convert import NAME
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.tables import VehicleEntry
+from uwserver.scenario.solids.shapes import missing_engines
+from uwserver.scenario.solids.tables import ObjectEntry
+from uwserver.scenario.vehicle.body import body_params
+from uwserver.units import rad
+from uwserver.world.components import Member
+from uwserver.world.world import World
+
+MAX_BODIES = 1000
+"""Bodies that were ever in the world since its last reset: each keeps its rows until then."""
+BURIED_M = 0.01
+"""A body cannot be put deeper into something than this."""
+
+
+class Population:
+    """Puts bodies of a scenario into its world. What they are made of is worked out once, so that a spawn takes no longer than a tick."""
+
+    def __init__(self, world: World, resolved: Resolved) -> None:
+        self._world = world
+        self._resolved = resolved
+        environment = resolved.scenario.environment
+        files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
+        alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
+        self._params: dict[str, BodyParams] = {
+            name: alike[id(vehicle.vehicle)] for name, vehicle in resolved.vehicles.items()
+        }
+
+    def begin(self) -> None:
+        """Let everybody in who is there at the start, and offer the services."""
+        world, members = self._world, []
+        entries: dict[str, VehicleEntry | ObjectEntry] = {}
+        entries |= {name: vehicle.entry for name, vehicle in self._resolved.vehicles.items()}
+        entries |= {name: body.entry for name, body in self._resolved.objects.items()}
+        for name, entry in entries.items():
+            if entry.present:
+                member = self._member(name, name)
+                self._place(member, entry.position_ned_m, _attitude(entry))
+                nu = world.hydro.state[member.vehicle.row, NU : NU + 6]
+                nu[:3] = entry.velocity_frd_mps
+                if isinstance(entry, VehicleEntry):
+                    nu[3:] = [rad(rate) for rate in entry.angular_velocity_frd_degps]
+                members.append(member)
+        world.set_members(members)
+        self._offer(tuple(entries))
+
+    def spawn(self, name: str, like: str, p_NB: Vec3, q_NB: Quat) -> None:
+        """Add a body like one of the scenario, at rest in the water.
+
+        Raises:
+            Refused: the name cannot be one or is taken, nothing is called `like`, or the place is taken.
+        """
+        world = self._world
+        if not NAME.fullmatch(name) or name == "world":
+            raise Refused("bad_argument", f'"{shown(name)}" cannot be a name: letters, digits, _ and -', "name")
+        if name in world.members:
+            raise Refused("bad_argument", f'there is a "{name}" already: choose another name', "name")
+        if len(world.hydro) >= MAX_BODIES:
+            raise Refused("busy", f"{MAX_BODIES} bodies were there since the last reset: call world/reset", "name")
+        norm = math.hypot(*q_NB)
+        if norm == 0.0:
+            raise Refused("bad_argument", "a quaternion of zero length is no attitude", "q_NB")
+        vehicle = self._resolved.vehicles.get(like)
+        missing = missing_engines() if world.scene is None and vehicle is not None and vehicle.solid else None
+        if missing:
+            raise Refused("denied", missing, "like")
+        saved = world.hydro.save()
+        member = self._member(like, name)
+        self._place(member, p_NB, tuple(c / norm for c in q_NB))  # type: ignore[arg-type]  # four of them
+        obstacle = self._obstacle(member)
+        if obstacle:
+            world.hydro.load(saved)
+            world.set_current(world.water.current)
+            raise Refused("bad_argument", f'"{name}" would begin inside {obstacle}: choose another place', "p_NB")
+        world.set_members([*world.members.values(), member])
+        world.set_current(world.water.current)
+        world.hydro.load_kernels()
+
+    def remove(self, name: str) -> None:
+        """Take a body and its components out; its faults are cleared, its samples on their way are lost.
+
+        Raises:
+            Refused: there is none of this name.
+        """
+        world = self._world
+        member = world.members.get(name)
+        if member is None:
+            there = ", ".join(world.members) or "nothing"
+            raise Refused("bad_argument", f'no "{shown(name)}" here, there is: {there}', "name")
+        for entry in list(world.faults.entries.values()):
+            if entry.fault.target.split("/")[0] == name:
+                world.faults.clear(entry.name)
+        world.set_members(other for other in world.members.values() if other is not member)
+        world.hydro.retire(member.vehicle.row)
+
+    def _member(self, like: str, name: str) -> Member:
+        if like in self._resolved.vehicles:
+            return vehicle_member(self._world, self._resolved.vehicles[like], self._params[like], name)
+        return object_member(self._world, self._resolved.objects[like], name)
+
+    def _place(self, member: Member, p_NB: Vec3, q_NB: Quat) -> None:
+        state = self._world.hydro.state[member.vehicle.row]
+        state[P : P + 3], state[Q : Q + 4] = p_NB, q_NB
+
+    def _obstacle(self, member: Member) -> str:
+        """What the member is deep inside of; "" for nothing."""
+        world, row = self._world, member.vehicle.row
+        if member.solid is None:
+            return ""
+        if world.scene is None:
+            build_scene(world, self._resolved)
+            world.set_members(world.members.values())
+        assert world.scene is not None
+        solid = world.scene.add_moving(member.solid, row)
+        contacts = world.scene.find_contacts(world.hydro.state, world.hydro.dt)
+        world.scene.remove(solid)
+        mine = (contacts.body_a == row) | (contacts.body_b == row)
+        for k in (mine & (contacts.gap < -BURIED_M)).nonzero()[0]:
+            other = int(contacts.body_a[k] + contacts.body_b[k]) - row
+            names = [m.vehicle.name for m in world.members.values() if m.vehicle.row == other]
+            return f'"{names[0]}"' if names else "the seabed or a structure"
+        return ""
+
+    def _offer(self, kinds: tuple[str, ...]) -> None:
+        def spawn(args: Mapping[str, Json]) -> Json:
+            p, q = args["p_NB"], args["q_NB"]
+            self.spawn(str(args["name"]), str(args["like"]), tuple(p), tuple(q))  # type: ignore[arg-type]  # checked
+            return None
+
+        def remove(args: Mapping[str, Json]) -> Json:
+            self.remove(str(args["name"]))
+            return None
+
+        name = Argument("name", "str", "the first level of its paths")
+        like = Argument("like", "str", "a vehicle or object of the scenario, there or not", choices=kinds)
+        p_NB = Argument("p_NB", "float", "position of its origin in N", "m", shape=(3,), minimum=-1e6, maximum=1e6)
+        q_NB = Argument(
+            "q_NB",
+            "float",
+            "attitude, w x y z; normalised",
+            "1",
+            shape=(4,),
+            required=False,
+            default=[1.0, 0.0, 0.0, 0.0],
+        )
+        if kinds:
+            self._world.offer(
+                Service(
+                    "world/spawn", "Add a body with its components like one of the scenario.", (name, like, p_NB, q_NB)
+                ),
+                spawn,
+            )
+        self._world.offer(Service("world/remove", "Take a body and its components out of the world.", (name,)), remove)
+
+
+def _attitude(entry: VehicleEntry | ObjectEntry) -> Quat:
+    roll, pitch, yaw = (rad(angle) for angle in entry.attitude_rpy_deg)
+    return quat_from_rpy(roll, pitch, yaw)

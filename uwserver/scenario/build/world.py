@@ -1,0 +1,61 @@
+"""From a resolved scenario to a World: with `members` the only place that brings concrete classes together."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from msgspec import UnsetType
+
+from uwserver.environment.earth import NO_FIELD, Earth
+from uwserver.environment.materials import lambert
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
+from uwserver.scenario.build.population import Population
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.water.sea import water_of
+from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
+from uwserver.scenario.world.magnetic import magnetic_about
+from uwserver.sensors import MagnetometerConfig
+from uwserver.units import rad
+from uwserver.world.services import offer_world_services
+from uwserver.world.world import World
+
+
+def build(resolved: Resolved, seed: int | None = None) -> World:
+    """A world at t = 0.
+
+    Args:
+        resolved: a loaded and checked scenario.
+        seed: instead of the scenario's.
+    """
+    scenario = resolved.scenario
+    rate = physics_rate(scenario.world.rate_hz)
+    hydro = Hydrodynamics((), float(1 / rate))
+    seed = scenario.seed if seed is None else seed
+    water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
+    hydro.sea = None if water.sea is None else water.sea.rows
+    world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
+    world.earth = _earth(resolved)
+    world.lambert = lambert(resolved.materials)
+    if resolved.is_solid:
+        build_scene(world, resolved)
+    Population(world, resolved).begin()
+    hydro.load_kernels()
+    world.set_current(water.current)
+    for name, fault in scenario.faults.items():
+        world.faults.set(name, fault, world.tick)
+    offer_world_services(world)
+    return world
+
+
+def _earth(resolved: Resolved) -> Earth:
+    """Where N lies. The magnetic field costs a moment, and is computed where a magnetometer or a magnetic heading asks for it."""
+    table = resolved.scenario.world
+    epoch = instant(table.epoch_utc)
+    if isinstance(table.origin_lat_deg, UnsetType) or isinstance(table.origin_lon_deg, UnsetType):
+        return Earth(epoch_ns=nanoseconds(epoch))
+    latitude, longitude = rad(table.origin_lat_deg), rad(table.origin_lon_deg)
+    sensors = [config for vehicle in resolved.vehicles.values() for config in vehicle.vehicle.sensors.values()]
+    magnetic = any(isinstance(c, MagnetometerConfig) or getattr(c, "north", "") == "magnetic" for c in sensors)
+    field = magnetic_about(latitude, longitude, year_of(epoch)) if magnetic else NO_FIELD
+    return Earth(latitude, longitude, nanoseconds(epoch), field)

@@ -1,0 +1,137 @@
+"""Files on their way in: found, read and parsed, with the places of their keys."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted
+from uwserver.scenario.files.locate import Locations, locate
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass(frozen=True)
+class Document:
+    """One parsed file, or the like of one built in Python.
+
+    Attributes:
+        label: the file as problems name it.
+        raw: its top table.
+        locations: line and column of every key; (0, 0) without a file.
+        path: None without a file.
+    """
+
+    label: str
+    raw: dict[str, Any]
+    locations: Locations
+    path: Path | None
+
+    def problem(self, path: KeyPath, text: str, at: KeyPath | None = None, severity: Severity = "error") -> Problem:
+        """A problem of the value at `path`, placed at the key `at` (default: `path`) or the nearest table around it."""
+        place = path if at is None else at
+        while place and place not in self.locations:
+            place = place[:-1]
+        line, column = self.locations.get(place, (0, 0) if self.path is None else (1, 1))
+        return Problem(self.label, line, column, dotted(path), text, severity)
+
+
+def read(path: Path) -> Document:
+    """The parsed file.
+
+    Raises:
+        ScenarioError: it cannot be read, or is no TOML; the problem has the position.
+    """
+    label = label_of(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        return parse(text, label, path.resolve())
+    except OSError as error:
+        raise ScenarioError([Problem(label, 0, 0, "", f"cannot read it: {error.strerror}")]) from error
+    except UnicodeDecodeError as error:
+        before = error.object[: error.start].decode("utf-8", "replace")
+        text = f"byte 0x{error.object[error.start]:02x} is no UTF-8: save the file as UTF-8"
+        raise ScenarioError([Problem(label, *_end(before), "", text)]) from error
+
+
+def parse(text: str, label: str, path: Path) -> Document:
+    """The parsed text; ScenarioError as `read`."""
+    try:
+        raw = tomllib.loads(text)
+        return Document(label, raw, locate(text), path)
+    except RecursionError:
+        problem = Problem(label, 1, 1, "", "no valid TOML: nested too deeply")
+    except ValueError as error:
+        message = str(error)
+        match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
+        line, column = (int(match[2]), int(match[3])) if match else _end(text)
+        reason = match[1] if match else message.removesuffix(" (at end of document)")
+        problem = Problem(label, line, column, "", f"no valid TOML: {reason[:1].lower()}{reason[1:]}")
+    raise ScenarioError([problem])
+
+
+def from_tables(raw: dict[str, Any], label: str) -> Document:
+    """A document that was built in Python: its keys have no positions."""
+    locations: Locations = {}
+
+    def visit(value: object, path: KeyPath) -> None:
+        locations[path] = (0, 0)
+        items = (
+            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, (list, tuple)) else ()
+        )
+        for key, item in items:
+            visit(item, (*path, key))
+
+    visit(raw, ())
+    return Document(label, raw, locations, None)
+
+
+def shipped(folder: str = "") -> dict[str, Path]:
+    """Files of the package `uwserver_scenarios` by name: scenarios, or those of the folder "vehicles" or "devices"."""
+    root = Path(str(resources.files("uwserver_scenarios"))) / folder
+    return {path.stem: path for path in sorted(root.glob("*.toml"))}
+
+
+def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None]) -> Path | None:
+    """The file that a reference means: the name of a shipped one, or (with ``.toml`` or a slash) a path.
+
+    Args:
+        reference: as the user wrote it.
+        folder: "", "vehicles" or "devices" of the shipped files.
+        beside: folder that a relative path starts from.
+        fail: told in words why there is none.
+    """
+    noun = {"": "scenario", "vehicles": "vehicle", "devices": "device"}[folder]
+    if reference.endswith(".toml") or "/" in reference or "\\" in reference:
+        path = beside / reference
+        if path.is_file():
+            return path
+        fail(f'there is no {noun} file "{label_of(path)}"')
+        return None
+    names = shipped(folder)
+    if reference not in names:
+        hint = did_you_mean(reference, list(names))
+        fail(
+            f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; a file of your own needs its ".toml"'
+        )
+        return None
+    return names[reference]
+
+
+def label_of(path: Path) -> str:
+    """The path as a user would type it: relative where it lies below the working folder."""
+    absolute, here = path.resolve(), Path.cwd().resolve()
+    return str(absolute.relative_to(here)) if absolute.is_relative_to(here) else str(absolute)
+
+
+def _end(text: str) -> tuple[int, int]:
+    """Line and column behind the last character."""
+    return text.count("\n") + 1, len(text) - text.rfind("\n")

@@ -1,0 +1,71 @@
+"""A scenario as TOML again: as it was given, or with everything that it resolved to."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from uwserver.scenario.files.convert import fields
+from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
+from uwserver.scenario.load.tables import Scenario
+
+_NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")
+
+
+def to_toml(scenario: Scenario) -> str:
+    """The scenario file. Loading it gives an equal Scenario; keys at their defaults are left out."""
+    return _toml(tables(scenario))
+
+
+def explain(resolved: Resolved) -> str:
+    """The whole scenario as TOML, with every default written out, and each vehicle as it will be built.
+
+    `vehicles.<name>.file` is the vehicle file with overrides and the scenario's sensors merged in, `vehicles.<name>.devices` holds the
+    device files of its thrusters. To be read, not to be loaded. Warnings come first, as comments.
+    """
+    whole = tables(resolved.scenario, defaults=True)
+    whole["environment"]["density_kgpm3"] = resolved.scenario.environment.density
+    whole["vehicles"] = {name: _vehicle(vehicle) for name, vehicle in resolved.vehicles.items()}
+    comments = [f"# {problem}\n" for problem in resolved.warnings]
+    return "".join(comments) + _toml(whole)
+
+
+def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
+    """A Struct as plain tables, its `kind` first; keys without a value are left out, those at their defaults only if told."""
+    config = table.__struct_config__
+    raw: dict[str, Any] = {str(config.tag_field): config.tag} if config.tag_field else {}
+    for info in fields(type(table)):
+        value = getattr(table, info.name)
+        default = info.default if info.default_factory is msgspec.NODEFAULT else info.default_factory()
+        if value is None or value is msgspec.UNSET or (not defaults and not info.required and value == default):
+            continue
+        raw[info.encode_name] = _plain(value, defaults)
+    return raw
+
+
+def _toml(raw: dict[str, Any]) -> str:
+    """TOML with each vector on one line (no string holds a line break: they are written escaped)."""
+    return _NUMBERS.sub(
+        lambda match: " ".join(match[0].split()).replace("[ ", "[").replace(", ]", "]"), tomli_w.dumps(raw)
+    )
+
+
+def _plain(value: Any, defaults: bool) -> Any:
+    if isinstance(value, msgspec.Struct):
+        return tables(value, defaults=defaults)
+    if isinstance(value, dict):
+        return {key: _plain(item, defaults) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item, defaults) for item in value]
+    return value
+
+
+def _vehicle(resolved: ResolvedVehicle) -> dict[str, Any]:
+    entry = tables(resolved.entry, defaults=True)
+    del entry["override"], entry["sensors"]
+    used = {resolved.vehicle.thrusters[name].device: device for name, device in resolved.devices.items()}
+    devices = {reference: tables(device, defaults=True) for reference, device in used.items()}
+    return {**entry, "file": tables(resolved.vehicle, defaults=True), "devices": devices}

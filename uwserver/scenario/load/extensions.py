@@ -1,0 +1,110 @@
+"""Python files beside a scenario that add kinds of sensor and of modifier. They are code: to load such a scenario is to run them."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+import types
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from uwserver.logs import place_of
+from uwserver.modifiers import ModifierConfig, ModifierTable
+from uwserver.scenario.files.convert import More, kinds_of
+from uwserver.scenario.files.documents import label_of
+from uwserver.scenario.files.errors import KeyPath, Problem
+from uwserver.sensors import SensorConfig, SensorTable
+
+_LISTS: Mapping[str, tuple[type, Any]] = {
+    "SENSORS": (SensorTable, SensorConfig),
+    "MODIFIERS": (ModifierTable, ModifierConfig),
+}
+"""Names in the file that list its kinds: what these derive from, and the kinds that are there already."""
+
+
+def extension_kinds(
+    names: object, beside: Path, report: Callable[[KeyPath, str], None], take: Callable[[Problem], None]
+) -> More:
+    """Kinds of all extensions of a scenario. Runs their files.
+
+    Args:
+        names: what the key `extensions` holds; anything but a list of names is told elsewhere.
+        beside: folder that they start from.
+        report: takes in faults of the scenario file.
+        take: takes in faults of the Python files, with their own places.
+    """
+    more: dict[type, dict[str, Any]] = {base: {} for base, _ in _LISTS.values()}
+    for k, name in enumerate(names if isinstance(names, (list, tuple)) else ()):
+        path = beside / name if isinstance(name, str) and name else None
+        if path is None:
+            continue
+        if path.suffix != ".py" or not path.is_file():
+            report(("extensions", k), f'there is no Python file "{label_of(path)}"')
+            continue
+        for problem in _gather(path.resolve(), more):
+            take(problem)
+    return more
+
+
+def _gather(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
+    """Run a file and add the kinds that it lists; yields its faults."""
+    label = label_of(path)
+    try:
+        source = path.read_text(encoding="utf-8")
+        module = _run(path, source)
+    except SyntaxError as error:
+        yield Problem(label, error.lineno or 0, error.offset or 0, "", f"no valid Python: {error.msg}")
+        return
+    except Exception as error:  # noqa: BLE001 - a file of the user may fail in any way
+        yield Problem(
+            label,
+            place_of(error, str(path))[1],
+            1,
+            "",
+            f"it failed while it was loaded: {type(error).__name__}: {error}",
+        )
+        return
+    if not any(hasattr(module, name) for name in _LISTS):
+        yield Problem(label, 1, 1, "", "it adds nothing: list its kinds in SENSORS = (...) or MODIFIERS = (...)")
+    for name, (base, union) in _LISTS.items():
+        listed = getattr(module, name, ())
+        if not isinstance(listed, Sequence):
+            yield Problem(label, _line_of(source, rf"{name}\b"), 1, name, "expected a list of classes")
+            continue
+        for kind in listed:
+            taken = {**kinds_of(union), **more[base]}
+            fault = _fault(kind, base, taken)
+            if fault:
+                line = _line_of(source, rf"class {getattr(kind, '__name__', name)}\b|{name}\b")
+                yield Problem(label, line, 1, name, fault)
+            else:
+                more[base][str(kind.__struct_config__.tag)] = kind
+
+
+def _run(path: Path, source: str) -> types.ModuleType:
+    # By hand: nothing is written beside the user's file, and what was changed is run as it is now.
+    module = types.ModuleType(f"uwserver_extension_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # where msgspec looks up the annotations of its Structs
+    exec(compile(source, str(path), "exec"), module.__dict__)
+    return module
+
+
+def _fault(kind: Any, base: type, taken: Mapping[str, Any]) -> str:
+    """Why a class cannot be a kind; "" if it can."""
+    if not isinstance(kind, type) or not issubclass(kind, base):
+        return f"{kind!r} does not derive from {base.__module__.rpartition('.')[0]}.{base.__name__}"
+    tag = str(kind.__struct_config__.tag)  # type: ignore[attr-defined]  # it is a Struct
+    if not callable(getattr(kind, "build", None)):
+        return f"{kind.__name__} has no build(): see the shipped kinds"
+    if tag in taken:
+        return f'there is a kind "{tag}" already: give {kind.__name__} another tag'
+    return ""
+
+
+def _line_of(source: str, pattern: str) -> int:
+    """Where it stands at the beginning of a line; 1 if nowhere."""
+    found = re.search(rf"^(?:{pattern})", source, re.M)
+    return source.count("\n", 0, found.start()) + 1 if found else 1

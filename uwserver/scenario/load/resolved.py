@@ -1,0 +1,74 @@
+"""What loading a scenario gives: every file read, every reference followed, every check passed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.geometry.shapes import Solid
+from uwserver.scenario.files.errors import Problem
+from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.solids.tables import ObjectEntry
+from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+
+
+@dataclass(frozen=True)
+class ResolvedVehicle:
+    """One vehicle of the scenario.
+
+    Attributes:
+        name: its table name.
+        entry: its table in the scenario.
+        vehicle: the vehicle file with `override` and the entry's sensors merged in, disabled components taken out.
+        devices: device of each thruster, by the thruster's name.
+        solid: its collision shapes in B; None without any.
+    """
+
+    name: str
+    entry: VehicleEntry
+    vehicle: Vehicle
+    devices: Mapping[str, ThrusterDevice]
+    solid: Solid | None = None
+
+
+@dataclass(frozen=True)
+class ResolvedObject:
+    """One free object of the scenario: its table, its body in the scenario's water, and its shape in B."""
+
+    name: str
+    entry: ObjectEntry
+    params: BodyParams
+    solid: Solid
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A scenario ready to build.
+
+    Attributes:
+        name: file stem, or the name given by the builder.
+        scenario: the typed file.
+        vehicles: in the order of the file.
+        path: the file; None for one built in Python.
+        warnings: what a user should know, though the scenario runs.
+        static: seabed and structures, in N, by name.
+        objects: free objects, in the order of the file.
+        materials: name of each material's number.
+    """
+
+    name: str
+    scenario: Scenario
+    vehicles: Mapping[str, ResolvedVehicle]
+    path: Path | None
+    warnings: tuple[Problem, ...]
+    static: Mapping[str, Solid] = field(default_factory=dict)
+    objects: Mapping[str, ResolvedObject] = field(default_factory=dict)
+    materials: tuple[str, ...] = ()
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether anything can touch anything; what is spawned later does not count."""
+        moving = [vehicle.solid for vehicle in self.vehicles.values()] + [body.solid for body in self.objects.values()]
+        return bool(self.static) or sum(solid is not None for solid in moving) > 1

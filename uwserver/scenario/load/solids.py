@@ -1,0 +1,229 @@
+"""The solid things of one scenario: tables and files read, and checked against each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import UNSET
+
+from uwserver.physics.geometry.shapes import (
+    BadSolid,
+    Box,
+    Capsule,
+    ConvexHull,
+    FloatArray,
+    HalfSpace,
+    Placed,
+    Solid,
+    Sphere,
+    TriangleMesh,
+    turned,
+)
+from uwserver.scenario.files.convert import Report, check_name, convert, silent
+from uwserver.scenario.files.documents import Document
+from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.load.resolved import ResolvedObject
+from uwserver.scenario.load.tables import Environment, WorldTable
+from uwserver.scenario.solids.objects import object_params
+from uwserver.scenario.solids.shapes import (
+    Materials,
+    collision_solid,
+    missing_engines,
+    object_solid,
+    seabed_solid,
+    structure_solid,
+)
+from uwserver.scenario.solids.tables import Collision, Contact, HullCollision, ObjectEntry, Seabed, Structure
+from uwserver.scenario.vehicle.assembly import MergedFile, named
+from uwserver.scenario.vehicle.copies import raw_places
+
+
+class SolidFiles:
+    """Reads what could be read, so that one fault does not hide the others.
+
+    Attributes:
+        static: seabed and structures, in N, by name.
+        objects: free objects by name.
+        vehicles: collision shapes of vehicles by name.
+        materials: numbers of materials.
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        world: WorldTable | None,
+        environment: Environment | None,
+        report: Report,
+        warn: Report,
+    ) -> None:
+        self.static: dict[str, Solid] = {}
+        self.objects: dict[str, ResolvedObject] = {}
+        self.vehicles: dict[str, Solid] = {}
+        self.materials = Materials()
+        self._document, self._report, self._warn = document, report, warn
+        self._folder = document.path.parent if document.path else Path.cwd()
+        self._told = False
+        self._read_seabed(world)
+        for name, raw in named(document.raw, "structures").items():
+            table = convert(raw, Structure, (), silent)
+            path: KeyPath = ("structures", name)
+            if name == "seabed":
+                report(path, '"seabed" is the table [seabed]: choose another name')
+            elif table is not None and self._engines(path, report):
+                self._try(
+                    path,
+                    name,
+                    lambda n, t=table, p=path: structure_solid(n, t, self._folder, self.materials, self._say(p)),
+                )
+        for name, raw in named(document.raw, "objects").items():
+            self._read_object(name, convert(raw, ObjectEntry, (), silent), environment)
+
+    def read_vehicle(self, name: str, merged: MergedFile, report: Report, warn: Report) -> None:
+        """The collision shapes of a vehicle."""
+        tables, folders = {}, {}
+        for key, raw in named(merged.raw, "collision").items():
+            table = convert(raw, Collision, (), silent)
+            if table is not None:
+                tables[key], folders[key] = table, merged.folder_of(("collision", key, "file"))
+        contact = convert(merged.raw.get("contact", {}), Contact, (), silent)
+        if not tables or contact is None:
+            return
+        if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(
+            ("collision",), report
+        ):
+            return
+        try:
+            self.vehicles[name] = collision_solid(
+                name, tables, contact, folders, self.materials, lambda text: warn(("collision",), text)
+            )
+        except BadSolid as error:
+            report(("collision",), str(error))
+
+    def check_places(self) -> None:
+        """Vehicles and objects must not begin inside something."""
+        for table in ("vehicles", "objects"):
+            for key, _, p in raw_places(self._document.raw, table):
+                if not isinstance(p, (list, tuple)) or len(p) != 3 or not all(isinstance(c, (int, float)) for c in p):
+                    continue
+                for solid in self.static.values():
+                    what = _buried(solid, np.array(p, dtype=np.float64))
+                    if what is not None:
+                        self._report((table, key, "position_ned_m"), f'it begins inside "{solid.name}": {what}')
+
+    def check_engines(self, vehicles: Sequence[tuple[str, str, object]]) -> None:
+        """What can touch something needs the engines; one vehicle alone does not. `vehicles`: see `raw_places`."""
+        if sum(key in self.vehicles for key, _, _ in vehicles) > 1:
+            self._engines(("vehicles",), self._report)
+
+    def _read_seabed(self, world: WorldTable | None) -> None:
+        origin = None
+        if world is not None:
+            given = [world.origin_lat_deg is not UNSET, world.origin_lon_deg is not UNSET]
+            if any(given) and not all(given):
+                self._report(("world",), "give origin_lat_deg and origin_lon_deg, or none of the two")
+            if all(given):
+                origin = float(world.origin_lat_deg), float(world.origin_lon_deg)  # type: ignore[arg-type]
+        if "seabed" not in self._document.raw:
+            return
+        table = convert(self._document.raw["seabed"], Seabed, (), silent)
+        if table is not None and world is not None and self._engines(("seabed",), self._report):
+            self._try(("seabed",), "seabed", lambda _: seabed_solid(table, self._folder, origin, self.materials))
+
+    def _read_object(self, name: str, table: ObjectEntry | None, environment: Environment | None) -> None:
+        path: KeyPath = ("objects", name)
+        if not check_name(path, self._report):
+            return
+        if name == "world" or name in named(self._document.raw, "vehicles"):
+            self._report(path, f'"{name}" is taken, as paths begin with it: choose another name')
+        if table is None or environment is None or not self._engines(path, self._report):
+            return
+        given = [key for key in ("mass_kg", "density_kgpm3") if getattr(table, key) is not UNSET]
+        if len(given) != 1:
+            found = "both are given" if given else "none is given"
+            self._report(path, f"give exactly one of mass_kg and density_kgpm3: {found}")
+            return
+        solid = object_solid(name, table, self.materials)
+        self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid)
+
+    def _try(self, path: KeyPath, name: str, make: Any) -> None:
+        try:
+            self.static[name] = make(name)
+        except BadSolid as error:
+            self._report(path, str(error))
+
+    def _say(self, path: KeyPath) -> Any:
+        return lambda text: self._warn(path, text)
+
+    def _engines(self, path: KeyPath, report: Report) -> bool:
+        """Whether all that solids need is installed; says so once."""
+        missing = missing_engines()
+        if missing is not None and not self._told:
+            self._told = True
+            report(path, missing)
+        return missing is None
+
+
+def _buried(solid: Solid, p: FloatArray) -> str | None:
+    """In words how p (3, N) is inside a static solid; None if it is not."""
+    meshes = [placed.shape for placed in solid.shapes if isinstance(placed.shape, TriangleMesh)]
+    if solid.name == "seabed" and meshes:
+        depths = [d for mesh in meshes if (d := _depth_under(mesh, p[0], p[1])) is not None]
+        if depths and p[2] > min(depths):
+            return f"the seabed there is {min(depths):.2f} m deep"
+        return None
+    for placed in solid.shapes:
+        local = turned(placed.q).T @ (p - placed.p)
+        if isinstance(placed.shape, HalfSpace) and local[2] > 0.0:
+            return f"the seabed is {placed.p[2]:.2f} m deep"
+        if not isinstance(placed.shape, HalfSpace | TriangleMesh) and _inside(placed, local):
+            return "choose another position"
+    closed = [mesh for mesh in meshes if mesh.oriented]
+    if closed and sum(_winding(mesh, turned(solid.shapes[0].q).T @ (p - solid.shapes[0].p)) for mesh in closed) > 0.5:
+        return "choose another position"
+    return None
+
+
+def _inside(placed: Placed, x: FloatArray) -> bool:
+    shape = placed.shape
+    if isinstance(shape, Box):
+        return bool((np.abs(x) < shape.half).all())
+    if isinstance(shape, Sphere):
+        return float(x @ x) < shape.radius**2
+    if isinstance(shape, ConvexHull):
+        from scipy.spatial import Delaunay
+
+        return bool(Delaunay(shape.points).find_simplex(x) >= 0)
+    if isinstance(shape, Capsule):
+        along = x[0] - min(max(x[0], -shape.half_length), shape.half_length)
+        return bool(along**2 + x[1] ** 2 + x[2] ** 2 < shape.radius**2)
+    assert not isinstance(shape, HalfSpace | TriangleMesh)
+    return bool(abs(x[0]) < shape.half_length and math.hypot(x[1], x[2]) < shape.radius)
+
+
+def _depth_under(mesh: TriangleMesh, north: float, east: float) -> float | None:
+    """Depth of a seabed at a place, m; None beside it."""
+    corners = mesh.vertices[mesh.faces]
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    x, y = north - a[:, 0], east - a[:, 1]
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    s, t = (x * v[:, 1] - y * v[:, 0]) / area, (u[:, 0] * y - u[:, 1] * x) / area
+    under = np.flatnonzero((s >= -1e-9) & (t >= -1e-9) & (s + t <= 1.0 + 1e-9))
+    if not len(under):
+        return None
+    k = int(under[0])
+    return float(a[k, 2] + s[k] * u[k, 2] + t[k] * v[k, 2])
+
+
+def _winding(mesh: TriangleMesh, p: FloatArray) -> float:
+    """How often a closed surface goes around p: 1 inside, 0 outside. Van Oosterom and Strackee 1983."""
+    corners = mesh.vertices[mesh.faces] - p
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", v, w) for v, w in ((a, b), (b, c), (c, a)))
+    angles = 2.0 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return float(angles.sum() / (4.0 * math.pi))

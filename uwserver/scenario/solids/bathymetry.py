@@ -1,0 +1,206 @@
+"""Grids of depth on their way in: .npy in metres, NetCDF in latitude and longitude; triangulated and tiled."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from msgspec import UNSET
+
+from uwserver.environment.geodesy import north_east
+from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, FloatArray, TriangleMesh
+from uwserver.scenario.solids.tables import GridSeabed
+from uwserver.units import deg, rad
+
+MOST_POINTS = 4_000_000
+"""Of a grid after `extent_m`: 8 million triangles."""
+_DEGREE = rad(1.0) * 6_356_752.0
+"""The shortest degree of latitude or longitude that is not shortened by its latitude, m."""
+_HALF_TURN = deg(math.pi)
+TILE_CELLS = int((TILE_TRIANGLES / 2) ** 0.5)
+"""Cells along the edge of a tile."""
+
+
+class Grid(NamedTuple):
+    """Points (n, m) of a seabed in N: rows to the north, columns to the east; depth positive down, m."""
+
+    north: FloatArray
+    east: FloatArray
+    depth: FloatArray
+
+
+def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None) -> Grid:
+    """The grid that a table names.
+
+    Args:
+        table: of the scenario.
+        path: of its file.
+        origin: latitude and longitude (deg) of N's origin, if the scenario has them.
+
+    Raises:
+        BadSolid: missing, unreadable, of wrong form or size, without its variables, or with depths that are not finite.
+    """
+    if not path.is_file():
+        raise BadSolid(f'there is no grid file "{path}"')
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        grid = _from_numpy(table, path)
+    elif suffix in (".nc", ".grd"):
+        grid = _from_netcdf(table, path, origin)
+    else:
+        raise BadSolid(f'"{path.name}" is of no known kind: use .npy or .nc')
+    if table.extent_m is not UNSET:
+        grid = _within(grid, table.extent_m)
+    if min(grid.depth.shape) < 2:
+        raise BadSolid(
+            f'"{path.name}" has {grid.depth.shape[0]} x {grid.depth.shape[1]} points in reach: at least 2 x 2'
+        )
+    if grid.depth.size > MOST_POINTS:
+        raise BadSolid(
+            f'"{path.name}" has {grid.depth.size} points: take at most {MOST_POINTS}, by extent_m or by thinning'
+        )
+    bad = int((~np.isfinite(grid.depth)).sum())
+    if bad:
+        raise BadSolid(f'{bad} of {grid.depth.size} depths in "{path.name}" are not finite: fill them')
+    return grid
+
+
+def triangulate(grid: Grid) -> tuple[TriangleMesh, ...]:
+    """Two triangles a cell, outside up, in tiles of at most `TILE_CELLS` cells a side.
+
+    Neighbouring tiles repeat the points of their border exactly, so there is no gap.
+    """
+    points = np.stack(grid, axis=-1)
+    rows, columns = grid.depth.shape
+    meshes = []
+    for i in range(0, rows - 1, TILE_CELLS):
+        for j in range(0, columns - 1, TILE_CELLS):
+            part = points[i : i + TILE_CELLS + 1, j : j + TILE_CELLS + 1]
+            n, m = part.shape[:2]
+            k = np.arange(n * m).reshape(n, m)
+            a, b, c, d = k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]
+            faces = np.stack([np.stack([a, d, b], axis=-1), np.stack([b, d, c], axis=-1)], axis=2).reshape(-1, 3)
+            meshes.append(TriangleMesh(np.ascontiguousarray(part.reshape(-1, 3)), faces))
+    return tuple(meshes)
+
+
+def _from_numpy(table: GridSeabed, path: Path) -> Grid:
+    if table.spacing_m is UNSET:
+        raise BadSolid(f'"{path.name}" needs spacing_m, the distances of its rows and columns')
+    try:
+        values = np.load(path, allow_pickle=False, mmap_mode="r")
+    except (OSError, ValueError, EOFError) as error:
+        raise BadSolid(f'"{path.name}" is no .npy array: {error}') from error
+    if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "fiu":
+        raise BadSolid(f'"{path.name}" must hold an array of numbers with rows and columns')
+    if table.extent_m is UNSET and values.size > MOST_POINTS:
+        raise BadSolid(
+            f'"{path.name}" has {values.size} points: take at most {MOST_POINTS}, by extent_m or by thinning'
+        )
+    depth = values.astype(np.float64)
+    if table.values == "elevation":
+        depth = -depth
+    extent = [(n - 1) * step for n, step in zip(depth.shape, table.spacing_m, strict=True)]
+    first = [-0.5 * e for e in extent] if table.origin_north_east_m is UNSET else list(table.origin_north_east_m)
+    axes = [f + step * np.arange(n) for f, step, n in zip(first, table.spacing_m, depth.shape, strict=True)]
+    north, east = np.meshgrid(*axes, indexing="ij")
+    return Grid(north, east, depth)
+
+
+def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | None) -> Grid:
+    if origin is None:
+        raise BadSolid(f'"{path.name}" is in latitude and longitude: give origin_lat_deg and origin_lon_deg in [world]')
+    with _opened(path) as variables:
+        names = (table.latitude, table.longitude, table.variable)
+        missing = [name for name in names if name not in variables]
+        if missing:
+            there = ", ".join(sorted(variables)) or "none"
+            raise BadSolid(f'"{path.name}" has no variable {" and no ".join(missing)}; there are: {there}')
+        axes = [_scaled(variables[name], np.s_[...]) for name in names[:2]]
+        shape = tuple(variables[table.variable].shape)
+        if any(axis.ndim != 1 for axis in axes) or shape != tuple(len(axis) for axis in axes):
+            raise BadSolid(f'"{path.name}": {table.variable} is {shape}, and not latitudes by longitudes')
+        for name, axis in zip(names, axes, strict=False):
+            steps = np.diff(axis)
+            if not (np.isfinite(axis).all() and ((steps > 0.0).all() or (steps < 0.0).all())):
+                raise BadSolid(f'"{path.name}": {name} does not rise or fall all along')
+        part = _window(axes, origin, table)
+        if np.prod([len(axis[p]) for axis, p in zip(axes, part, strict=True)]) > MOST_POINTS:
+            raise BadSolid(f'"{path.name}" has {shape} points: take at most {MOST_POINTS}, by extent_m or by thinning')
+        # A global grid is never read whole.
+        values = _scaled(variables[table.variable], part)
+    latitude, longitude = (axis[p] for axis, p in zip(axes, part, strict=True))
+    if len(latitude) and latitude[0] > latitude[-1]:
+        latitude, values = latitude[::-1], values[::-1]
+    if len(longitude) and longitude[0] > longitude[-1]:
+        longitude, values = longitude[::-1], values[:, ::-1]
+    to_rad = rad(1.0)
+    north, east = north_east(
+        *np.meshgrid(latitude * to_rad, longitude * to_rad, indexing="ij"), rad(origin[0]), rad(origin[1])
+    )
+    return Grid(north, east, values if table.values == "depth" else -values)
+
+
+def _window(axes: list[FloatArray], origin: tuple[float, float], table: GridSeabed) -> tuple[slice, slice]:
+    """Rows and columns worth reading; a little more than `extent_m`, which is cut exactly later."""
+    if table.extent_m is UNSET:
+        return slice(None), slice(None)
+    reach = 1.05 * float(table.extent_m) / _DEGREE
+    away = (
+        np.abs(axes[0] - origin[0]),
+        np.abs(np.remainder(axes[1] - origin[1] + _HALF_TURN, 2 * _HALF_TURN) - _HALF_TURN) * np.cos(rad(origin[0])),
+    )
+    kept = [np.flatnonzero(a <= reach) for a in away]
+    first = [slice(max(int(k[0]) - 1, 0), int(k[-1]) + 2) if len(k) else slice(0, 0) for k in kept]
+    return first[0], first[1]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The variables of a NetCDF file; scipy reads the classic form (version 3), h5netcdf the one on HDF5 (version 4)."""
+    with path.open("rb") as file:
+        classic = file.read(3) == b"CDF"
+    try:
+        reader: Any = importlib.import_module("scipy.io" if classic else "h5netcdf")
+    except ImportError as error:
+        extra = "solid" if classic else "netcdf"
+        raise BadSolid(f'"{path.name}" needs the extra "{extra}": pip install "uwserver[{extra}]"') from error
+    try:
+        with reader.netcdf_file(str(path), mmap=False) if classic else reader.File(path, "r") as file:
+            yield file.variables
+    except BadSolid:
+        raise
+    except Exception as error:  # a parser of foreign files may raise anything
+        raise BadSolid(f'cannot read "{path.name}": {type(error).__name__}: {error}') from error
+
+
+def _scaled(variable: Any, part: Any) -> FloatArray:
+    """A part of a variable, scaled as it says; fill values are NaN."""
+    # Two libraries, two names.
+    attributes = variable.attrs if hasattr(variable, "attrs") else vars(variable)
+    values = np.array(variable[part], dtype=np.float64)
+    for name in ("_FillValue", "missing_value"):
+        if name in attributes:
+            values[values == _number(attributes[name])] = np.nan
+    return values * _number(attributes.get("scale_factor", 1.0)) + _number(attributes.get("add_offset", 0.0))
+
+
+def _number(attribute: Any) -> float:
+    return float(np.asarray(attribute).ravel()[0])
+
+
+def _within(grid: Grid, extent: float) -> Grid:
+    """Rows and columns that come within `extent` (m) of the origin to north and east, and one more around them for the border."""
+    rows = np.flatnonzero((np.abs(grid.north) <= extent).any(axis=1))
+    columns = np.flatnonzero((np.abs(grid.east) <= extent).any(axis=0))
+    if not len(rows) or not len(columns):
+        raise BadSolid(
+            f"no point of the grid is within {extent:g} m of N's origin: check origin_lat_deg, origin_lon_deg"
+        )
+    part = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+    return Grid(*(values[part] for values in grid))

@@ -1,0 +1,129 @@
+"""From the tables of solid things to engine-free solids; reads the files that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from msgspec import UNSET
+
+from uwserver.frames import quat_from_rpy
+from uwserver.physics.geometry.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Placed,
+    Shape,
+    Solid,
+    Sphere,
+    Vec3,
+    check_shape,
+)
+from uwserver.scenario.solids.assets import read_hull, read_mesh
+from uwserver.scenario.solids.bathymetry import read_grid, triangulate
+from uwserver.scenario.solids.tables import Collision, Contact, FlatSeabed, ObjectEntry, Seabed, Structure
+from uwserver.units import rad
+
+Warn = Callable[[str], None]
+ENGINES = ("pybullet", "embreex", "scipy")
+
+
+class Materials:
+    """Numbers of materials by name, in the order in which they were met."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, int] = {}
+
+    def number(self, name: str) -> int:
+        """The number of a material, a new one for a new name."""
+        return self._numbers.setdefault(name, len(self._numbers))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each number."""
+        return tuple(self._numbers)
+
+
+def missing_engines() -> str | None:
+    """What to do before a world can hold something solid; None if all is there."""
+    absent = [name for name in ENGINES if find_spec(name) is None]
+    if not absent:
+        return None
+    return f'something solid needs {", ".join(absent)}: pip install "uwserver[solid]"'
+
+
+def seabed_solid(table: Seabed, folder: Path, origin: tuple[float, float] | None, materials: Materials) -> Solid:
+    """The seabed, in N.
+
+    Args:
+        table: of the scenario.
+        folder: where relative file names start.
+        origin: latitude and longitude (deg) of N's origin, if the scenario has them.
+        materials: takes in the material.
+
+    Raises:
+        BadSolid: see `read_grid`.
+    """
+    if isinstance(table, FlatSeabed):
+        return _solid("seabed", (Placed(HalfSpace(), (0.0, 0.0, table.depth_m)),), table, materials)
+    meshes = triangulate(read_grid(table, folder / table.file, origin))
+    return _solid("seabed", tuple(Placed(mesh) for mesh in meshes), table, materials)
+
+
+def structure_solid(name: str, table: Structure, folder: Path, materials: Materials, warn: Warn) -> Solid:
+    """A structure, in N. Raises BadSolid: see `read_mesh` and `read_hull`."""
+    q = _attitude(table.attitude_rpy_deg)
+    shapes = tuple(Placed(shape, table.position_ned_m, q) for shape in _shapes(table, folder, warn))
+    return _solid(name, shapes, table, materials)
+
+
+def collision_solid(
+    name: str,
+    tables: Mapping[str, Collision],
+    contact: Contact,
+    folders: Mapping[str, Path],
+    materials: Materials,
+    warn: Warn,
+) -> Solid:
+    """The collision shapes of a vehicle, in B; `folders` says where the file name of each starts. Raises BadSolid: see `read_hull`."""
+    shapes = tuple(
+        Placed(shape, table.center_frd_m, _attitude(table.rpy_deg))
+        for key, table in tables.items()
+        for shape in _shapes(table, folders[key], warn)
+    )
+    return _solid(name, shapes, contact, materials)
+
+
+def object_solid(name: str, table: ObjectEntry, materials: Materials) -> Solid:
+    """A free object, in its own B."""
+    return _solid(name, tuple(Placed(shape) for shape in _shapes(table, Path(), lambda text: None)), table, materials)
+
+
+def _solid(name: str, shapes: tuple[Placed, ...], contact: Contact, materials: Materials) -> Solid:
+    for placed in shapes:
+        check_shape(placed.shape)
+    return Solid(name, shapes, contact.friction, contact.restitution, materials.number(contact.material))
+
+
+def _shapes(table: Any, folder: Path, warn: Warn) -> tuple[Shape, ...]:
+    kind = table.__struct_config__.tag
+    if kind in ("mesh", "hull"):
+        up = None if table.up is UNSET else table.up
+        read = read_mesh if kind == "mesh" else read_hull
+        made = read(folder / table.file, up, table.scale, warn)
+        return made if isinstance(made, tuple) else (made,)
+    if kind == "box":
+        x, y, z = table.size_m
+        return (Box((0.5 * x, 0.5 * y, 0.5 * z)),)
+    if kind == "sphere":
+        return (Sphere(table.radius_m),)
+    round_shape = Cylinder if kind == "cylinder" else Capsule
+    return (round_shape(table.radius_m, 0.5 * table.length_m),)
+
+
+def _attitude(rpy_deg: Vec3) -> tuple[float, float, float, float]:
+    roll, pitch, yaw = (rad(angle) for angle in rpy_deg)
+    return quat_from_rpy(roll, pitch, yaw)

@@ -1,0 +1,134 @@
+"""One vehicle of a scenario from its parts: the vehicle file, `override`, and the sensors that the scenario adds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from uwserver.actuators import ActuatorConfig
+from uwserver.scenario.files.convert import NO_MORE, More, convert, fields, silent
+from uwserver.scenario.files.documents import Document
+from uwserver.scenario.files.errors import KeyPath, Problem, Severity
+from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
+from uwserver.scenario.vehicle.tables import (
+    AddedMass,
+    Buoyancy,
+    Damping,
+    RigidBody,
+    Thruster,
+    ThrusterDevice,
+    Vehicle,
+)
+from uwserver.sensors import SensorConfig
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What could be read of a vehicle, so that one fault does not hide the others. Tables with faults are missing (None).
+
+    Attributes:
+        raw: the merged tables, faulty ones too.
+        devices: by thruster name, those that could be read.
+    """
+
+    raw: Mapping[str, Any]
+    rigid_body: RigidBody | None = None
+    buoyancy: Buoyancy | None = None
+    added_mass: AddedMass | None = None
+    damping: Damping | None = None
+    thrusters: Mapping[str, Thruster] = field(default_factory=dict)
+    actuators: Mapping[str, ActuatorConfig] = field(default_factory=dict)
+    sensors: Mapping[str, SensorConfig] = field(default_factory=dict)
+    fins: Mapping[str, Fin] = field(default_factory=dict)
+    foils: Mapping[str, Foil] = field(default_factory=dict)
+    propellers: Mapping[str, ShaftPropeller] = field(default_factory=dict)
+    ballasts: Mapping[str, Ballast] = field(default_factory=dict)
+    moving_masses: Mapping[str, MovingMass] = field(default_factory=dict)
+    hull: Hull | None = None
+    devices: Mapping[str, ThrusterDevice] = field(default_factory=dict)
+
+    def names(self, table: str) -> tuple[str, ...]:
+        """Names in a table of tables, faulty ones too."""
+        return tuple(named(self.raw, table))
+
+
+@dataclass(frozen=True)
+class MergedFile:
+    """The merged tables of one vehicle, which remember in which file each key stands.
+
+    Attributes:
+        scenario, file: where the keys come from.
+        name: of the vehicle in the scenario.
+        raw: what came of it.
+    """
+
+    scenario: Document
+    file: Document
+    name: str
+    raw: dict[str, Any]
+
+    def problem(self, path: KeyPath, text: str, at: KeyPath | None = None, severity: Severity = "error") -> Problem:
+        """A problem in the scenario file if the key (or the nearest table around it) stands there, else in the vehicle file."""
+        place = path if at is None else at
+        while place:
+            prefix = self._in_scenario(place)
+            if prefix is not None:
+                return self.scenario.problem(prefix + path, text, prefix + place, severity)
+            if place in self.file.locations:
+                break
+            place = place[:-1]
+        return self.file.problem(path, text, place, severity)
+
+    def folder_of(self, path: KeyPath) -> Path:
+        """Where a relative file name at this key starts: beside the file that the key stands in."""
+        document = self.file if self._in_scenario(path) is None else self.scenario
+        return Path.cwd() if document.path is None else document.path.parent
+
+    def _in_scenario(self, path: KeyPath) -> KeyPath | None:
+        prefix: KeyPath = ("vehicles", self.name)
+        if path[0] == "sensors" and len(path) > 1 and prefix + path in self.scenario.locations:
+            return prefix
+        prefix = (*prefix, "override")
+        return prefix if prefix + path in self.scenario.locations else None
+
+
+def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: Document) -> MergedFile:
+    """The vehicle file with `override` merged in key by key, then the scenario's sensors, each replacing one of the same name whole."""
+    override = entry.get("override")
+    raw = merged(file.raw, override) if isinstance(override, dict) else dict(file.raw)
+    added = entry.get("sensors")
+    if isinstance(added, dict):
+        present = raw.get("sensors")
+        raw["sensors"] = {**(present if isinstance(present, dict) else {}), **added}
+    return MergedFile(scenario, file, name, raw)
+
+
+def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice], more: More = NO_MORE) -> Draft:
+    """All tables that are free of faults; says nothing about the others."""
+    types = {info.name: info.type for info in fields(Vehicle)}
+    parts: dict[str, Any] = {}
+    for table in ("rigid_body", "buoyancy", "added_mass", "damping", "hull"):
+        parts[table] = convert(raw.get(table), types[table], (), silent)
+    for table in ("thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors"):
+        parts[table] = {}
+        for name, value in named(raw, table).items():
+            converted = convert({name: value}, types[table], (), silent, more)
+            parts[table].update(converted or {})
+    return Draft(raw=raw, devices=devices, **parts)
+
+
+def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
+    """A table of tables; empty where something else stands."""
+    found = raw.get(table)
+    return found if isinstance(found, dict) else {}
+
+
+def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """The base with the keys of the override in it, table by table."""
+    whole = dict(base)
+    for key, value in override.items():
+        below = whole.get(key)
+        whole[key] = merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
+    return whole

@@ -1,0 +1,182 @@
+"""From a vehicle file to kernel parameters: matrices about the body origin, in the scenario's water."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import UNSET, UnsetType
+
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    BuoyancyShape,
+    FloatArray,
+    ForceTable,
+    ThrusterParams,
+    rigid_body_inertia,
+)
+from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
+from uwserver.scenario.load.tables import Environment
+from uwserver.scenario.vehicle.appendages import appendages
+from uwserver.scenario.vehicle.tables import (
+    BoxShape,
+    Buoyancy,
+    Coefficients,
+    ForceCurve,
+    LagTable,
+    RigidBody,
+    SphereShape,
+    Thruster,
+    ThrusterDevice,
+    Vehicle,
+)
+
+
+class Matrices(NamedTuple):
+    """(6, 6) each, about the body origin, at the file's reference densities."""
+
+    M_RB: FloatArray
+    M_A: FloatArray
+    D_L: FloatArray
+    D_Q: FloatArray
+    D_S: FloatArray
+
+
+def matrices(vehicle: Vehicle) -> Matrices:
+    """The matrices as the file has them; M_A is not made symmetric here."""
+    damping = vehicle.damping
+    return Matrices(
+        _rigid_body(vehicle.rigid_body),
+        _matrix(vehicle.added_mass),
+        _matrix(damping.linear) + _matrix(damping.at_rest),
+        _matrix(damping.quadratic),
+        _matrix(damping.speed),
+    )
+
+
+def buoyancy_and_weight(vehicle: Vehicle, environment: Environment) -> tuple[float, float]:
+    """Buoyancy fully submerged, and weight, N."""
+    g = environment.gravity_mps2
+    return environment.density * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
+
+
+def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
+    """Kernel parameters of a checked vehicle: M_A and damping scaled to the water's density, M_A made symmetric where the file says so."""
+    M = matrices(vehicle)
+    M_A = 0.5 * (M.M_A + M.M_A.T) * (environment.density / vehicle.added_mass.reference_density_kgpm3)
+    scale = environment.density / vehicle.damping.reference_density_kgpm3
+    buoyancy, weight = buoyancy_and_weight(vehicle, environment)
+    return BodyParams(
+        M_RB=M.M_RB,
+        M_A=M_A,
+        D_L=M.D_L * scale,
+        D_Q=M.D_Q * scale,
+        D_S=M.D_S * scale,
+        weight=weight,
+        buoyancy=buoyancy,
+        r_g=vehicle.rigid_body.center_of_mass_frd_m,
+        r_b=vehicle.buoyancy.center_frd_m,
+        shapes=_shapes(vehicle.buoyancy),
+        displaced=environment.density * vehicle.buoyancy.volume_m3,
+        thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
+        appendages=appendages(vehicle, environment),
+    )
+
+
+def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice) -> ThrusterParams:
+    """One propulsor from its place on the vehicle and its device."""
+    sense = {"right": -1.0, "left": 1.0, "none": 0.0}[thruster.handedness]
+    propeller = device.propeller
+    return ThrusterParams(
+        name=name,
+        r=thruster.position_frd_m,
+        axis=thruster.axis_frd,
+        table=force_table(device),
+        voltage=device.default_voltage_V if isinstance(thruster.voltage_V, UnsetType) else thruster.voltage_V,
+        lag=lag(device.lag),
+        torque_per_force=sense * propeller.torque_per_force_m,
+        inflow=thruster.inflow_factor * propeller.inflow_sqrtN_spm,
+        disc_radius=0.5 * propeller.diameter_m,
+        installed=thruster.installed_factor,
+    )
+
+
+def force_table(device: ThrusterDevice) -> ForceTable:
+    """Static force against command, a curve for each voltage of the device, in rising order of voltage."""
+    curves = sorted(device.curves.values(), key=lambda curve: curve.voltage_V)
+    return ForceTable(
+        tuple(curve.voltage_V for curve in curves), tuple(_curve(curve, device.shape.coefficients) for curve in curves)
+    )
+
+
+def _curve(curve: ForceCurve, coefficients: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
+    low, high = curve.dead_band
+    n = (TABLE_SIZE - 2) // 2
+    full = _odd(coefficients, 1.0)
+    points = [
+        (-1.0 + k / n * (1.0 + low), -curve.max_reverse_N * _odd(coefficients, 1.0 - k / n) / full) for k in range(n)
+    ]
+    points += [(low, 0.0), (high, 0.0)]
+    points += [
+        (high + k / n * (1.0 - high), curve.max_forward_N * _odd(coefficients, k / n) / full) for k in range(1, n + 1)
+    ]
+    return tuple(points)
+
+
+def _odd(coefficients: tuple[float, ...], v: float) -> float:
+    return float(sum(c * v ** (2 * k + 1) for k, c in enumerate(coefficients)))
+
+
+def lag(table: LagTable) -> Lag:
+    """The lag of a checked table; a transfer function of lower order is padded by leading zeros.
+
+    Raises:
+        ValueError: the denominator is not of third order.
+    """
+    if not isinstance(table.time_constant_s, UnsetType):
+        return Lag.first_order(table.time_constant_s)
+    if isinstance(table.numerator, UnsetType) or isinstance(table.denominator, UnsetType):
+        return Lag()
+    if len(table.denominator) != 4 or len(table.numerator) > 3 or table.denominator[0] == 0.0:
+        raise ValueError("a transfer function needs 4 denominator and at most 3 numerator coefficients")
+    lead = table.denominator[0]
+    b = [c / lead for c in reversed(table.numerator)] + [0.0] * (3 - len(table.numerator))
+    a = [c / lead for c in reversed(table.denominator[1:])]
+    return Lag(tuple(b), tuple(a))
+
+
+def _shapes(buoyancy: Buoyancy) -> tuple[BuoyancyShape, ...]:
+    return tuple(_shape(shape) for shape in buoyancy.shapes.values())
+
+
+def _shape(shape: BoxShape | SphereShape) -> BuoyancyShape:
+    if isinstance(shape, BoxShape):
+        x, y, z = shape.size_m
+        return BuoyancyShape(SHAPE_BOX, shape.center_frd_m, (x / 2, y / 2, z / 2), x * y * z)
+    return BuoyancyShape(
+        SHAPE_SPHERE, shape.center_frd_m, (shape.radius_m, 0.0, 0.0), 4.0 / 3.0 * math.pi * shape.radius_m**3
+    )
+
+
+def _rigid_body(body: RigidBody) -> FloatArray:
+    if not isinstance(body.inertia_matrix_kgm2, UnsetType):
+        inertia = np.array(body.inertia_matrix_kgm2)
+    elif not isinstance(body.inertia_kgm2, UnsetType):
+        inertia = np.diag(body.inertia_kgm2)
+    else:
+        raise ValueError("a rigid body needs inertia_kgm2 or inertia_matrix_kgm2")
+    if body.inertia_about == "origin":
+        S2 = rigid_body_inertia(body.mass_kg, np.zeros((3, 3)), body.center_of_mass_frd_m)[3:, 3:]
+        inertia = inertia - S2
+    return rigid_body_inertia(body.mass_kg, inertia, body.center_of_mass_frd_m)
+
+
+def _matrix(coefficients: Coefficients | UnsetType) -> FloatArray:
+    if isinstance(coefficients, UnsetType):
+        return np.zeros((6, 6))
+    if not isinstance(coefficients.matrix, UnsetType):
+        return np.array(coefficients.matrix)
+    return np.zeros((6, 6)) if coefficients.diagonal is UNSET else np.diag(np.array(coefficients.diagonal))

@@ -1,0 +1,115 @@
+"""Device files of sensors: values of a named device, each with its source, which fill a sensor's table where the user gives none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+from msgspec import field
+
+from uwserver.scenario.files.convert import NO_MORE, More, Report, convert_kind, convert_struct, kinds_of
+from uwserver.scenario.files.documents import Document
+from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.vehicle.appendage_tables import Sourced
+from uwserver.scenario.vehicle.assembly import merged, named
+from uwserver.sensors import SensorConfig
+from uwserver.table import Name, Table
+
+_PROVENANCE = ("source", "status")
+_BEACONS = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
+_OF_THE_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS, "rpm": {"members": ["t1"]}}
+"""Keys that a sensor needs and no device has, as they say where it is used; by kind."""
+
+
+class SensorDevice(Table, kw_only=True, frozen=True):
+    """A device file of a sensor.
+
+    Attributes:
+        kind: of the sensor.
+        title: maker and product.
+        properties: groups of the sensor's keys; each group says `source` and `status` of its values.
+    """
+
+    schema: Literal[1]
+    kind: Name
+    name: Name
+    title: Name
+    properties: dict[str, Any] = field(default_factory=dict)
+
+
+def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) -> dict[str, Any] | None:
+    """The keys of the sensor's table that a device file gives, with its `kind`; None after at least one report."""
+    device: SensorDevice | None = convert_struct(dict(raw), SensorDevice, (), report)
+    if device is None:
+        return None
+    keys: dict[str, Any] = {"kind": device.kind}
+    places: dict[str, KeyPath] = {"kind": ("kind",)}
+    fine = True
+    for name, group in device.properties.items():
+        path: KeyPath = ("properties", name)
+        given = group if isinstance(group, dict) else {}
+        provenance = {key: given[key] for key in _PROVENANCE if key in given}
+        fine &= convert_struct(provenance, Sourced, path, report) is not None
+        for key, value in given.items():
+            if key in _PROVENANCE:
+                continue
+            if isinstance(value, dict) and isinstance(keys.get(key), dict):
+                keys[key] = merged(keys[key], value)  # parts of one table, each part with its own source
+                continue
+            if key in keys:
+                report((*path, key), f'"{key}" is given twice, also at {".".join(map(str, places[key]))}')
+                fine = False
+            keys.setdefault(key, value)
+            places.setdefault(key, (*path, key))
+
+    def placed(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        place = path if at is None else at
+        report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
+
+    table = {"rate_hz": 1.0, **_OF_THE_USE.get(device.kind, {}), **keys}
+    sensor = convert_kind(table, kinds_of(SensorConfig, more), (), placed, more)
+    return keys if fine and sensor is not None else None
+
+
+def expanded(
+    document: Document, keys_of: Callable[[str, KeyPath], Mapping[str, Any] | None], report: Report
+) -> Document:
+    """A scenario or vehicle file in which each sensor with a `profile` has the device's keys, its own first.
+
+    Args:
+        document: the file.
+        keys_of: the keys of a device (see `check_profile`) by its name and the place that names it; None after a report.
+        report: of the file.
+    """
+    raw = dict(document.raw)
+    for table, path in _sensor_tables(raw):
+        for name, sensor in table.items():
+            reference = sensor.get("profile") if isinstance(sensor, dict) else None
+            if not isinstance(reference, str) or not reference:
+                continue
+            here: KeyPath = (*path, name, "profile")
+            keys = keys_of(reference, here)
+            if keys is None:
+                continue
+            if sensor.get("kind", keys["kind"]) != keys["kind"]:  # an override may leave it out
+                report(here, f'"{reference}" is a device of kind "{keys["kind"]}", not of "{sensor.get("kind")}"')
+                continue
+            _put(raw, (*path, name), merged(keys, sensor))
+    return replace(document, raw=raw)
+
+
+def _sensor_tables(raw: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], KeyPath]]:
+    yield named(raw, "sensors"), ("sensors",)
+    for name, entry in named(raw, "vehicles").items():
+        if isinstance(entry, dict):
+            yield named(entry, "sensors"), ("vehicles", name, "sensors")
+            yield named(named(entry, "override"), "sensors"), ("vehicles", name, "override", "sensors")
+
+
+def _put(raw: dict[str, Any], path: KeyPath, value: Any) -> None:
+    """Set a value below; the tables on the way are copied, as they belong to whoever parsed or built them."""
+    for key in path[:-1]:
+        raw[str(key)] = dict(raw[str(key)])
+        raw = raw[str(key)]
+    raw[str(path[-1])] = value

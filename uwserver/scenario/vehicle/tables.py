@@ -1,0 +1,222 @@
+"""The vehicle file: rigid body, hydrodynamics, thrusters, mounts, actuators and sensors, each number with its source and status.
+
+Tables of fins, propellers, ballast and hull stand in `appendage_schema`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import UNSET, Meta, UnsetType, field
+
+from uwserver.actuators import ActuatorConfig
+from uwserver.autopilot.gains import Gains
+from uwserver.scenario.solids.tables import Collision, Contact
+from uwserver.scenario.vehicle.appendage_tables import (
+    Ballast,
+    Fin,
+    Foil,
+    Hull,
+    MovingMass,
+    ShaftPropeller,
+    Six,
+    Sourced,
+)
+from uwserver.sensors import SensorConfig
+from uwserver.table import Name, Positive, Table, Vector3
+
+Matrix3 = tuple[Vector3, Vector3, Vector3]
+Matrix6 = tuple[Six, Six, Six, Six, Six, Six]
+
+
+class RigidBody(Sourced, kw_only=True, frozen=True):
+    """Mass properties, about axes of B.
+
+    Attributes:
+        center_of_mass_frd_m: r_g.
+        inertia_kgm2: (Ixx, Iyy, Izz) about the point of `inertia_about`; or `inertia_matrix_kgm2`, with the products of inertia as they stand
+            in the matrix (Ixy negative of the product).
+    """
+
+    mass_kg: Positive
+    center_of_mass_frd_m: Vector3 = (0.0, 0.0, 0.0)
+    inertia_kgm2: Vector3 | UnsetType = UNSET
+    inertia_matrix_kgm2: Matrix3 | UnsetType = UNSET
+    inertia_about: Literal["center_of_mass", "origin"] = "center_of_mass"
+
+
+class BoxShape(Table, tag="box", tag_field="kind", kw_only=True, frozen=True):
+    """A box of the displaced volume, axes along B."""
+
+    size_m: tuple[Positive, Positive, Positive]
+    center_frd_m: Vector3 = (0.0, 0.0, 0.0)
+
+
+class SphereShape(Table, tag="sphere", tag_field="kind", kw_only=True, frozen=True):
+    """A sphere of the displaced volume."""
+
+    radius_m: Positive
+    center_frd_m: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Buoyancy(Sourced, kw_only=True, frozen=True):
+    """Displaced volume and its centre r_b. `shapes` give its form near the surface: they are moved and weighted together so that all of
+    them submerged displace `volume_m3` at `center_frd_m`. Without shapes the vehicle is always submerged."""
+
+    volume_m3: Annotated[float, Meta(ge=0)]
+    center_frd_m: Vector3 = (0.0, 0.0, 0.0)
+    shapes: dict[str, BoxShape | SphereShape] = field(default_factory=dict)
+
+
+class Coefficients(Sourced, kw_only=True, frozen=True):
+    """A 6x6 matrix, whole or by its diagonal (surge, sway, heave, roll, pitch, yaw), of positive magnitudes, SI."""
+
+    diagonal: Six | UnsetType = UNSET
+    matrix: Matrix6 | UnsetType = UNSET
+
+
+class AddedMass(Coefficients, kw_only=True, frozen=True):
+    """M_A at `reference_density_kgpm3`; `symmetrise` accepts a published asymmetric matrix and takes its symmetric part."""
+
+    reference_density_kgpm3: Positive = 1025.0
+    symmetrise: bool = False
+
+
+class Damping(Table, kw_only=True, frozen=True):
+    """D(nu_r) nu_r = (linear + at_rest) nu_r + quadratic (|nu_r| nu_r) + |u_r| speed nu_r, at `reference_density_kgpm3`.
+
+    `at_rest` is added to `linear` where a source leaves an axis undamped at rest.
+    """
+
+    reference_density_kgpm3: Positive = 1025.0
+    linear: Coefficients | UnsetType = UNSET
+    at_rest: Coefficients | UnsetType = UNSET
+    quadratic: Coefficients | UnsetType = UNSET
+    speed: Coefficients | UnsetType = UNSET
+
+
+class Mount(Table, kw_only=True, frozen=True):
+    """A named place on the vehicle where sensors sit."""
+
+    position_frd_m: Vector3 = (0.0, 0.0, 0.0)
+    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Thruster(Sourced, kw_only=True, frozen=True):
+    """Where a propulsor sits and which device it is.
+
+    Attributes:
+        device: name of a shipped device file (``t200``), or the path of one relative to the vehicle file.
+        axis_frd: direction of the force at a positive command; normalised at load.
+        handedness: sense of the propeller seen along `axis_frd` at a positive command: right (clockwise), left, or none (no reaction torque).
+        voltage_V: supply; default from the device.
+        installed_factor: installed thrust over the device's open-water thrust.
+        inflow_factor: scales the device's loss of thrust with the inflow.
+    """
+
+    device: Name
+    position_frd_m: Vector3
+    axis_frd: Vector3
+    handedness: Literal["right", "left", "none"] = "none"
+    voltage_V: Positive | UnsetType = UNSET
+    installed_factor: Annotated[float, Meta(gt=0, le=1.5)] = 1.0
+    inflow_factor: Annotated[float, Meta(ge=0)] = 1.0
+
+
+class Autopilot(Sourced, kw_only=True, frozen=True):
+    """How the built-in autopilot controls the vehicle, in scenarios that have one.
+
+    Attributes:
+        gains: those that differ from the defaults.
+        max_wrench: surge, sway, heave (N), roll, pitch, yaw (N m) that a vehicle without thrusters is given at most.
+    """
+
+    gains: Gains = Gains()
+    max_wrench: Six | UnsetType = UNSET
+
+
+class Vehicle(Table, kw_only=True, frozen=True):
+    """A whole vehicle file."""
+
+    schema: Literal[1]
+    name: str
+    description: str
+    rigid_body: RigidBody
+    buoyancy: Buoyancy
+    added_mass: AddedMass
+    damping: Damping
+    mounts: dict[str, Mount] = field(default_factory=dict)
+    thrusters: dict[str, Thruster] = field(default_factory=dict)
+    fins: dict[str, Fin] = field(default_factory=dict)
+    foils: dict[str, Foil] = field(default_factory=dict)
+    propellers: dict[str, ShaftPropeller] = field(default_factory=dict)
+    ballasts: dict[str, Ballast] = field(default_factory=dict)
+    moving_masses: dict[str, MovingMass] = field(default_factory=dict)
+    hull: Hull = Hull()
+    collision: dict[str, Collision] = field(default_factory=dict)
+    contact: Contact = Contact()
+    actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
+    sensors: dict[str, SensorConfig] = field(default_factory=dict)
+    autopilot: Autopilot | UnsetType = UNSET
+
+
+class ForceCurve(Sourced, kw_only=True, frozen=True):
+    """Static force at one supply voltage: limits, dead band, and the common `shape` between them."""
+
+    voltage_V: Positive
+    max_forward_N: Positive
+    max_reverse_N: Positive
+    dead_band: tuple[float, float]
+
+
+class Shape(Sourced, kw_only=True, frozen=True):
+    """Force over its maximum as an odd polynomial: sum of coefficients[k] v**(2k+1), v = 0 at the edge of the dead band, 1 at full command,
+    scaled to 1 at v = 1."""
+
+    coefficients: tuple[float, ...]
+
+
+class LagTable(Sourced, kw_only=True, frozen=True):
+    """Either `time_constant_s`, or the transfer function numerator / denominator, coefficients from the highest power of s down."""
+
+    time_constant_s: Positive | UnsetType = UNSET
+    numerator: tuple[float, ...] | UnsetType = UNSET
+    denominator: tuple[float, ...] | UnsetType = UNSET
+
+
+class Propeller(Sourced, kw_only=True, frozen=True):
+    """Attributes:
+    diameter_m: of the disc.
+    torque_per_force_m: reaction torque per newton of thrust.
+    inflow_sqrtN_spm: k in T = T0 - k sqrt(|T0|) V_a.
+    """
+
+    diameter_m: Positive
+    torque_per_force_m: Annotated[float, Meta(ge=0)] = 0.0
+    inflow_sqrtN_spm: Annotated[float, Meta(ge=0)] = 0.0
+
+
+class Electric(Sourced, kw_only=True, frozen=True):
+    """Power and shaft speed of a propeller at rest, from its open-water thrust T.
+
+    Attributes:
+        power_WpN15: electric power is this times |T|**1.5.
+        speed_radpspN05: shaft speed is this times sqrt(|T|).
+    """
+
+    power_WpN15: Positive
+    speed_radpspN05: Positive
+
+
+class ThrusterDevice(Table, kw_only=True, frozen=True):
+    """A device file of a thruster."""
+
+    schema: Literal[1]
+    kind: Literal["thruster"]
+    name: str
+    default_voltage_V: Positive
+    shape: Shape
+    curves: dict[str, ForceCurve]
+    lag: LagTable
+    propeller: Propeller
+    electric: Electric | UnsetType = UNSET

@@ -1,0 +1,89 @@
+"""Checks of water, currents and waves across their keys."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from msgspec import UnsetType
+
+from uwserver.environment.column import WaterColumn
+from uwserver.environment.currents import CurrentConfig, ProfileConfig
+from uwserver.environment.waves import WavesConfig
+from uwserver.scenario.files.convert import Report, convert, silent
+from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.load.tables import Environment
+from uwserver.scenario.vehicle.assembly import named
+
+WRONG = 0.005
+"""Part by which the density of forces may lie outside of what the water has anywhere: a round number for sea water is no contradiction."""
+TELLING = 0.003
+"""Part of the density that changes how a well trimmed vehicle floats."""
+BREAKING = 1.0 / 16.0
+"""Hs over the deep-water length of the peak period, beyond which seas break (IMO's and DNV's limit for the steepest seas is near 1/15)."""
+
+
+def check_density(raw: Mapping[str, Any], report: Report, warn: Report) -> None:
+    """Forces act with one density at all depths: it must be one that the water over depth can have, and should be that where bodies start.
+    `raw` is the scenario."""
+    environment = convert(named(raw, "environment"), Environment, (), silent)
+    if environment is None or isinstance(environment.water, UnsetType) or environment.water.hydrostatics == "uniform":
+        return
+    column = WaterColumn(environment.water, environment.gravity_mps2, environment.density)
+    density, least, most = environment.density, column.density.min(), column.density.max()
+    given = not isinstance(environment.density_kgpm3, UnsetType)
+    path: KeyPath = ("environment", "density_kgpm3" if given else "water")
+    if not (1.0 - WRONG) * least <= density <= (1.0 + WRONG) * most:
+        text = (
+            f"forces would act with {density:g} kg/m3, but the water of environment.water has {least:.1f} to {most:.1f}"
+        )
+        report(path, f"{text}: leave density_kgpm3 out, or change the water")
+        return
+    starts = [
+        (float(entry["position_ned_m"][2]), f"{table}.{name}")
+        for table in ("vehicles", "objects")
+        for name, entry in named(raw, table).items()
+        if isinstance(entry, dict) and _is_place(entry.get("position_ned_m"))
+    ]
+    off, depth, name = max(
+        ((abs(column.density_at(depth) - density), depth, name) for depth, name in starts), default=(0.0, 0.0, "")
+    )
+    if off > TELLING * density:
+        there = column.density_at(depth)
+        text = f"forces act with {density:.1f} kg/m3 at every depth, but at {depth:g} m, where {name} starts, the water has {there:.1f}"
+        warn(path, f"{text}: set density_kgpm3 = {there:.1f} if that is where it works")
+
+
+def _is_place(value: Any) -> bool:
+    return isinstance(value, list | tuple) and len(value) == 3 and all(isinstance(x, int | float) for x in value)
+
+
+def check_environment(raw: Mapping[str, Any], report: Report, warn: Report) -> None:
+    """Depths of profiles; waves that cannot be, or that linear theory does not describe. `raw` is the table `environment`."""
+    for name, table in named(raw, "currents").items():
+        current = convert(table, CurrentConfig, (), silent)
+        if isinstance(current, ProfileConfig):
+            _check_profile(current, ("environment", "currents", name), report)
+    waves = convert(raw["waves"], WavesConfig, (), silent) if "waves" in raw else None
+    if waves is None:
+        return
+    gravity = raw.get("gravity_mps2", Environment().gravity_mps2)
+    path: KeyPath = ("environment", "waves")
+    if gravity == 0:
+        report(path, "waves need gravity: set environment.gravity_mps2 above 0, or take them out")
+    elif isinstance(gravity, int | float) and gravity > 0:
+        length = gravity * waves.peak_period_s**2 / (2.0 * math.pi)
+        if waves.significant_height_m > BREAKING * length:
+            text = f"{waves.significant_height_m:g} m in waves of {length:.3g} m is steeper than 1/16: a real sea would break"
+            warn((*path, "significant_height_m"), text)
+
+
+def _check_profile(profile: ProfileConfig, path: KeyPath, report: Report) -> None:
+    depths, velocities = len(profile.depth_m), len(profile.velocity_ned_mps)
+    if depths != velocities:
+        report((*path, "velocity_ned_mps"), f"has {velocities} velocities for {depths} depths: one a depth is needed")
+    for k in range(1, depths):
+        if not profile.depth_m[k] > profile.depth_m[k - 1]:
+            text = f"{profile.depth_m[k]:g} m does not lie below {profile.depth_m[k - 1]:g} m: the depths must rise"
+            report((*path, "depth_m", k), text)

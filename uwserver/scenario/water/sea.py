@@ -1,0 +1,58 @@
+"""Currents and waves of a scenario as the arrays of a sea."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from msgspec import UnsetType
+
+from uwserver.environment.column import WaterColumn
+from uwserver.environment.currents import GaussMarkov, GaussMarkovConfig, ProfileConfig, UniformConfig, profile_rows
+from uwserver.environment.sea import Sea
+from uwserver.environment.water import Water
+from uwserver.environment.waves import wave_rows
+from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
+from uwserver.scenario.load.tables import Environment
+from uwserver.units import rad
+
+_LONG = 1e-12
+"""Wave number (rad/m) of the tide: a wave without period and so long that it is flat, which forces and sensors then see alike."""
+
+Streams = Callable[[str], np.random.Generator]
+"""The random stream of a path."""
+
+
+def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Water:
+    """The water of a scenario at t = 0, with a sea where the scenario has more than a uniform, steady current."""
+    steady = [environment.current.velocity_ned_mps]
+    steady += [c.velocity_ned_mps for c in environment.currents.values() if isinstance(c, UniformConfig)]
+    north, east, down = (sum(components) for components in zip(*steady, strict=True))
+    density, gravity, column = environment.density, environment.gravity_mps2, environment.water
+    return Water(
+        density=density,
+        gravity=gravity,
+        temperature=environment.temperature_degc,
+        atmospheric_pressure=environment.atmospheric_pressure_pa,
+        current=(north, east, down),
+        sea=_sea(environment, rate_hz, streams),
+        given=None if isinstance(column, UnsetType) else WaterColumn(column, gravity, density),
+    )
+
+
+def _sea(environment: Environment, rate_hz: float, streams: Streams) -> Sea | None:
+    profiles, waves, drifts = [np.zeros((0, PROFILE_SIZE))], np.zeros((0, WAVE_SIZE)), []
+    for name, current in environment.currents.items():
+        if isinstance(current, ProfileConfig):
+            profiles.append(profile_rows(current))
+        elif isinstance(current, GaussMarkovConfig):
+            drifts.append(GaussMarkov(current, rate_hz, streams(f"environment/currents/{name}")))
+    if not isinstance(environment.waves, UnsetType):
+        direction = rad(environment.waves.direction_deg)
+        waves = wave_rows(environment.waves, direction, environment.gravity_mps2, streams("environment/waves"))
+    if environment.surface_level_m:
+        waves = np.concatenate([waves, [(_LONG, 0.0, _LONG, 0.0, environment.surface_level_m, 0.0, np.inf)]])
+    rows = np.concatenate(profiles)
+    if not (len(rows) or len(waves) or drifts):
+        return None
+    return Sea(SeaRows(np.zeros(7), rows, waves), drifts, 1.0 / rate_hz)

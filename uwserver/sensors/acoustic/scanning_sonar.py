@@ -1,0 +1,243 @@
+"""Mechanically scanned imaging sonar: a fan of rays that steps about the sensor's z, one ping a step, each from its own pose."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import UNSET, Meta, UnsetType
+
+from uwserver.frames import Vec3
+from uwserver.modifiers.base import Measurement
+from uwserver.physics.rays.raycast import FloatArray, Hits
+from uwserver.ports import Argument, Field
+from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn
+from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
+from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.table import NonNegative, Positive
+from uwserver.units import NANOSECONDS, rad
+
+_READY, _INDEX, _SENSE = range(3)
+"""Places in the memory: time of the next ping (s), step of the head, and whether it turns back (-1) or on (1)."""
+_FLANKS = 2.0
+"""The rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
+_BEYOND = 1.3
+"""Rays look so much farther than the last bin: what they hit behind it may reach into it."""
+_FULL_SCALE = 255.0
+
+
+class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, frozen=True):
+    """A scanning sonar. The head turns about the sensor's z, from x towards y. `rate_hz` at most: a ping waits until the last one is over.
+
+    Attributes:
+        model: the sonar equation; or the paper's plain dot product of each ray with what it hits, without errors.
+        ideal: mean level without speckle, noise and wrong sound speed.
+        output: 8-bit counts on a logarithmic scale, or the sound pressure (amplitude, Pa) before compression.
+        frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range.
+        pulse_s: its length; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
+        beam_width_horizontal_deg, beam_width_vertical_deg: between half-power points.
+        rays_horizontal, rays_vertical: of the fan.
+        bins: of a ping.
+        range_m: at the start; changed by the service `set`.
+        min_range_m, max_range_m: limits of the range.
+        step_deg: of the head.
+        sector_center_deg, sector_width_deg: what the head covers, to and fro; without a width it turns on and on.
+        source_level_db: dB re 1 uPa at 1 m.
+        noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
+        tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
+        floor_db: level (dB re 1 uPa after time-varied gain and gain) of count 0.
+        dynamic_range_db: of the 255 counts.
+        gain_db: at the start.
+        assumed_sound_speed_mps: what the device believes; default: the truth.
+        overhead_s: between the end of a ping and the next one.
+    """
+
+    model: Literal["sonar_equation", "paper"] = "sonar_equation"
+    ideal: bool = False
+    output: Literal["counts", "pressure"] = "counts"
+    frequency_hz: Positive = 7e5
+    bandwidth_hz: Positive = 1e5
+    pulse_s: Positive = 4e-4
+    beam_width_horizontal_deg: Annotated[float, Meta(gt=0, le=60)] = 3.0
+    beam_width_vertical_deg: Annotated[float, Meta(gt=0, le=80)] = 30.0
+    rays_horizontal: Annotated[int, Meta(ge=1, le=200)] = 13
+    rays_vertical: Annotated[int, Meta(ge=1, le=1000)] = 71
+    bins: Annotated[int, Meta(ge=8, le=4096)] = 400
+    range_m: Positive = 30.0
+    min_range_m: Positive = 1.0
+    max_range_m: Positive = 75.0
+    step_deg: Annotated[float, Meta(gt=0, le=30)] = 1.8
+    sector_center_deg: float = 0.0
+    sector_width_deg: Positive | UnsetType = UNSET
+    source_level_db: float = 200.0
+    noise_level_db: float = 42.0
+    tvg_spreading: NonNegative = 30.0
+    tvg_limit_db: NonNegative = 60.0
+    floor_db: float = 120.0
+    dynamic_range_db: Positive = 80.0
+    gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
+    assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    overhead_s: NonNegative = 0.01
+
+    def __post_init__(self) -> None:
+        """ValueError where keys do not go together."""
+        if not self.min_range_m <= self.range_m <= self.max_range_m:
+            raise ValueError("range_m must lie between min_range_m and max_range_m")
+        if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
+            raise ValueError("sector_width_deg is more than a turn: leave it out for a head that turns on and on")
+
+    def build(self, mount: Pose) -> ScanningSonar:
+        """The instrument."""
+        return ScanningSonar(mount, self)
+
+
+class SonarSettings(Settings, frozen=True):
+    """See `ScanningSonarConfig`; angles in rad."""
+
+    range: float
+    gain: float
+    step: float
+    sector_center: float
+    sector_width: float
+
+
+class ScanningSonar(Instrument):
+    """One row of a sonar picture a ping."""
+
+    doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
+    paces = True
+    settings: SonarSettings
+
+    def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
+        self._mount, self._config = mount, config
+        width, height = rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg)
+        cover = 1.0 if config.model == "paper" else _FLANKS
+        self._fan = Fan(width, height, config.rays_horizontal, config.rays_vertical, cover)
+        level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
+        self._fan.cells["emitted"] *= level
+        self._noise = 10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(width, height)
+        self._absorption = Absorption(config.frequency_hz)
+        counts = config.output == "counts"
+        self.fields = (
+            Field("head_angle", "rad", "where the beam points, from x towards y of the sensor"),
+            Field("range", "m", "distance at the end of the last bin"),
+            Field("gain", "dB", "gain of this ping"),
+            Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
+            if counts
+            else Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,)),
+        )
+        self.arguments = _arguments(config)
+        super().__init__(
+            SonarSettings(
+                config.range_m,
+                config.gain_db,
+                rad(config.step_deg),
+                rad(config.sector_center_deg),
+                2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg),
+            )
+        )
+
+    def load_kernels(self) -> None:
+        """Those of echoes."""
+        load_kernels()
+
+    def turn_on(self) -> list[float]:
+        """Ready at once, at the first step."""
+        return [0.0, 0.0, 1.0]
+
+    def sense(self, scope: Scope) -> Measurement | None:
+        """A ping; None while the last one is not over."""
+        now, reach = scope.t, self.settings.range
+        if now < self.memory[_READY] - 1e-6:
+            return None
+        p_NS = scope.position(self._mount.p)
+        c = scope.water.sound_speed(p_NS[2])
+        believed = c
+        if self._config.assumed_sound_speed_mps is not UNSET and not self._config.ideal:
+            believed = self._config.assumed_sound_speed_mps
+        angle = self._step()
+        reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
+        if submergence(scope, p_NS) > 0.0:
+            reading.valid = True
+            reading.values[3] = self._picture(scope, p_NS, angle, believed / c)
+        duration = 2.0 * reach / believed
+        self.memory[_READY] = now + duration + self._config.overhead_s
+        reading.delay_ns = round(duration * NANOSECONDS)
+        return reading
+
+    def _step(self) -> float:
+        """Angle of this ping (rad); the head moves on to the next."""
+        s = self.settings
+        whole = s.sector_width > 2.0 * math.pi - 1e-9
+        count = max(1, round(s.sector_width / s.step) + (0 if whole else 1))
+        index, sense = min(int(self.memory[_INDEX]), count - 1), self.memory[_SENSE]
+        first = s.sector_center - (0.0 if whole else 0.5 * (count - 1) * s.step)
+        if whole:
+            following = (index + 1) % count
+        else:
+            sense = -1.0 if index >= count - 1 else 1.0 if index <= 0 else sense
+            following = min(max(index + int(sense), 0), count - 1)
+        self.memory[_INDEX], self.memory[_SENSE] = float(following), sense
+        return math.remainder(first + index * s.step, 2.0 * math.pi)
+
+    def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:
+        """The bins of a ping."""
+        config, reach = self._config, self.settings.range
+        R = turn(scope.attitude(self._mount.q)) @ _about_z(angle)
+        hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
+        if config.model == "paper":
+            picture = dot_products(self._fan, hits, R, reach, config.bins)
+            return tuple(
+                (picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)).tolist()
+            )
+        alpha = self._absorption.at(scope, p_NS[2])
+        intensity = self._intensity(scope, hits, R, p_NS[2], stretch, alpha)
+        if not config.ideal:
+            intensity += self._noise
+            # Many scatterers with random phases: the amplitude is Rayleigh, the intensity exponential; so is the noise.
+            intensity *= self.rng.standard_exponential(config.bins)
+        if config.output == "pressure":
+            return tuple((1e-6 * np.sqrt(intensity)).tolist())
+        counts = np.empty(config.bins, np.int64)
+        kernels()[0].compress(
+            intensity, reach / config.bins, config.tvg_spreading, alpha, config.tvg_limit_db,
+            self.settings.gain - config.floor_db, _FULL_SCALE / config.dynamic_range_db, _FULL_SCALE, counts,
+        )  # fmt: skip
+        return tuple(counts.tolist())
+
+    def _intensity(self, scope: Scope, hits: Hits, R: FloatArray, z: float, stretch: float, alpha: float) -> FloatArray:
+        """(bins) mean intensity of the echoes, uPa^2, in a cell of the pulse's resolution.
+
+        Args:
+            scope: the instant.
+            hits: of the fan.
+            R: (3, 3) attitude of the fan.
+            z: depth of the transducer, m.
+            stretch: believed over true sound speed.
+            alpha: absorption, dB/m.
+        """
+        bins = self._config.bins
+        out: FloatArray = np.empty(bins)
+        resolution = scope.water.sound_speed(z) / (2.0 * self._config.bandwidth_hz)
+        kernels()[0].intensity(
+            self._fan.cells, R, *hits, scope.lambert, MU_SURFACE, stretch * bins / self.settings.range, resolution, alpha, out,
+        )  # fmt: skip
+        return out
+
+
+def _about_z(angle: float) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+
+
+def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
+    low, high, pi = config.min_range_m, config.max_range_m, math.pi
+    return (
+        Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
+        Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
+        Argument("step", "float", "of the head", "rad", False, minimum=1e-3, maximum=0.6),
+        Argument("sector_center", "float", "middle of what the head covers", "rad", False, minimum=-pi, maximum=pi),
+        Argument("sector_width", "float", "what the head covers; 2 pi turns on and on", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
+    )  # fmt: skip

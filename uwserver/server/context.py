@@ -1,0 +1,228 @@
+"""What an adapter sees of the server: one `Context` per adapter over one `Hub`. Loop thread only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+
+from uwserver import __version__
+from uwserver.adapter import AdapterStats, Driver, Order, Subscriber
+from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
+from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+
+PROTOCOL_VERSION = 1
+CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
+
+LOOP_SERVICES = (
+    Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
+    Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
+    Service("world/shutdown", "End the server in order, recording intact."),
+)
+
+
+@dataclass
+class Hub:
+    """What all adapters share.
+
+    Attributes:
+        server: name of the server.
+        shutdown: begins an orderly end of the server.
+        status: the `world/status` answer.
+    """
+
+    server: str
+    simulation: Simulation
+    bus: Bus
+    mailbox: Mailbox
+    shutdown: Callable[[str], None]
+    status: Callable[[], dict[str, Json]]
+    stats: dict[str, AdapterStats] = field(default_factory=dict)
+
+    @property
+    def ports(self) -> Mapping[str, Port]:
+        """All ports, truth included."""
+        return self.simulation.world.ports
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """All services."""
+        return self.simulation.world.services
+
+
+class Context:
+    """The `AdapterContext` of one adapter."""
+
+    def __init__(self, hub: Hub, name: str, truth: bool) -> None:
+        self.name = name
+        self.stats = hub.stats.setdefault(name, AdapterStats())
+        self._hub = hub
+        self._truth = truth
+        self._seen: Mapping[str, Port] | None = None
+        self._ports: dict[str, Port] = {}
+        self._seen_services: Mapping[str, Service] | None = None
+        self._services: dict[str, Service] = {}
+
+    @property
+    def ports(self) -> Mapping[str, Port]:
+        """Ports that this adapter may serve, by path."""
+        everything = self._hub.ports
+        if everything is not self._seen:
+            self._seen = everything
+            self._ports = {path: port for path, port in everything.items() if self._truth or not port.is_truth}
+        return self._ports
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """All services, by path, but those of ports that this adapter may not serve."""
+        everything = self._hub.services
+        if everything is not self._seen_services:
+            self._seen_services = everything
+            visible = {path: service for path, service in everything.items() if self._truth or "/truth/" not in path}
+            self._services = {service.path: service for service in (*LOOP_SERVICES, *CLOCK_SERVICES)} | visible
+        return self._services
+
+    def hello(self) -> dict[str, Json]:
+        """Common part of the answer to `hello`."""
+        return {
+            "version": PROTOCOL_VERSION,
+            "server": f"{self._hub.server} {__version__}",
+            "scenario": self._hub.simulation.world.name,
+        }
+
+    def describe(self, pattern: str = "**") -> dict[str, Json]:
+        """Ports and services that match, as in docs/reference/protocol.md."""
+        world = self._hub.simulation.world
+        ports = [port for path, port in self.ports.items() if matches(pattern, path)]
+        services = [service for path, service in self.services.items() if matches(pattern, path)]
+        return {
+            "server": {"name": self._hub.server, "version": __version__, "protocol": PROTOCOL_VERSION},
+            "world": {
+                "scenario": world.name,
+                "rate_hz": float(world.rate_hz),
+                "epoch_utc": world.epoch_utc,
+                "seed": world.seed,
+                "vehicles": list(world.vehicles),
+            },
+            "ports": msgspec.to_builtins(ports),
+            "services": msgspec.to_builtins(services),
+        }
+
+    def last(self, port: str) -> Sample | None:
+        """The newest delivered sample of a port."""
+        return self._hub.bus.last.get(port) if port in self.ports else None
+
+    def attach(self, subscriber: Subscriber) -> Callable[[], None]:
+        """Begin to receive samples and events."""
+        return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber))
+
+    def command(self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None) -> None:
+        """See `uwserver.adapter.AdapterContext.command`."""
+        find("port", port, self.ports)
+        checked = checked_command(self.ports[port], value)
+        self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply)
+
+    def call(
+        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+    ) -> Callable[[], bool]:
+        """See `uwserver.adapter.AdapterContext.call`."""
+        services = self.services
+        find("service", service, services)
+        checked = checked_args(services[service], args)
+        source = f"{self.name}:{source}"
+        if service in ("world/describe", "world/status", "world/shutdown"):
+            self._answer(service, source, on_reply)
+            return _too_late
+        if service in CLOCK:
+            return self._hub.simulation.call(service, checked, client, on_reply)
+        if services[service].long_running:
+            return self._begin(Call(service, checked, source), on_reply)
+        self._hub.mailbox.post(Call(service, checked, source), on_reply)
+        return _too_late
+
+    def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:
+        """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""
+        over = False
+
+        def answered(answer: Reply | Progress) -> None:
+            nonlocal over
+            over = isinstance(answer, Reply)
+            on_reply(answer)
+
+        def cancel() -> bool:
+            if over:
+                return False
+            path, _, name = call.service.rpartition("/")
+            self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None)
+            return True
+
+        self._hub.mailbox.post(call, answered)
+        return cancel
+
+    def _answer(self, service: str, source: str, on_reply: OnReply) -> None:
+        world = self._hub.simulation.world
+        result: Json = None
+        if service == "world/describe":
+            result = self.describe()
+        elif service == "world/status":
+            result = self._hub.status()
+        on_reply(Reply(world.tick, world.t_ns, result))
+        if service == "world/shutdown":
+            self._hub.shutdown(f"world/shutdown by {source}")
+
+    def join(self, client: str) -> Callable[[], None]:
+        """A named client is there; the returned function says that it left."""
+        barrier = self._hub.simulation.lockstep.barrier
+        barrier.join(client)
+        return lambda: barrier.leave(client)
+
+    def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
+        """See `uwserver.adapter.AdapterContext.drive`."""
+        source = f"{self.name}:{client}"
+        visible = driver if self._truth else _DriverWithoutTruth(driver)
+        return self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
+
+
+def _too_late() -> bool:
+    return False
+
+
+class _WithoutTruth:
+    """Keeps ground truth from an adapter that may not serve it."""
+
+    def __init__(self, subscriber: Subscriber) -> None:
+        self._subscriber = subscriber
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        visible = _without_truth(samples)
+        if visible:
+            self._subscriber.put_samples(visible)
+
+    def put_event(self, event: Event) -> None:
+        self._subscriber.put_event(event)
+
+
+class _DriverWithoutTruth:
+    """The same for a driver."""
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
+
+    def order(self, wait_s: float) -> Order | None:
+        return self._driver.order(wait_s)
+
+    def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
+        self._driver.see(t_ns, _without_truth(samples))
+
+    def answer(self, t_ns: int) -> None:
+        self._driver.answer(t_ns)
+
+    def refuse(self, fault: Fault) -> None:
+        self._driver.refuse(fault)
+
+
+def _without_truth(samples: Sequence[Sample]) -> list[Sample]:
+    return [sample for sample in samples if "/truth/" not in sample.port]

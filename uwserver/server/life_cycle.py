@@ -1,0 +1,276 @@
+"""Life cycle of a server: simulation thread, adapters, signals, recording, health; and its orderly end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from msgspec import UNSET
+
+from uwserver.adapter import AdapterStats, load_adapter
+from uwserver.ports import Event, Json
+from uwserver.recording.recorder import Recorder
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.server.context import Context, Hub
+from uwserver.server.status import Metrics, Monitor, serve_http
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.thread import Simulation
+
+log = logging.getLogger(__name__)
+
+SWITCH_INTERVAL_S = 0.0005
+"""Python's default of 5 ms, for which a thread may keep the interpreter, is longer than a tick."""
+
+START_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 1.0
+_FIRST_BACKOFF_S, _LAST_BACKOFF_S = 0.2, 5.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line may change of a scenario.
+
+    Attributes:
+        seed: instead of the scenario's.
+        timing: how time passes; None as in the scenario.
+        record: file to write.
+        until_s: end the server when simulation time reaches this.
+        announce: called once peers can connect, with the addresses by adapter name.
+    """
+
+    seed: int | None = None
+    timing: Timing | None = None
+    record: Path | None = None
+    until_s: float | None = None
+    announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
+
+
+class StartFailed(Exception):
+    """A required adapter could not start; the text names it and why."""
+
+
+def timing_of(resolved: Resolved) -> Timing:
+    """The scenario's clock."""
+    clock = resolved.scenario.world.clock
+    return Timing(
+        clock.mode, clock.speed, clock.paused, clock.lockstep_clients, clock.lockstep_timeout_s, clock.on_loss,
+        None if clock.max_speed is UNSET else clock.max_speed,
+    )  # fmt: skip
+
+
+class Server:
+    """One world with its adapters. `run` is its whole life."""
+
+    def __init__(self, resolved: Resolved, options: Options) -> None:
+        self._resolved = resolved
+        self._options = options
+        self._ending = asyncio.Event()
+        self._reason = ""
+        self._loop = asyncio.get_running_loop()
+        time = SystemTime()
+        world = build(resolved, options.seed)
+        bus, mailbox = Bus(self._call_soon), Mailbox()
+        self._simulation = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
+        self._monitor = Monitor(lambda: self._hub, time.now_ns)
+        name = resolved.scenario.server.name
+        self._hub = Hub(name, self._simulation, bus, mailbox, self.shutdown, self._status)
+        self._recorder = Recorder(options.record, world, resolved) if options.record else None
+
+    @property
+    def hub(self) -> Hub:
+        """For tests and embedding: what the adapters share."""
+        return self._hub
+
+    def shutdown(self, reason: str) -> None:
+        """Begin the orderly end. Loop thread; may be called more than once."""
+        if not self._ending.is_set():
+            log.info("shutting down: %s", reason)
+            self._reason = reason
+            self._ending.set()
+
+    async def run(self) -> int:
+        """Serve until told to end.
+
+        Returns:
+            Exit status: 0 after an orderly end, 1 when the world stopped by a fault.
+
+        Raises:
+            StartFailed: see there.
+        """
+        async with contextlib.AsyncExitStack() as stack:
+            stack.enter_context(_switch_interval(SWITCH_INTERVAL_S))
+            stack.enter_context(self._signals())
+            if self._recorder is not None:
+                stack.enter_context(self._recorder.running(self._simulation, self._hub.bus))
+            await self._start_http(stack)
+            tasks = await self._start_adapters()
+            stack.push_async_callback(_cancel, tasks)
+            monitor = self._loop.create_task(self._monitor.run(), name="monitor")
+            stack.push_async_callback(_cancel, [monitor])
+            thread = threading.Thread(target=self._simulate, name="simulation", daemon=True)
+            self._options.announce({name: stats.address for name, stats in self._hub.stats.items()})
+            if self._options.until_s is not None:
+                self._simulation.until_tick = self._simulation.tick_at(self._options.until_s)
+            thread.start()
+            # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
+            stack.callback(thread.join, STOP_TIMEOUT_S)
+            stack.callback(self._simulation.stop)
+            await self._ending.wait()
+            world = self._simulation.world
+            event = Event("shutdown", world.tick, world.t_ns, self._reason or "the server ends")
+            self._simulation.stop()
+            await self._loop.run_in_executor(None, thread.join, STOP_TIMEOUT_S)
+            self._hub.bus.say(event)
+            self._hub.bus.dispatch()
+        return 1 if self._simulation.failure else 0
+
+    # -- parts ----------------------------------------------------------------------------------------------------------------------
+
+    def _simulate(self) -> None:
+        self._simulation.run()
+        # After an orderly stop this says nothing new.
+        reason = self._simulation.failure or f"simulation time reached {self._options.until_s} s"
+        self._call_soon(lambda: self.shutdown(reason))
+
+    def _call_soon(self, function: Callable[[], None]) -> None:
+        # The loop is closed already when the last replies of a stopped simulation come.
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(function)
+
+    def _status(self) -> dict[str, Json]:
+        status = self._monitor.status()
+        status["recorder"] = self._recorder.status() if self._recorder else None
+        return status
+
+    async def _start_http(self, stack: contextlib.AsyncExitStack) -> None:
+        config = self._resolved.scenario.server
+        if not config.metrics:
+            return
+        metrics = Metrics(self._hub, self._monitor)
+        serving = serve_http(config.metrics_bind, config.metrics_port, self._status, metrics.text)
+        try:
+            port = await stack.enter_async_context(serving)
+        except OSError as error:
+            log.warning(
+                "no /health and /metrics: %s:%d cannot be bound (%s); set [server] metrics_port = 0 for a free one",
+                config.metrics_bind, config.metrics_port, error,
+            )  # fmt: skip
+            return
+        log.info("health and metrics on http://%s:%d/health and /metrics", config.metrics_bind, port)
+
+    async def _start_adapters(self) -> list[asyncio.Task[None]]:
+        tasks: list[asyncio.Task[None]] = []
+        waiting: dict[str, asyncio.Task[object]] = {}
+        for name, config in self._resolved.scenario.adapters.items():
+            context = Context(self._hub, name, config.truth)
+            ready = asyncio.Event()
+            task = self._loop.create_task(self._supervise(config, context, ready), name=f"adapter {name}")
+            tasks.append(task)
+            if config.required:
+                waiting[name] = self._loop.create_task(ready.wait())
+        try:
+            await self._wait_ready(waiting)
+        except StartFailed:
+            await _cancel(tasks)
+            raise
+        finally:
+            await _cancel(list(waiting.values()))
+        return tasks
+
+    async def _wait_ready(self, waiting: dict[str, asyncio.Task[object]]) -> None:
+        deadline = self._loop.time() + START_TIMEOUT_S
+        for name, task in waiting.items():
+            stats = self._hub.stats[name]
+            while not task.done() and stats.restarts == 0 and self._loop.time() < deadline:
+                await asyncio.wait([task], timeout=0.02)
+            if not task.done():
+                raise StartFailed(f'adapter "{name}" did not start: {stats.last_error or "no answer in time"}')
+
+    async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
+        """Run an adapter, and start it again with back-off when it fails; its fault never reaches the world."""
+        backoff, stats = _FIRST_BACKOFF_S, context.stats
+        while True:
+            again = asyncio.Event()
+            try:
+                kind = load_adapter(str(config.__struct_config__.tag))
+                runner = self._loop.create_task(kind(config, context).run(again))
+                watcher = self._loop.create_task(_relay(again, ready, stats))
+                try:
+                    await runner
+                finally:
+                    await _cancel([runner, watcher])
+                raise RuntimeError("it ended by itself")
+            except asyncio.CancelledError:
+                stats.state = "stopped"
+                raise
+            except Exception as error:  # noqa: BLE001  # an adapter may fail in any way
+                stats.restarts += 1
+                stats.state, stats.last_error = "retrying", str(error)
+                log.error('adapter "%s" failed: %s; next try in %.1f s', context.name, error, backoff)
+                world = self._simulation.world
+                text = f'adapter "{context.name}" failed: {error}'
+                self._hub.bus.say(Event("adapter_failed", world.tick, world.t_ns, text))
+            if again.is_set():
+                backoff = _FIRST_BACKOFF_S
+            await asyncio.sleep(backoff)
+            backoff = min(2 * backoff, _LAST_BACKOFF_S)
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        """SIGINT and SIGTERM end the server in order; a second one ends it at once."""
+
+        first: list[float] = []
+
+        def received(name: str) -> None:
+            now = self._loop.time()
+            # A supervisor may signal both the process and its group: a second signal counts only when it comes later.
+            if first and now - first[0] > STOP_TIMEOUT_S:
+                os._exit(130)
+            first.append(now)
+            self.shutdown(name)
+
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._loop.add_signal_handler(number, received, signal.Signals(number).name)
+        try:
+            yield
+        finally:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._loop.remove_signal_handler(number)
+
+
+async def _relay(again: asyncio.Event, ready: asyncio.Event, stats: AdapterStats) -> None:
+    await again.wait()
+    stats.state = "running"
+    ready.set()
+
+
+async def _cancel(tasks: list[Any]) -> None:
+    """Cancel tasks and wait for them, but not for ever."""
+    for task in tasks:
+        task.cancel()
+    if tasks:
+        await asyncio.wait(tasks, timeout=STOP_TIMEOUT_S)
+
+
+@contextlib.contextmanager
+def _switch_interval(seconds: float) -> Iterator[None]:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(seconds)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)

@@ -1,0 +1,179 @@
+"""What a server tells of itself: `world/status`, ``/health`` and ``/metrics``."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import AsyncIterator, Callable, Iterable
+from typing import TYPE_CHECKING
+
+from uwserver.ports import Json
+from uwserver.server.context import Hub
+from uwserver.simulation.lateness import BUCKETS_S, Lateness
+from uwserver.units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from prometheus_client.metrics_core import Metric
+
+log = logging.getLogger(__name__)
+
+_REQUEST_TIMEOUT_S = 5.0
+
+
+class Monitor:
+    """Measures the real-time factor twice a second and puts the status together. Loop thread.
+
+    Attributes:
+        real_time_factor: simulated over wall time in the last half second.
+        lateness: its quantiles, as new as that; asking a status must stay cheap.
+    """
+
+    def __init__(self, hub: Callable[[], Hub], now_ns: Callable[[], int]) -> None:
+        self._hub = hub
+        self._now_ns = now_ns
+        self.real_time_factor = 0.0
+        self.lateness = Lateness().quantiles()
+
+    async def run(self) -> None:
+        """Measure until cancelled."""
+        world = self._hub().simulation.world
+        wall, sim = self._now_ns(), world.t_ns
+        while True:
+            await asyncio.sleep(0.5)
+            now, t_ns = self._now_ns(), world.t_ns
+            self.real_time_factor = max(0.0, (t_ns - sim) / (now - wall))
+            self.lateness = self._hub().simulation.lateness.quantiles()
+            wall, sim = now, t_ns
+
+    def status(self) -> dict[str, Json]:
+        """The `world/status` answer."""
+        hub = self._hub()
+        simulation, world = hub.simulation, hub.simulation.world
+        return {
+            "server": hub.server,
+            "scenario": world.name,
+            "tick": world.tick,
+            "t_ns": world.t_ns,
+            "t_s": world.t_ns / NANOSECONDS,
+            "rate_hz": float(world.rate_hz),
+            "mode": simulation.timing.mode,
+            "paused": simulation.paused,
+            "failure": simulation.failure,
+            "speed": simulation.pace.speed,
+            "real_time_factor": round(self.real_time_factor, 3),
+            "lateness": dict(self.lateness),
+            "overruns": simulation.pace.overruns,
+            "dropped": hub.bus.dropped,
+            "vehicles": list(world.vehicles),
+            "conflicts": sum(slot.conflicts for slot in world.actuators.values()),
+            "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))
+            if simulation.timing.mode == "lockstep"
+            else [],
+            "adapters": {name: dict(vars(stats)) for name, stats in hub.stats.items()},
+        }
+
+
+class Metrics:
+    """Prometheus text from the live counters."""
+
+    def __init__(self, hub: Hub, monitor: Monitor) -> None:
+        self._hub = hub
+        self._monitor = monitor
+
+    def text(self) -> bytes:
+        """The whole exposition."""
+        # Imported at the first request: it costs a tenth of the start-up.
+        from prometheus_client import CollectorRegistry, generate_latest
+
+        registry = CollectorRegistry(auto_describe=False)
+        registry.register(self)
+        return generate_latest(registry)
+
+    def collect(self) -> Iterable[Metric]:
+        """Called by prometheus_client."""
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
+
+        simulation = self._hub.simulation
+        lateness = simulation.lateness
+        total, buckets = 0, []
+        for bound, count in zip((*map(str, BUCKETS_S), "+Inf"), lateness.counts, strict=True):
+            total += count
+            buckets.append((bound, float(total)))
+        yield HistogramMetricFamily(
+            "uwserver_tick_lateness_seconds", "Lateness of paced ticks.", buckets, lateness.total_s
+        )
+        yield CounterMetricFamily("uwserver_ticks", "Ticks done.", lateness.ticks)
+        yield GaugeMetricFamily(
+            "uwserver_simulation_time_seconds", "Simulation time.", simulation.world.t_ns / NANOSECONDS
+        )
+        yield GaugeMetricFamily(
+            "uwserver_real_time_factor", "Simulated over wall time.", self._monitor.real_time_factor
+        )
+        yield GaugeMetricFamily("uwserver_paused", "1 while time stands still.", int(simulation.paused))
+        yield CounterMetricFamily("uwserver_overruns", "Times the deadlines started anew.", simulation.pace.overruns)
+        yield CounterMetricFamily(
+            "uwserver_bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped
+        )
+        conflicts = sum(slot.conflicts for slot in simulation.world.actuators.values())
+        yield CounterMetricFamily("uwserver_command_conflicts", "Commands against another commander.", conflicts)
+        for name, doc in _ADAPTER_COUNTERS.items():
+            family = CounterMetricFamily(f"uwserver_adapter_{name}", doc, labels=["adapter"])
+            for adapter, stats in self._hub.stats.items():
+                family.add_metric([adapter], getattr(stats, name))
+            yield family
+        peers = GaugeMetricFamily("uwserver_adapter_peers", "Peers connected.", labels=["adapter"])
+        for adapter, stats in self._hub.stats.items():
+            peers.add_metric([adapter], stats.peers)
+        yield peers
+
+
+_ADAPTER_COUNTERS = {
+    "samples_sent": "Samples sent to peers.",
+    "bytes_sent": "Bytes sent to peers.",
+    "commands": "Commands received.",
+    "calls": "Calls received.",
+    "errors": "Requests refused.",
+    "dropped": "Samples dropped for slow peers.",
+    "restarts": "Restarts after a failure.",
+}
+
+
+@contextlib.asynccontextmanager
+async def serve_http(
+    bind: str, port: int, status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]
+) -> AsyncIterator[int]:
+    """Serve ``/health`` (200, or 503 after a failure) and ``/metrics`` while the context is open; gives the bound port."""
+
+    async def respond(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(
+            OSError, asyncio.TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ValueError
+        ):
+            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _REQUEST_TIMEOUT_S)
+            writer.write(_response(head.split()[1:2], status, metrics))
+            await asyncio.wait_for(writer.drain(), _REQUEST_TIMEOUT_S)
+        writer.close()
+
+    server = await asyncio.start_server(respond, bind, port, limit=8192)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        await server.wait_closed()
+
+
+def _response(path: list[bytes], status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]) -> bytes:
+    if path == [b"/metrics"]:
+        return _http("200 OK", "text/plain; version=0.0.4; charset=utf-8", metrics())
+    if path == [b"/health"]:
+        now = status()
+        return _http(
+            "503 Service Unavailable" if now["failure"] else "200 OK", "application/json", json.dumps(now).encode()
+        )
+    return _http("404 Not Found", "text/plain", b"there are /health and /metrics here\n")
+
+
+def _http(status: str, kind: str, body: bytes) -> bytes:
+    head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+    return head.encode() + body

@@ -1,0 +1,373 @@
+"""The simulation thread: a world, its clock, and the services that steer time."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from uwserver.logs import place_of
+from uwserver.ports import Argument, Call, Command, Event, Json, OnReply, Progress, Refused, Reply, Service
+from uwserver.ports.crossing import TickOutput
+from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
+from uwserver.simulation.clock import Pace, Time, Timing
+from uwserver.simulation.lateness import Lateness
+from uwserver.simulation.lockstep import Lockstep
+from uwserver.units import NANOSECONDS
+from uwserver.world.world import Diverged, World
+
+log = logging.getLogger(__name__)
+
+_PROGRESS_NS = NANOSECONDS // 10
+_IDLE_S = 0.25
+"""How long a paused or waiting world sleeps at most before it looks around; a post wakes it at once."""
+
+
+class Observer(Protocol):
+    """Follows a run from inside, on the simulation thread; must be quick. A recorder is one."""
+
+    def requested(self, item: Command | Call, tick: int) -> None:
+        """A command or call that is carried out at the start of `tick` (also those that the world then refuses)."""
+
+    def ticked(self, world: World) -> None:
+        """A tick is done; the world stands between two ticks."""
+
+
+@dataclass(eq=False)
+class Goal:
+    """A long-running request to reach a tick."""
+
+    tick: int
+    start: int
+    on_reply: OnReply
+    pause_there: bool
+    paced: bool
+
+
+class Simulation:
+    """Steps a world until it is stopped. `run` is the body of the simulation thread; everything else here is called from the loop.
+
+    Attributes:
+        world: touched by the simulation thread only, but for its immutable ports and services.
+        failure: text of the fault that ended the run; "" while all is well.
+        until_tick: `run` ends at this tick, or at a fault before it; None for never.
+    """
+
+    def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
+        self.world = world
+        self.timing = timing
+        self.bus = bus
+        self.mailbox = mailbox
+        self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
+        self.lateness = Lateness()
+        self.pace = Pace(time, timing.pace or timing.speed)
+        self.paused = timing.paused
+        self.failure = ""
+        self.until_tick: int | None = None
+        self._time = time
+        self._stop = threading.Event()
+        self._steering: deque[Callable[[], None]] = deque()
+        self._goals: list[Goal] = []
+        self._next_progress = 0
+        self._jumps = world.jumps
+        self._observer: Observer | None = None
+
+    # -- from the loop --------------------------------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """End `run` after the present tick."""
+        self._stop.set()
+        self.mailbox.wake.set()
+
+    def observe(self, observer: Observer) -> None:
+        """Let one observer follow the run. Before `run`."""
+        self._observer = observer
+
+    def steer(self, action: Callable[[], None]) -> None:
+        """Carry out an action of the clock between two ticks."""
+        self._steering.append(action)
+        self.mailbox.wake.set()
+
+    def call(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
+        """Start a service of the clock (`CLOCK_SERVICES`) with checked arguments; `client` is a name of the barrier, or "".
+
+        Returns:
+            Its cancel function.
+        """
+        if service in ("world/step", "world/run_until"):
+            return self._start_goal(service, args, client, on_reply)
+        action = {
+            "world/pause": self._pause,
+            "world/resume": self._resume,
+            "world/set_speed": lambda: self._set_speed(args["speed"]),
+        }[service]
+        self.steer(lambda: self._acknowledge(action, on_reply))
+        return lambda: False
+
+    def tick_at(self, t_s: float) -> int:
+        """The first tick at or after simulation time t_s (s, finite)."""
+        return int(-(-round(t_s * NANOSECONDS) * self.world.rate_hz // NANOSECONDS))
+
+    # -- the thread -----------------------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Step until stopped, or until the world diverges (then `failure` says why, and calls are still answered)."""
+        # A full collection of a large heap would be a late tick; what is built so far stays.
+        gc.collect()
+        gc.freeze()
+        try:
+            while not self._is_over():
+                self._turn()
+        except Exception as error:
+            file, line = place_of(error)
+            self.failure = f"the simulation stopped by an internal fault at {file}:{line}: {error}"
+            log.exception("the simulation thread failed")
+            self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
+        finally:
+            gc.unfreeze()
+        self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
+
+    def _refuse_the_rest(self, refused: Refused) -> None:
+        """Everybody who still waits gets an answer."""
+        while self._steering:
+            self._steering.popleft()()
+        for goal in self._goals[:]:
+            self._finish(goal, refused)
+        for posted in self.mailbox.take():
+            if posted.on_reply is not None:
+                self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
+        for on_reply, answer in self.world.pilots.end(refused.fault.text):
+            self.bus.reply(on_reply, answer)
+
+    def _is_over(self) -> bool:
+        ended = self.until_tick is not None and (self.world.tick >= self.until_tick or bool(self.failure))
+        return ended or self._stop.is_set()
+
+    def _turn(self) -> None:
+        while self._steering:
+            self._steering.popleft()()
+        if (
+            self.failure
+            # A paused world that was told to step or run asks nobody for grants; a grant does not move a paused one.
+            or (self.paused and not any(goal.pause_there for goal in self._goals))
+            or (self.timing.mode == "lockstep" and not self.paused and not self._granted())
+        ):
+            self._idle()
+        elif self._is_due():
+            self._tick()
+
+    def _is_due(self) -> bool:
+        """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
+        if self.timing.pace is not None and not (self._goals and not self._goals[0].paced):
+            late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
+            if late_ns is None:
+                self.mailbox.wake.clear()  # before `_turn` looks at what came
+                return False
+            self.lateness.add(late_ns)
+        else:
+            # Nobody waits for the wall clock here, so the tick may wait for the loop: nothing is lost to a sink.
+            while self.bus.backlog() > MAX_TICKS // 2 and not self._stop.is_set():
+                self._time.wait(0.0005, self._stop)
+        return True
+
+    def _tick(self) -> None:
+        self._take_posted()
+        try:
+            output = self.world.advance()
+        except Diverged as error:
+            self.failure = str(error)
+            log.error("%s", error)
+            self.paused = True
+            self.bus.publish(error.output)
+            self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
+            for goal in self._goals[:]:
+                self._finish(goal, Refused("internal", self.failure))
+            return
+        self.lateness.ticks += 1
+        self.lockstep.ticked(output)
+        if self._observer is not None:
+            self._observer.ticked(self.world)
+        self.bus.publish(output, wake=self.lockstep.wakes())
+        self._follow_jump()
+        if self._goals:
+            self._check_goals()
+
+    def _take_posted(self) -> None:
+        for posted in self.mailbox.take():
+            self._submit(posted.item, posted.on_reply)
+
+    def _submit(self, item: Command | Call, on_reply: OnReply | None) -> None:
+        if self._observer is not None:
+            self._observer.requested(item, self.world.tick)
+        self.world.submit(item, on_reply)
+
+    def _idle(self) -> None:
+        """Answer what is posted without a tick, then sleep until something is posted."""
+        self.pace.release()
+        self.mailbox.wake.clear()
+        self._take_posted()
+        output: TickOutput = self.world.flush()
+        self.bus.publish(output)
+        self.bus.flush()
+        self._follow_jump()
+        if not self._steering and not self._stop.is_set() and not self.lockstep.asks:
+            self.mailbox.wake.wait(_IDLE_S)
+
+    def _follow_jump(self) -> None:
+        """After a reset or restore deadlines and grants start anew, goals of the old time are gone."""
+        if self.world.jumps == self._jumps:
+            return
+        self._jumps = self.world.jumps
+        self.pace.release()
+        self.lockstep.restart(self.world.tick, self.world.t_ns)
+        if self.failure:
+            self.failure = ""
+            log.info("the world can run again, from tick %d", self.world.tick)
+        for goal in self._goals[:]:
+            self._finish(goal, Refused("preempted", "the world was reset or restored"))
+
+    # -- lockstep -------------------------------------------------------------------------------------------------------------------
+
+    def _granted(self) -> bool:
+        world = self.world
+        for command in self.lockstep.orders(world.tick, world.ports):
+            self._submit(command, None)
+        return self.lockstep.is_granted(world.tick)
+
+    def _pause_for_loss(self, text: str) -> None:
+        self.paused = True
+        self._say("paused", text)
+
+    # -- steering -------------------------------------------------------------------------------------------------------------------
+
+    def _acknowledge(self, action: Callable[[], None], on_reply: OnReply) -> None:
+        try:
+            action()
+            reply = Reply(self.world.tick, self.world.t_ns)
+        except Refused as refused:
+            reply = Reply(self.world.tick, self.world.t_ns, fault=refused.fault)
+        self.bus.reply(on_reply, reply)
+
+    def _pause(self) -> None:
+        for goal in self._goals[:]:
+            self._finish(goal, Refused("preempted", "the world was paused"))
+        if not self.paused:
+            self.paused = True
+            self._say("paused", "world/pause was called")
+
+    def _resume(self) -> None:
+        if self.failure:
+            raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
+        if self.paused:
+            self.paused = False
+            self.lockstep.wait_anew()
+            for goal in self._goals:  # what was to be a part of the pause goes on with time
+                goal.pause_there, goal.paced = False, True
+            self._say("resumed", "world/resume was called")
+
+    def _set_speed(self, speed: Json) -> None:
+        if self.timing.pace is None:
+            raise Refused("denied", f"the clock is in mode {self.timing.mode}: only realtime has a speed", "speed")
+        self.pace.speed = float(speed)  # type: ignore[arg-type]  # checked against the argument
+        self.pace.release()
+
+    def _start_goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
+        state: dict[str, Goal] = {}
+
+        def start() -> None:
+            try:
+                goal = self._goal(service, args, client, on_reply)
+            except Refused as refused:
+                self.bus.reply(on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
+                return
+            state["goal"] = goal
+            self._goals.append(goal)
+            self._goals.sort(key=lambda g: g.tick)
+            self._check_goals()
+
+        def cancel() -> bool:
+            goal = state.get("goal")
+            if goal is not None and goal not in self._goals:
+                return False
+            # One that has not begun yet has when this is carried out: steering keeps its order.
+            self.steer(lambda: self._cancel(state.get("goal")))
+            return True
+
+        self.steer(start)
+        return cancel
+
+    def _goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Goal:
+        now = self.world.tick
+        if self.failure:
+            raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
+        if service == "world/run_until":
+            tick = self.tick_at(float(args["t_s"]))  # type: ignore[arg-type]
+            if tick < now:
+                raise Refused("out_of_range", f"t = {self.world.t_ns / NANOSECONDS:g} s is past that already", "t_s")
+            return Goal(tick, now, on_reply, self.paused, paced=True)
+        n = int(args["n"])  # type: ignore[arg-type]
+        if self.timing.mode == "lockstep" and not self.paused:
+            if client not in self.lockstep.barrier.clients:
+                names = ", ".join(sorted(self.lockstep.barrier.clients))
+                text = f'"{client}" is not in the lockstep barrier of {names}: say hello with one of these names'
+                raise Refused("denied", text)
+            return Goal(self.lockstep.barrier.grant(client, n, now), now, on_reply, pause_there=False, paced=True)
+        if not self.paused:
+            raise Refused("busy", "the world runs by itself: call world/pause first, then step")
+        if self._goals:
+            raise Refused("busy", "another step or run_until is under way")
+        return Goal(now + n, now, on_reply, pause_there=True, paced=False)
+
+    def _check_goals(self) -> None:
+        tick, now = self.world.tick, self._time.now_ns()
+        for goal in self._goals[:]:
+            if tick >= goal.tick:
+                if goal.pause_there:
+                    self.paused = True
+                    self.pace.release()
+                self._finish(goal, None)
+            elif now >= self._next_progress:
+                fraction = (tick - goal.start) / (goal.tick - goal.start)
+                self.bus.reply(goal.on_reply, Progress(fraction, self.world.t_ns))
+        if now >= self._next_progress:
+            self._next_progress = now + _PROGRESS_NS
+
+    def _cancel(self, goal: Goal | None) -> None:
+        if goal is not None and goal in self._goals:
+            self._finish(goal, Refused("preempted", "cancelled by the caller"))
+
+    def _finish(self, goal: Goal, refused: Refused | None) -> None:
+        self._goals.remove(goal)
+        fault = None if refused is None else refused.fault
+        self.bus.reply(goal.on_reply, Reply(self.world.tick, self.world.t_ns, fault=fault))
+
+    def _say(self, event: Literal["paused", "resumed"], text: str) -> None:
+        log.info("%s in tick %d: %s", event, self.world.tick, text)
+        self.bus.say(Event(event, self.world.tick, self.world.t_ns, text))
+
+
+CLOCK_SERVICES = (
+    Service("world/pause", "Stop time. Calls are still answered."),
+    Service("world/resume", "Let time go on."),
+    Service(
+        "world/step",
+        "Paused: run n ticks as fast as possible, then reply. Lockstep: let time go n ticks on from this client's side, reply when it did.",
+        (Argument("n", "int", "ticks", required=False, default=1, minimum=1, maximum=1e9),),
+        long_running=True,
+    ),
+    Service(
+        "world/run_until",
+        "Reply when simulation time has reached t_s; a paused world runs until then and is paused again.",
+        (Argument("t_s", "float", "simulation time", "s", minimum=0.0, maximum=1e9),),
+        long_running=True,
+    ),
+    Service(
+        "world/set_speed",
+        "Simulated seconds per second of the wall clock (mode realtime).",
+        (Argument("speed", "float", "speed factor", minimum=1e-3, maximum=1000.0),),
+    ),
+)

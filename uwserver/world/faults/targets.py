@@ -1,0 +1,65 @@
+"""What there is to fail, and why a fault cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import UNSET, UnsetType
+
+from uwserver.world.faults.hull import Hull, HullFault, left_inertia, left_volume
+from uwserver.world.faults.table import BuoyancyChange, FaultConfig, SensorFrozen, SensorSilent, ThrusterTable
+
+MAX_VOLUME = 10
+"""Times its own volume to which a hull may swell: more would shoot it out of the sea and end the run for everybody."""
+
+
+class Targets(NamedTuple):
+    """What there is to fail.
+
+    Attributes:
+        hulls: by vehicle.
+        thrusters: names of the members by path of the actuator.
+        sensors: paths.
+    """
+
+    hulls: Mapping[str, Hull]
+    thrusters: Mapping[str, tuple[str, ...]]
+    sensors: tuple[str, ...]
+
+
+def refusals(fault: FaultConfig, targets: Targets, others: Iterable[FaultConfig] = ()) -> Iterator[tuple[str, str]]:
+    """Key at fault and text, for each reason why there cannot be such a fault beside the others."""
+    if not isinstance(fault.until_s, UnsetType) and fault.until_s <= fault.at_s:
+        yield "until_s", f"{fault.until_s:g} s is not after its begin at {fault.at_s:g} s"
+    noun, there = "vehicle", tuple(targets.hulls)
+    if isinstance(fault, ThrusterTable):
+        noun, there = "actuator of thrusters", tuple(targets.thrusters)
+    elif isinstance(fault, SensorFrozen | SensorSilent):
+        noun, there = "sensor", targets.sensors
+    if fault.target not in there:
+        yield "target", f'no {noun} "{fault.target}", there are: {", ".join(there) or "none"}'
+    elif isinstance(fault, ThrusterTable):
+        members = targets.thrusters[fault.target]
+        for name in () if isinstance(fault.members, UnsetType) else fault.members:
+            if name not in members:
+                yield "members", f'no thruster "{name}" in "{fault.target}", there are: {", ".join(members)}'
+    elif isinstance(fault, HullFault):
+        same = [other for other in others if isinstance(other, HullFault) and other.target == fault.target]
+        yield from _hull_refusals(fault, targets.hulls[fault.target], [*same, fault])
+
+
+def _hull_refusals(fault: HullFault, hull: Hull, faults: list[HullFault]) -> Iterator[tuple[str, str]]:
+    if isinstance(fault, BuoyancyChange):
+        if not isinstance(fault.force_N, UnsetType) and hull.water == 0.0:
+            yield "force_N", "there is no buoyancy without gravity: give fraction or volume_m3"
+            return
+        key = next(key for key in ("force_N", "fraction", "volume_m3") if getattr(fault, key) is not UNSET)
+        volume = left_volume(hull, faults)
+        if volume < 0.0:
+            yield key, f"less than no volume of the {hull.volume:g} m3 would be left"
+        elif volume > MAX_VOLUME * hull.volume:
+            yield key, f"{volume:g} m3 would be more than {MAX_VOLUME} times the {hull.volume:g} m3 of the hull"
+    elif np.linalg.eigvalsh(left_inertia(hull, faults))[0] <= 0.0:
+        yield "mass_kg", f"no mass or moment of inertia of the {hull.M_RB[0, 0]:g} kg would be left"

@@ -1,0 +1,202 @@
+"""Carries faults out: which begin and end in a tick, and what that does to the rows and slots of a world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from typing import Literal
+
+from msgspec import Struct, UnsetType, structs
+
+from uwserver.actuators import Thrusters
+from uwserver.environment.water import Water
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
+from uwserver.ports import Refused
+from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.faults.hull import Hull, HullFault, damaged
+from uwserver.world.faults.table import (
+    FaultConfig,
+    SensorFrozen,
+    SensorSilent,
+    ThrusterDead,
+    ThrusterStuck,
+    ThrusterTable,
+    ThrusterWeak,
+)  # fmt: skip
+from uwserver.world.faults.targets import Targets, refusals
+from uwserver.world.vehicle import Vehicle
+
+MAX_FAULTS = 256
+
+
+class Entry(Struct, frozen=True):
+    """One fault: acts from the start of tick `begin` to that of tick `end` (None: for ever)."""
+
+    name: str
+    fault: FaultConfig
+    begin: int
+    end: int | None
+    state: Literal["waiting", "active", "over"] = "waiting"
+
+
+class Faults:
+    """All faults of a world, by name. Thruster and sensor faults are marks in rows and slots, hull faults other parameters of the body.
+
+    Attributes:
+        entries: in the order in which they were set.
+        next_tick: when the next begins or ends; None for never.
+    """
+
+    def __init__(
+        self,
+        hydro: Hydrodynamics,
+        water: Water,
+        vehicles: Mapping[str, Vehicle],
+        sensors: Mapping[str, SensorSlot],
+        actuators: Mapping[str, ActuatorSlot],
+        rate_hz: Fraction,
+        say: Callable[[str], None],
+    ) -> None:
+        """Of a world that is still being built: the mappings may grow.
+
+        Args:
+            hydro, water, vehicles, sensors, actuators, rate_hz: of the world.
+            say: tells all clients.
+        """
+        self._hydro = hydro
+        self._water = water
+        self._vehicles = vehicles
+        self._sensors = sensors
+        self._actuators = actuators
+        self._rate = rate_hz
+        self._say = say
+        self.entries: dict[str, Entry] = {}
+        self.next_tick: int | None = None
+
+    def targets(self) -> Targets:
+        """What there is to fail."""
+        return Targets(
+            {name: self._hull(vehicle) for name, vehicle in self._vehicles.items()},
+            {path: tuple(rows) for path in self._actuators if (rows := self._thrusters(path))},
+            tuple(self._sensors),
+        )
+
+    def set(self, name: str, fault: FaultConfig, tick: int) -> None:
+        """Add a fault, or replace the one of that name; one whose time has come acts at once.
+
+        Raises:
+            Refused: no such target or member, over already, too many faults, or a body without mass or buoyancy would be left.
+        """
+        others = [entry.fault for entry in self.entries.values() if entry.name != name]
+        for key, text in refusals(fault, self.targets(), others):
+            raise Refused("bad_argument", text, key)
+        begin = max(tick, self.tick_of(fault.at_s))
+        end = None if isinstance(fault.until_s, UnsetType) else self.tick_of(fault.until_s)
+        if end is not None and end <= tick:
+            raise Refused("bad_argument", f"{fault.until_s:g} s is over already", "until_s")
+        if name not in self.entries and len(self.entries) >= MAX_FAULTS:
+            raise Refused("busy", f"there are {MAX_FAULTS} faults already: clear one, or use its name", "name")
+        self.clear(name)
+        self.entries[name] = Entry(name, fault, begin, end)
+        self.turn(tick)
+
+    def clear(self, name: str) -> bool:
+        """Take a fault out, and its effect with it; False if there is none of that name."""
+        entry = self.entries.pop(name, None)
+        if entry is None:
+            return False
+        if entry.state == "active":
+            self._carry_out(entry.fault)
+            self._say(f'fault "{name}" of "{entry.fault.target}" was cleared')
+        self._plan()
+        return True
+
+    def turn(self, tick: int) -> None:
+        """Begin and end what is due at the start of a tick."""
+        for entry in list(self.entries.values()):
+            if entry.state != "over" and entry.end is not None and tick >= entry.end:
+                self._change(entry, "over", "ended")
+            elif entry.state == "waiting" and tick >= entry.begin:
+                self._change(entry, "active", "began")
+        self._plan()
+
+    def restore(self, entries: Iterable[Entry]) -> None:
+        """Take over the entries of a snapshot; the rows are restored by themselves, and nothing is told."""
+        self.entries = {entry.name: entry for entry in entries}
+        for path in self._sensors:
+            self._mark_sensor(path)
+        self._plan()
+
+    def tick_of(self, t_s: float) -> int:
+        """The first tick at or after a simulation time (s)."""
+        return math.ceil(Fraction(str(t_s)) * self._rate)
+
+    def _change(self, entry: Entry, state: Literal["active", "over"], verb: str) -> None:
+        began_before = entry.state == "active" or state == "active"
+        self.entries[entry.name] = structs.replace(entry, state=state)
+        if began_before:
+            self._carry_out(entry.fault)
+            self._say(f'fault "{entry.name}" {verb}: {_kind(entry.fault)} of "{entry.fault.target}"')
+
+    def _plan(self) -> None:
+        ticks = [entry.begin for entry in self.entries.values() if entry.state == "waiting"]
+        ticks += [entry.end for entry in self.entries.values() if entry.state != "over" and entry.end is not None]
+        self.next_tick = min(ticks, default=None)
+
+    def _active(self) -> list[FaultConfig]:
+        return [entry.fault for entry in self.entries.values() if entry.state == "active"]
+
+    def _carry_out(self, changed: FaultConfig) -> None:
+        """Set what `changed` touches to what all active faults together make of it."""
+        if isinstance(changed, ThrusterTable):
+            for row in self._rows(changed):
+                self._set_thruster(row)
+        elif isinstance(changed, HullFault):
+            vehicle, water = self._vehicles[changed.target], self._water
+            faults = [f for f in self._active() if isinstance(f, HullFault) and f.target == changed.target]
+            body = damaged(self._hydro.params[vehicle.row], self._hull(vehicle), faults, water.density, water.gravity)
+            self._hydro.change(vehicle.row, body)
+        else:
+            self._mark_sensor(changed.target)
+
+    def _thrusters(self, path: str) -> Mapping[str, int]:
+        actuator = self._actuators[path].actuator
+        return actuator.rows if isinstance(actuator, Thrusters) else {}
+
+    def _rows(self, fault: FaultConfig) -> list[int]:
+        if not isinstance(fault, ThrusterTable):
+            return []
+        rows = self._thrusters(fault.target)
+        return [rows[name] for name in (rows if isinstance(fault.members, UnsetType) else fault.members)]
+
+    def _set_thruster(self, row: int) -> None:
+        efficiency, stuck, u = 1.0, FREE, 0.0
+        for fault in self._active():
+            if row not in self._rows(fault):
+                continue
+            if isinstance(fault, ThrusterDead):
+                efficiency = 0.0
+            elif isinstance(fault, ThrusterWeak):
+                efficiency *= fault.factor
+            elif isinstance(fault, ThrusterStuck):
+                stuck, u = (STUCK, 0.0) if isinstance(fault.u, UnsetType) else (STUCK_AT, fault.u)
+        thruster = self._hydro.thrusters[row : row + 1]
+        thruster["efficiency"] = efficiency
+        if stuck == FREE and thruster["stuck"][0] != FREE:
+            thruster["fresh"] = 1  # the newest command holds again
+        thruster["stuck"], thruster["stuck_u"] = stuck, u
+
+    def _mark_sensor(self, path: str) -> None:
+        kinds = {type(fault) for fault in self._active() if fault.target == path}
+        slot = self._sensors[path]
+        slot.fault = "silent" if SensorSilent in kinds else "frozen" if SensorFrozen in kinds else ""
+
+    def _hull(self, vehicle: Vehicle) -> Hull:
+        body, density = self._hydro.params[vehicle.row], self._water.density
+        return Hull(body.M_RB, body.r_g, (body.displaced or 0.0) / density, density * self._water.gravity)
+
+
+def _kind(fault: FaultConfig) -> str:
+    return str(fault.__struct_config__.tag).replace("_", " ")
