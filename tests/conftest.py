@@ -16,7 +16,9 @@ from uwserver.modifiers import Delay, WhiteNoise
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, Server, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario, Server
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import ImuConfig
 from uwserver.sensors.truth import Truth
 from uwserver.world import World

@@ -18,40 +18,34 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCE_ROOTS = {
     "uwserver": ROOT,
+    "uwserver_bench": ROOT / "bench",
     "uwserver_adapters": ROOT / "adapters",
     "uwserver_scenarios": ROOT / "scenarios",
     "uwclient": ROOT / "clients" / "python",
 }
 
-# Parts of uwserver, highest first. A module imports only from lower lines, or from its own package; parts that share a line do not
+# Parts of uwserver, highest first. A module imports only from lower lines, or from its own part; parts that share a line do not
 # know each other. So each part can be understood, tested and replaced with what is below it alone.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__main__",),
     ("cli",),  # verbs of a person: may use everything
-    ("bench",),  # measures whole servers
     ("server",),  # life cycle: the first that knows loop and thread
-    ("status",),  # serves health and metrics of all the following
-    ("context", "recorder", "replay"),  # what adapters see; sinks
-    ("recording",),  # the recorder's file
-    ("simulation",),  # the simulation thread
-    ("lockstep",),  # who lets time go on
-    ("bus",),  # crossing between thread and loop
+    ("recording",),  # a sink, its file, and what runs it again
+    ("simulation",),  # the simulation thread, and the crossing to the loop
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
-    ("services",),
-    ("snapshot",),
-    ("world",),  # the tick
-    ("faults", "commands", "pilots"),  # mark rows and slots; who commands the actuators
-    ("slots",),  # what the world keeps of each component
-    ("vehicle", "requests"),
+    ("world",),  # the tick and what lives in it
     ("actuators", "sensors", "autopilot"),
     ("modifiers",),
     ("environment",),  # asks the kernel what the water does
     ("physics",),  # arrays and kernel: knows no component
-    ("clock", "lateness", "logs"),  # know no world
-    ("frames", "ports", "table"),
+    ("ports",),  # the vocabulary of every wall
+    ("frames", "table", "logs"),
     ("units",),
 )
+KITS = {"testing": "server", "validation": "recording"}
+"""Parts beside the layers: the testing kit of others, and the proofs of physics. Each imports only what stands below the part named, and is
+imported by no layer but `cli`."""
 RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
@@ -66,17 +60,17 @@ SHARED_BY_ADAPTERS = {
 }
 """What several protocols need; nothing that knows one of them."""
 
-LOOP = {"server", "status", "adapter", "cli", "bench", "testing"}
+LOOP = {"server", "adapter", "cli", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""
 
 CLOCKS = {"uwserver.simulation.clock"}
-"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting. `bench` measures too."""
+"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting."""
 
 DEGREES = {"uwserver.units"}
 """Where degrees become radians. Loader and codecs call it."""
 
-EXTRA = {"uwserver.physics.collision.bullet", "uwserver_bench"}
-"""The only homes of pybullet, which is an optional dependency and holds the interpreter lock: one module of physics, and the bench."""
+BULLET = "uwserver.physics.collision.bullet"
+"""The only home of pybullet, which is an optional dependency and holds the interpreter lock."""
 
 
 class Module(NamedTuple):
@@ -162,21 +156,23 @@ def importers(package: str, names: set[str]) -> list[tuple[Module, Import]]:
 
 
 def test_every_part_of_uwserver_has_a_layer():
-    parts = {module.part for module in modules("uwserver")} - {"", "testing"}
+    parts = {module.part for module in modules("uwserver")} - {"", *KITS}
     assert parts <= RANK.keys(), f"give {sorted(parts - RANK.keys())} a line in LAYERS"
 
 
 def test_imports_point_down():
     wrong = []
     for module in modules("uwserver"):
-        if module.part in ("", "testing"):
-            continue  # the package itself and the testing kit have their own rules
+        if module.part == "" or module.part in KITS:
+            continue  # the package itself and what stands beside the layers have their own rules
         for target, line, _ in imports(module):
             package, _, rest = target.partition(".")
             part = rest.split(".")[0]
             if package != "uwserver" or not part or part == module.part:
                 continue
-            if part == "testing" or RANK[part] <= RANK[module.part]:
+            if part in KITS and module.part == "cli":
+                continue
+            if part in KITS or RANK[part] <= RANK[module.part]:
                 wrong.append(
                     at(module, line, f"{module.name} must not import {target}: it stands above it or beside it")
                 )
@@ -199,8 +195,9 @@ def test_physics_knows_no_component():
 def test_ports_and_units_import_nothing_of_ours():
     """They are the vocabulary of everybody, of other languages too."""
     for module in modules("uwserver"):
-        if module.name in ("uwserver.ports", "uwserver.units", "uwserver.frames", "uwserver.table"):
-            assert not [i.target for i in imports(module) if i.target.startswith("uw")], module.name
+        if module.part in ("ports", "units", "frames", "table"):
+            wrong = [i.target for i in imports(module) if i.target.startswith("uw") and module.part not in i.target]
+            assert not wrong, f"{module.name} imports {wrong}"
 
 
 def test_import_uwserver_is_cheap():
@@ -214,16 +211,70 @@ def test_import_uwserver_is_cheap():
                 assert set(names) <= {"__version__"}, at(module, node.lineno, f"from uwserver import {names}")
 
 
-def test_testing_kit_stands_below_the_server():
-    """It is public: what it needs of uwserver must not be able to start one."""
+def test_what_stands_beside_the_layers_cannot_start_a_server():
+    """The kit is public, and proofs are of physics: what they need of uwserver stands below the server."""
     for module in modules("uwserver"):
-        if module.part == "testing":
+        if module.part in KITS:
             for target, line, _ in imports(module):
-                part = target.split(".")[1] if target.startswith("uwserver.") else "testing"
-                assert part == "testing" or RANK[part] > RANK["server"], at(module, line, f"imports {target}")
+                part = target.split(".")[1] if target.startswith("uwserver.") else module.part
+                below = part == module.part or (part in RANK and RANK[part] > RANK[KITS[module.part]])
+                assert below, at(module, line, f"imports {target}")
                 assert target.split(".")[0] not in ("uwserver_adapters", "pytest"), at(
                     module, line, f"imports {target}"
                 )
+
+
+def test_no_import_circle_between_modules():
+    """Two modules that need each other are one module; a circle that waits inside a function, or is for types alone, is a circle."""
+    graph = {m.name: {i.target for i in imports(m)} - {m.name} for m in every_module()}
+    assert circles(graph) == []
+
+
+def test_no_import_circle_between_rooms():
+    """A room is a folder; what its __init__ hands on is a room of its own, and so is each module at the top of a source root."""
+    graph: dict[str, set[str]] = {}
+    names = {module.name: module for module in every_module()}
+    for module in names.values():
+        targets = {room_of(names[i.target]) for i in imports(module) if i.target in names}
+        graph.setdefault(room_of(module), set()).update(targets - {room_of(module)})
+    assert circles(graph) == []
+
+
+def room_of(module: Module) -> str:
+    if module.path.name == "__init__.py":
+        return f"{module.name}.__init__"
+    return module.name if module.name.count(".") == 1 else module.name.rpartition(".")[0]
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of nodes that reach each other (Tarjan 1972)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        order[node] = low[node] = len(order)
+        stack.append(node)
+        for after in sorted(graph.get(node, ())):
+            if after not in order:
+                visit(after)
+            if after in stack:
+                low[node] = min(low[node], low[after])
+        if low[node] == order[node]:
+            group = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for node in sorted(graph):
+        if node not in order:
+            visit(node)
+    return found
+
+
+def test_circles_are_found():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c"]]
 
 
 def test_nothing_in_uwserver_knows_an_adapter_or_a_client():
@@ -277,40 +328,17 @@ def test_loop_and_sockets_only_at_the_top_and_in_adapters():
 
 def test_only_the_clock_reads_the_time():
     """All other code asks a Clock (or the loop), so that free-run is free, and tests wait for nothing."""
-    wrong = [
-        at(m, i.line, i.target)
-        for m, i in importers("uwserver", {"time"})
-        if m.name not in CLOCKS and m.part != "bench"
-    ]
+    wrong = [at(m, i.line, i.target) for m, i in importers("uwserver", {"time"}) if m.name not in CLOCKS]
     wrong += [at(m, i.line, i.target) for m, i in importers("uwserver_adapters", {"time"})]
     for module in modules("uwserver"):
-        if module.part in (
-            "world",
-            "physics",
-            "sensors",
-            "modifiers",
-            "actuators",
-            "environment",
-            "snapshot",
-            "faults",
-            "slots",
-            "services",
-        ):
+        if module.part in ("world", "physics", "sensors", "modifiers", "actuators", "environment"):
             wrong += [at(module, i.line, i.target) for i in imports(module) if i.target == "datetime"]
     assert not wrong, wrong
 
 
 def test_bullet_has_one_home():
-    wrong = [
-        at(m, i.line, i.target)
-        for m, i in importers("uwserver", {"pybullet", "pybullet_data"})
-        if not in_any(m.name, EXTRA)
-    ]
-    assert not wrong, wrong
-
-
-def in_any(name: str, homes: set[str]) -> bool:
-    return any(name == home or name.startswith(f"{home}.") for home in homes)
+    found = importers("uwserver", {"pybullet", "pybullet_data"})
+    assert {module.name for module, _ in found} == {BULLET}
 
 
 def test_no_global_randomness():

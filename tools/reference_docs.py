@@ -23,10 +23,13 @@ from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Field, Port, Service
 from uwserver.scenario.authoring.catalogue import keys_of, sensor_kinds
 from uwserver.scenario.build.world import build
-from uwserver.scenario.load import tables as schema
+from uwserver.scenario.load import tables as scenario_tables
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.solids import tables as solid_schema
-from uwserver.scenario.vehicle import tables as vehicle_schema
+from uwserver.scenario.solids import tables as solid_tables
+from uwserver.scenario.vehicle import entry
+from uwserver.scenario.vehicle import tables as vehicle_tables
+from uwserver.scenario.water import tables as water_tables
+from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES
 from uwserver.simulation.thread import CLOCK_SERVICES
@@ -144,9 +147,13 @@ def scenario_page() -> str:
         SCENARIO_INTRODUCTION,
         "",
     ]
-    lines += ["## Scenario", "", *_tables(schema, schema.Scenario)]
-    lines += ["## Vehicle and device", "", *_tables(vehicle_schema, vehicle_schema.Vehicle)]
-    lines += ["## Solid things", "", *_tables(solid_schema, solid_schema.Contact)]
+    lines += [
+        "## Scenario",
+        "",
+        *_tables(scenario_tables, world_tables, water_tables, entry, first=scenario_tables.Scenario),
+    ]
+    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, first=vehicle_tables.Vehicle)]
+    lines += ["## Solid things", "", *_tables(solid_tables)]
     lines += ["## Autopilot", "", *_table("vehicles.*.autopilot", AutopilotConfig), *_table("Gains", Gains)]
     lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]
     for title, union in (
@@ -165,8 +172,8 @@ def scenario_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _tables(module: Any, first: type) -> Iterable[str]:
-    found = [c for c in vars(module).values() if inspect.isclass(c) and c.__module__ == module.__name__]
+def _tables(*modules: Any, first: type | None = None) -> Iterable[str]:
+    found = [c for m in modules for c in vars(m).values() if inspect.isclass(c) and c.__module__ == m.__name__]
     for cls in sorted(found, key=lambda c: c is not first):
         yield from _table(cls.__name__, cls)
 

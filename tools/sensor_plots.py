@@ -18,7 +18,9 @@ from uwserver.environment.column import ThermoclineColumn, WaterColumn
 from uwserver.ports import Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import BatteryConfig, GpsConfig, ImuConfig
 from uwserver.sensors.motion.triad import TriadErrors
 

@@ -25,8 +25,10 @@ from uwserver.physics.dynamics.immersion import immersion
 from uwserver.physics.dynamics.params import BodyParams, FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Environment, Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.water.tables import Environment
 from uwserver.units import deg
 from uwserver.validation.closed_forms import closed_forms, tilt
 from uwserver.validation.contact_forms import contact_forms

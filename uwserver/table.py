@@ -9,6 +9,7 @@ from msgspec import Meta, Struct
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Probability = Annotated[float, Meta(ge=0, le=1)]
+Latitude = Annotated[float, Meta(ge=-89.9, le=89.9)]
 Vector3 = tuple[float, float, float]
 Name = Annotated[str, Meta(min_length=1)]
 

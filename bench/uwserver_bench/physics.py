@@ -12,7 +12,9 @@ import numpy as np
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.simulation.clock import SystemTime
 from uwserver.world.world import World
 from uwserver_bench.peers import BulletBodies, BulletWithNumpy, MujocoFluid, MujocoVehicle

@@ -16,7 +16,8 @@ import numpy as np
 
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.rows import Row
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
-from uwserver.scenario.load.tables import Environment
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.water.tables import Environment
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios"
 

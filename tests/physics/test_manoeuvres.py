@@ -14,7 +14,10 @@ from uwserver.physics.dynamics.params import BodyParams, FloatArray
 from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Environment, Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.validation.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
 from uwserver.world import World
 

@@ -14,8 +14,11 @@ from uwserver.scenario.files.documents import from_tables
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, did_you_mean
 from uwserver.scenario.load.extensions import extension_kinds
 from uwserver.scenario.load.scenario import scenario_from
-from uwserver.scenario.load.tables import Clock, Current, Environment, Scenario, Server, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.solids.tables import ObjectEntry, Seabed, Structure
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.water.tables import Current, Environment
+from uwserver.scenario.world.tables import Clock, WorldTable
 from uwserver.sensors import SensorConfig, StreamTable
 from uwserver.sensors.truth import Truth
 from uwserver.world.faults import FaultConfig

@@ -15,8 +15,10 @@ import numpy as np
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import FloatArray
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Environment, Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.water.tables import Environment
 from uwserver.validation.motion import DEEP, record
 
 RHO, G, LENGTH, DIAMETER = 1026.0, 9.81, 1.6, 0.19

@@ -10,7 +10,8 @@ from uwserver.actuators import Body
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors.truth import Truth
 from uwserver.world import World
 

@@ -11,7 +11,9 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Current, Environment, Scenario, Server, VehicleEntry
+from uwserver.scenario.load.tables import Scenario, Server
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.water.tables import Current, Environment
 from uwserver.sensors import MotionCaptureConfig, PressureConfig
 from uwserver.world import snapshot
 

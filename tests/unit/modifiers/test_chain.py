@@ -9,7 +9,8 @@ from uwserver.modifiers import Bias, Delay, Dropout, GaussMarkov, Quantise, Whit
 from uwserver.scenario.build.members import stream_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig, PressureConfig
 
 NOISE = WhiteNoise(field="f_S", sigma=0.1)

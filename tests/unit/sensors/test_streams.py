@@ -13,7 +13,8 @@ from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig, Instrument, MotionCaptureConfig, PressureConfig, StreamTable
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane, Sphere

@@ -8,7 +8,8 @@ import pytest
 from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig, MotionCaptureConfig, PressureConfig
 from uwserver.sensors.truth import TRUTH, Truth, TruthAcceleration, TruthPose, TruthVelocity, TruthWrench
 

@@ -11,7 +11,8 @@ import pytest
 from uwserver.ports import Field, Value
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Scope, SensorConfig, SensorTable
 from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import check_sensor

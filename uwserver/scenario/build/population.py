@@ -13,10 +13,10 @@ from uwserver.ports.checks import shown
 from uwserver.scenario.build.members import build_scene, object_member, vehicle_member
 from uwserver.scenario.files.convert import NAME
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.load.tables import VehicleEntry
 from uwserver.scenario.solids.shapes import missing_engines
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.units import rad
 from uwserver.world.components import Member
 from uwserver.world.world import World

@@ -7,11 +7,11 @@ from typing import Any
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
 from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.load.tables import Environment
-from uwserver.scenario.vehicle.assembly import named
+from uwserver.scenario.files.merge import named
 from uwserver.scenario.vehicle.body import matrices
 from uwserver.scenario.vehicle.copies import raw_places
 from uwserver.scenario.vehicle.tables import Vehicle
+from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.truth import TRUTH
 from uwserver.world.faults import FaultConfig, Hull, Targets, refusals
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.scenario.files.errors import Problem
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import ObjectEntry
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
 
 

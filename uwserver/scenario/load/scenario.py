@@ -12,20 +12,23 @@ import msgspec
 from uwserver.scenario.files.convert import NO_MORE, More, check_name, convert, convert_kind, convert_struct, silent
 from uwserver.scenario.files.documents import Document, find, from_tables, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, suggestion
+from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.checks import check_scenario
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
 from uwserver.scenario.load.fault_checks import check_faults
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
-from uwserver.scenario.load.tables import Environment, Scenario, WorldTable
-from uwserver.scenario.vehicle.assembly import Draft, MergedFile, drafted, merged_file, named
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.assembly import Draft, MergedFile, drafted, merged_file
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.copies import check_names, entries, raw_places
 from uwserver.scenario.vehicle.device_checks import check_device
 from uwserver.scenario.vehicle.profiles import check_profile, expanded
 from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
 
 

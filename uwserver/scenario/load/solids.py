@@ -26,8 +26,8 @@ from uwserver.physics.geometry.shapes import (
 from uwserver.scenario.files.convert import Report, check_name, convert, silent
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.resolved import ResolvedObject
-from uwserver.scenario.load.tables import Environment, WorldTable
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
     Materials,
@@ -38,8 +38,10 @@ from uwserver.scenario.solids.shapes import (
     structure_solid,
 )
 from uwserver.scenario.solids.tables import Collision, Contact, HullCollision, ObjectEntry, Seabed, Structure
-from uwserver.scenario.vehicle.assembly import MergedFile, named
+from uwserver.scenario.vehicle.assembly import MergedFile
 from uwserver.scenario.vehicle.copies import raw_places
+from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import WorldTable
 
 
 class SolidFiles:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import UNSET, UnsetType
 
 from uwserver.sensors.truth import Truth
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
@@ -190,5 +190,3 @@ Seabed = FlatSeabed | GridSeabed
 Structure = BoxStructure | SphereStructure | CylinderStructure | CapsuleStructure | MeshStructure | HullStructure
 Collision = BoxCollision | SphereCollision | CylinderCollision | CapsuleCollision | HullCollision
 ObjectEntry = BoxObject | SphereObject | CylinderObject
-
-Latitude = Annotated[float, Meta(ge=-89.9, le=89.9)]

@@ -17,9 +17,9 @@ from uwserver.physics.dynamics.appendage_params import (
     ServoParams,
     WeightParams,
 )
-from uwserver.scenario.load.tables import Environment
 from uwserver.scenario.vehicle.appendage_tables import Ballast, CrossFlow, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import Vehicle
+from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
 TERM = re.compile(r"([XYZKMN])([uvwpqr])([uvwpqr])(d{0,2})")

@@ -11,6 +11,7 @@ from uwserver.actuators import ActuatorConfig
 from uwserver.scenario.files.convert import NO_MORE, More, convert, fields, silent
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath, Problem, Severity
+from uwserver.scenario.files.merge import merged, named
 from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import (
     AddedMass,
@@ -117,18 +118,3 @@ def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice], more:
             converted = convert({name: value}, types[table], (), silent, more)
             parts[table].update(converted or {})
     return Draft(raw=raw, devices=devices, **parts)
-
-
-def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
-    """A table of tables; empty where something else stands."""
-    found = raw.get(table)
-    return found if isinstance(found, dict) else {}
-
-
-def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    """The base with the keys of the override in it, table by table."""
-    whole = dict(base)
-    for key, value in override.items():
-        below = whole.get(key)
-        whole[key] = merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
-    return whole

@@ -20,9 +20,9 @@ from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.gains import Gains
 from uwserver.scenario.files.convert import Report, convert, fields, silent
 from uwserver.scenario.files.errors import KeyPath, suggestion
-from uwserver.scenario.load.checks import check_rate
-from uwserver.scenario.load.tables import WorldTable
 from uwserver.scenario.vehicle.assembly import Draft
+from uwserver.scenario.world.checks import check_rate
+from uwserver.scenario.world.tables import WorldTable
 
 
 def check_autopilot(raw: object, draft: Draft, path: KeyPath, world: WorldTable | None, report: Report) -> None:

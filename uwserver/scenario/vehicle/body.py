@@ -19,7 +19,6 @@ from uwserver.physics.dynamics.params import (
     rigid_body_inertia,
 )
 from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
-from uwserver.scenario.load.tables import Environment
 from uwserver.scenario.vehicle.appendages import appendages
 from uwserver.scenario.vehicle.tables import (
     BoxShape,
@@ -33,6 +32,7 @@ from uwserver.scenario.vehicle.tables import (
     ThrusterDevice,
     Vehicle,
 )
+from uwserver.scenario.water.tables import Environment
 
 
 class Matrices(NamedTuple):

@@ -16,14 +16,16 @@ from uwserver.ports import Field
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.documents import label_of
 from uwserver.scenario.files.errors import KeyPath, suggestion
-from uwserver.scenario.load.checks import check_rate
-from uwserver.scenario.load.tables import Environment, WorldTable
+from uwserver.scenario.files.merge import named
 from uwserver.scenario.vehicle.appendage_checks import check_appendages
-from uwserver.scenario.vehicle.assembly import Draft, named
+from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.vehicle.body import buoyancy_and_weight, matrices
 from uwserver.scenario.vehicle.tables import Damping, Vehicle
+from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant, year_of
 from uwserver.scenario.world.magnetic import WMM_YEARS
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig
 from uwserver.world.services import SENSOR_SERVICES
 

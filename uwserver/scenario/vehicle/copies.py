@@ -10,8 +10,8 @@ from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.load.tables import Copies, VehicleEntry
-from uwserver.scenario.vehicle.assembly import named
+from uwserver.scenario.files.merge import named
+from uwserver.scenario.vehicle.entry import Copies, VehicleEntry
 from uwserver.table import Vector3
 
 

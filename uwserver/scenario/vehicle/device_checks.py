@@ -10,7 +10,7 @@ from msgspec import UNSET
 
 from uwserver.physics.kernel.layout import TABLE_VOLTAGES
 from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.vehicle.assembly import named
+from uwserver.scenario.files.merge import named
 from uwserver.scenario.vehicle.body import lag
 from uwserver.scenario.vehicle.tables import ForceCurve, LagTable, Shape
 

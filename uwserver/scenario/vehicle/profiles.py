@@ -11,8 +11,8 @@ from msgspec import field
 from uwserver.scenario.files.convert import NO_MORE, More, Report, convert_kind, convert_struct, kinds_of
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.files.merge import merged, named
 from uwserver.scenario.vehicle.appendage_tables import Sourced
-from uwserver.scenario.vehicle.assembly import merged, named
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 

@@ -13,8 +13,8 @@ from uwserver.environment.currents import CurrentConfig, ProfileConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.scenario.files.convert import Report, convert, silent
 from uwserver.scenario.files.errors import KeyPath
-from uwserver.scenario.load.tables import Environment
-from uwserver.scenario.vehicle.assembly import named
+from uwserver.scenario.files.merge import named
+from uwserver.scenario.water.tables import Environment
 
 WRONG = 0.005
 """Part by which the density of forces may lie outside of what the water has anywhere: a round number for sea water is no contradiction."""

@@ -16,14 +16,15 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import DvlConfig, Pose, SensorConfig
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
 from uwserver.testing.sensors import scopes
 
-SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios" / "devices"
+SHIPPED = Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios" / "devices"
 PROFILES = [path for path in sorted(SHIPPED.glob("*.toml")) if "properties" in msgspec.toml.decode(path.read_bytes())]
 SCENARIO = """\
 schema = 1

@@ -12,7 +12,9 @@ from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import (
     BatteryConfig,
     CompoundConfig,

@@ -6,7 +6,8 @@ import pytest
 
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 
 
 def faults(override, model="tethys"):

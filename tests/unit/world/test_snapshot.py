@@ -98,7 +98,7 @@ def test_equal_runs_hash_equally_in_another_process(make_world):
         "w.step(500)\n"
         "print(snapshot.take(w).hash())\n"
     )
-    tests = str(Path(__file__).parents[1])
+    tests = str(Path(__file__).parents[2])
     other = subprocess.run(
         [sys.executable, "-c", script, tests], capture_output=True, text=True, timeout=120, check=True
     )

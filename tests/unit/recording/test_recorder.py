@@ -31,7 +31,8 @@ from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime
 from uwserver.simulation.thread import Simulation, Timing

@@ -8,8 +8,9 @@ import pytest
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, Server, VehicleEntry
+from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.solids.tables import BoxObject, FlatSeabed
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors.truth import Truth
 from uwserver.world import World
 

@@ -16,7 +16,7 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 
-PAGE = Path(__file__).parents[3] / "docs/how-to/extend.md"
+PAGE = Path(__file__).parents[4] / "docs/how-to/extend.md"
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE.read_text(), re.S | re.M)
 (SCENARIO,) = [code for kind, code in BLOCKS if kind == "toml"]
 EXTENSION, TESTS = [code for kind, code in BLOCKS if kind == "python"]

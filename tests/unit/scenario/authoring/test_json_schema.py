@@ -11,7 +11,7 @@ from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.sensors import SensorConfig
 
-COMMITTED = Path(__file__).parents[3] / "docs/reference"
+COMMITTED = Path(__file__).parents[4] / "docs/reference"
 REGENERATE = (
     "if the change is wanted, run: for k in scenario vehicle device; do "
     "uwserver schema --$k > docs/reference/$k.schema.json; done"

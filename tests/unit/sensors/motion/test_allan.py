@@ -12,7 +12,8 @@ from uwserver.ports import Field
 from uwserver.scenario.build.members import stream_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig
 
 DT = 0.01

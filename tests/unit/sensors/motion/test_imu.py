@@ -11,7 +11,10 @@ from scipy.spatial.transform import Rotation
 from uwserver.frames import quat_from_rpy
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Current, Environment, Scenario, VehicleEntry, WorldTable
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.water.tables import Current, Environment
+from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import ImuConfig, Pose
 from uwserver.sensors.truth import Truth
 from uwserver.units import rad

@@ -10,7 +10,8 @@ import pytest
 from uwserver.physics.geometry.shapes import Box, Capsule, Cylinder, turned
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 
 
 def volume_and_half(shape: object) -> tuple[float, tuple[float, float, float]]:

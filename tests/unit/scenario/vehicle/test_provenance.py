@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 import pytest
 
-SHIPPED = Path(__file__).parents[3] / "scenarios" / "uwserver_scenarios"
+SHIPPED = Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios"
 FILES = sorted(path for folder in ("vehicles", "devices") for path in (SHIPPED / folder).glob("*.toml"))
 STATUSES = ("measured", "paper", "datasheet", "derived", "guess")
 FREE = re.compile(

@@ -17,7 +17,8 @@ from uwserver.modifiers import Measurement
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, VehicleEntry
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import LblConfig, Pose, UsblConfig
 from uwserver.sensors.acoustic.interrogation import READY, Beacon
 from uwserver.sensors.truth import Truth

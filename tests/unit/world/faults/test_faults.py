@@ -15,7 +15,8 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, Server, VehicleEntry
+from uwserver.scenario.load.tables import Scenario, Server
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig
 from uwserver.world import snapshot
 from uwserver.world.faults.table import (
@@ -382,7 +383,7 @@ def test_the_builder_has_the_verb():
 
 @pytest.mark.parametrize("page", ["sea", "faults"])
 def test_the_listings_of_the_how_to_pages_load(page, tmp_path):
-    text = (Path(__file__).parents[3] / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[4] / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
     (listing,) = re.findall(r"```toml\n(.*?)```", text, re.S)
     path = tmp_path / "page.toml"
     path.write_text(f'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n{listing}')

@@ -1,0 +1,46 @@
+"""Checks of time: rates, the epoch, and the clock."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec import UNSET
+
+from uwserver.scenario.files.convert import Report
+from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.world.epoch import instant
+from uwserver.scenario.world.tables import WorldTable
+
+
+def check_rate(rate_hz: float, physics_hz: float, path: KeyPath, report: Report) -> None:
+    """A rate must be the physics rate over a whole number (to 1e-9), so that samples fall on ticks."""
+    ratio = physics_hz / rate_hz
+    if math.isfinite(ratio) and round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-9 * max(1.0, ratio):
+        return
+    if ratio < 1.0:
+        report(path, f"{rate_hz:g} Hz is above the physics rate of {physics_hz:g} Hz: use at most {physics_hz:g}")
+        return
+    nearest = (
+        f"the nearest that do are {physics_hz / math.ceil(ratio):.12g} and {physics_hz / math.floor(ratio):.12g}"
+        if math.isfinite(ratio)
+        else "it is far too low"
+    )
+    report(path, f"{rate_hz:g} Hz does not divide the physics rate of {physics_hz:g} Hz: {nearest}")
+
+
+def check_time(world: WorldTable, report: Report) -> None:
+    """The epoch is an instant, and the clock's keys fit its mode."""
+    path: KeyPath = ("world", "epoch_utc")
+    try:
+        instant(world.epoch_utc)
+    except ValueError as error:
+        report(path, f'"{world.epoch_utc}" is no instant: {error}')
+    clock = world.clock
+    if clock.mode == "lockstep" and not clock.lockstep_clients:
+        report(
+            ("world", "clock"), 'mode "lockstep" needs lockstep_clients, the names of the clients that grant each tick'
+        )
+    if clock.mode != "lockstep" and clock.max_speed is not UNSET:
+        report(("world", "clock", "max_speed"), f'max_speed is for mode "lockstep"; mode "{clock.mode}" has speed')
+    if len(set(clock.lockstep_clients)) < len(clock.lockstep_clients):
+        report(("world", "clock", "lockstep_clients"), "a client is named twice")
