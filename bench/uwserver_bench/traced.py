@@ -75,7 +75,7 @@ def install_megabyte(world: World, vehicle: str) -> str:
     port = Port(path, "sensor", "megabyte", Megabyte.fields, Megabyte.doc, float(MEGABYTE_HZ))
     divisor = round(world.rate_hz / MEGABYTE_HZ)
     member = world.members[vehicle]
-    slot = SensorSlot(port, member.vehicle.row, Megabyte(), (), divisor, 0)
+    slot = SensorSlot(port, member.vehicle.row, Megabyte(), (), world.rate_hz, divisor, 0)
     carrier = replace(member, sensors=(*member.sensors, slot))
     world.set_members(carrier if other is member else other for other in world.members.values())
     return path

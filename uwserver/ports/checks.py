@@ -9,7 +9,7 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from uwserver.ports.values import Argument, ErrorCode, Field, Json, Port, Refused, Service
+from uwserver.ports.values import Argument, ErrorCode, Field, Json, Port, Refused, Service, Value
 
 SHOWN = 80
 
@@ -161,3 +161,42 @@ def _checked_argument(argument: Argument, value: object) -> Json:
     if argument.type == "int" and isinstance(value, int):
         return value  # above 2**53 the float is not exact
     return numbers[0]
+
+
+def check_values(fields: Sequence[Field], values: Sequence[Value]) -> None:
+    """Refuse values that no sensor with these fields gives; a component may be missing (None).
+
+    Raises:
+        ValueError: another number of fields or components, or of another type.
+    """
+    if len(values) != len(fields):
+        raise ValueError(f"{len(values)} values for {len(fields)} fields")
+    for field, value in zip(fields, values, strict=True):
+        several = isinstance(value, tuple)
+        if several != bool(field.shape) or (several and len(value) != field.size):  # type: ignore[arg-type]  # a tuple
+            raise ValueError(f'"{field.name}" has another shape')
+        kinds = _KINDS[field.type]
+        if not all(part is None or type(part) in kinds for part in (value if isinstance(value, tuple) else (value,))):
+            raise ValueError(f'"{field.name}" is of another type')
+
+
+_KINDS: Mapping[str, tuple[type, ...]] = {"float": (float, int), "int": (int,), "bool": (bool,), "str": (str,)}
+
+
+def check_given(fields: Sequence[Field], given: Sequence[tuple[float, ...] | None]) -> None:
+    """Refuse what is no checked command to these fields.
+
+    Raises:
+        ValueError: another number of fields or components.
+        Refused: not finite, or out of range.
+    """
+    if len(given) != len(fields):
+        raise ValueError(f"{len(given)} values for {len(fields)} fields")
+    for field, value in zip(fields, given, strict=True):
+        if value is not None:
+            if len(value) != field.size:
+                raise ValueError(f'"{field.name}" has another number of components')
+            for number in value:
+                _checked_field(
+                    Field(field.name, field.unit, field.doc, minimum=field.minimum, maximum=field.maximum), number
+                )

@@ -140,7 +140,7 @@ class Simulation:
         for posted in self.mailbox.take():
             if posted.on_reply is not None:
                 self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
-        for on_reply, answer in self.world.pilots.end(refused.fault.text):
+        for on_reply, answer in self.world.end(refused.fault.text):
             self.bus.reply(on_reply, answer)
 
     def _is_over(self) -> bool:

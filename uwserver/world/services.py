@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
-from typing import get_args
-
-import msgspec
 
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.sensors import Instrument
 from uwserver.world import snapshot
-from uwserver.world.components import ActuatorSlot, Carry, SensorSlot
-from uwserver.world.faults import FaultConfig
+from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.part import Carry
 from uwserver.world.snapshot import Snapshot
 from uwserver.world.world import World
 
@@ -26,7 +23,7 @@ MAX_SNAPSHOT_NAME = 64
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash, set_current and those of faults to a finished world; reset comes back to what it is now."""
+    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
 
@@ -81,53 +78,6 @@ def offer_world_services(world: World) -> None:
         ),
         set_current,
     )
-    _offer_faults(world)
-
-
-def _offer_faults(world: World) -> None:
-    kinds = tuple(str(kind.__struct_config__.tag) for kind in get_args(FaultConfig))
-    name = Argument("name", "str", "name of the fault")
-
-    def set_fault(args: Mapping[str, Json]) -> Json:
-        keys = args["parameters"]
-        if not isinstance(keys, dict):
-            raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
-        try:
-            table = {**keys, "kind": args["kind"], "target": args["target"]}
-            # By way of JSON, which has no NaN.
-            fault = msgspec.json.decode(msgspec.json.encode(table), type=FaultConfig)
-        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
-            raise Refused("bad_argument", str(error), "parameters") from None
-        world.faults.set(str(args["name"]), fault, world.tick)
-        return None
-
-    def clear_fault(args: Mapping[str, Json]) -> Json:
-        if not world.faults.clear(str(args["name"])):
-            there = ", ".join(world.faults.entries) or "none"
-            raise Refused("bad_argument", f'no fault "{args["name"]}", there are: {there}', "name")
-        return None
-
-    def faults(_: Mapping[str, Json]) -> Json:
-        return [
-            {"name": entry.name, "state": entry.state, **msgspec.to_builtins(entry.fault)}
-            for entry in world.faults.entries.values()
-        ]
-
-    kind = Argument("kind", "str", "what fails, and how", choices=kinds)
-    target = Argument("target", "str", "<vehicle>/<component>, or a vehicle")
-    keys = Argument(
-        "parameters", "json", "object: the other keys of the kind, as in a scenario", required=False, default={}
-    )
-    world.offer(
-        Service(
-            "world/set_fault",
-            "Add a fault, now or at its at_s, or replace the one of that name.",
-            (name, kind, target, keys),
-        ),
-        set_fault,
-    )
-    world.offer(Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault)
-    world.offer(Service("world/faults", "All faults with their state: waiting, active or over."), faults)
 
 
 def component_services(

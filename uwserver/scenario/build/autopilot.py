@@ -54,7 +54,9 @@ from uwserver.sensors import (
     SensorConfig,
     UsblConfig,
 )
-from uwserver.world.components import ActuatorSlot, Carry, SensorSlot
+from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.part import Carry
+from uwserver.world.piloting import Piloting
 from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10
@@ -71,7 +73,7 @@ _UNKNOWN_PUSH = 0.5
 class Piloted:
     """An autopilot with its ports and services."""
 
-    autopilot: Autopilot
+    part: Piloting
     state: SensorSlot
     set_points: tuple[ActuatorSlot, ...]
     services: tuple[tuple[Service, Carry], ...]
@@ -121,13 +123,13 @@ def build_autopilot(
         on_leak=config.on_leak,
         on_low_battery=config.on_low_battery,
     )
-    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text))
+    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text), world.answers)
     slots = tuple(_set_point_slots(world, path, pilot, config))
     pilot.set_points = {
         slot.port.path.rsplit("/", 1)[1]: slot for slot in slots if not slot.port.path.endswith("/pilot")
     }
     pilot.begin()
-    return Piloted(pilot, _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
+    return Piloted(Piloting(pilot), _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
 
 
 def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
@@ -154,7 +156,7 @@ def _set_point_slots(world: World, path: str, pilot: Autopilot, config: Autopilo
     for name, point in set_points(pilot):
         timeout = timeouts.get(name, 0.0)
         port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
-        yield ActuatorSlot(port, point, round(Fraction(str(timeout)) * world.rate_hz))
+        yield ActuatorSlot(port, point, world.rate_hz, round(Fraction(str(timeout)) * world.rate_hz))
 
 
 def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
@@ -162,7 +164,7 @@ def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConf
     divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
     rate = float(world.rate_hz / divisor)
     port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)
-    return SensorSlot(port, row, sensor, (), divisor, 0)
+    return SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
 
 
 # -- what it hears --------------------------------------------------------------------------------------------------------------------------

@@ -78,10 +78,8 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
         sensors.append(piloted.state)
         slots += piloted.set_points
     services = tuple(component_services(world, sensors, slots)) + (() if piloted is None else piloted.services)
-    return Member(
-        Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid,
-        None if piloted is None else piloted.autopilot,
-    )  # fmt: skip
+    others = () if piloted is None else (piloted.part,)
+    return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid, others)
 
 
 def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
@@ -118,6 +116,7 @@ def _sensor(
         row,
         sensor,
         _modifiers(world, port, config.modifiers),
+        world.rate_hz,
         divisor,
         round((config.latency_s or 0.0) * NANOSECONDS),
     )
@@ -153,7 +152,7 @@ def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[Sen
         sensor = kind()
         path = f"{vehicle}/truth/{name}"
         port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
-        yield SensorSlot(port, row, sensor, (), divisor, 0)
+        yield SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
 
 
 def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> ActuatorSlot:
@@ -162,4 +161,4 @@ def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> Ac
     kind = str(config.__struct_config__.tag)
     timeout = config.timeout_s or None
     port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=timeout)
-    return ActuatorSlot(port, actuator, round(physics_rate(config.timeout_s) * world.rate_hz))
+    return ActuatorSlot(port, actuator, world.rate_hz, round(physics_rate(config.timeout_s) * world.rate_hz))
