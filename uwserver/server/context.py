@@ -11,8 +11,10 @@ from uwserver import __version__
 from uwserver.adapter import AdapterStats, Driver, Order, Subscriber
 from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
 from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
 CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
@@ -32,6 +34,7 @@ class Hub:
         server: name of the server.
         shutdown: begins an orderly end of the server.
         status: the `world/status` answer.
+        files: saved states.
     """
 
     server: str
@@ -40,6 +43,7 @@ class Hub:
     mailbox: Mailbox
     shutdown: Callable[[str], None]
     status: Callable[[], dict[str, Json]]
+    files: StateFiles
     stats: dict[str, AdapterStats] = field(default_factory=dict)
 
     @property
@@ -135,6 +139,9 @@ class Context:
         source = f"{self.name}:{source}"
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
+            return _too_late
+        if service in (SAVE.path, LOAD.path) and checked["name"]:
+            self._hub.files.call(service, checked, source, on_reply)
             return _too_late
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply)

@@ -18,6 +18,7 @@ from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
 from uwserver.units import NANOSECONDS
+from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
 
 log = logging.getLogger(__name__)
@@ -75,6 +76,7 @@ class Simulation:
         self._next_progress = 0
         self._jumps = world.jumps
         self._observer: Observer | None = None
+        self._appointments: list[tuple[int, Callable[[], None]]] = []
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -91,6 +93,25 @@ class Simulation:
         """Carry out an action of the clock between two ticks."""
         self._steering.append(action)
         self.mailbox.wake.set()
+
+    def appoint(self, tick: int, action: Callable[[], None]) -> None:
+        """Let the simulation thread do something quick as soon as the world stands at a tick, or behind it. Before `run`."""
+        self._appointments.append((tick, action))
+
+    def begin_from(self, data: bytes) -> str:
+        """Go to a saved state, as by a call of the first tick, so that a recording holds it. Before `run`.
+
+        Returns:
+            Why that was refused; "" where it was not.
+        """
+        replies: list[Reply | Progress] = []
+        self._submit(Call("world/load", in_one_piece(data), "begin"), replies.append)
+        output = self.world.flush()
+        for on_reply, reply in output.replies:
+            on_reply(reply)
+        self._follow_jump()
+        faults = [reply.fault for reply in replies if isinstance(reply, Reply) and reply.fault is not None]
+        return faults[0].text if faults else ""
 
     def call(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
         """Start a service of the clock (`CLOCK_SERVICES`) with checked arguments; `client` is a name of the barrier, or "".
@@ -120,6 +141,7 @@ class Simulation:
         gc.collect()
         gc.freeze()
         try:
+            self._keep_appointments()
             while not self._is_over():
                 self._turn()
         except Exception as error:
@@ -193,8 +215,14 @@ class Simulation:
             self._observer.ticked(self.world)
         self.bus.publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
+        self._keep_appointments()
         if self._goals:
             self._check_goals()
+
+    def _keep_appointments(self) -> None:
+        for appointment in [each for each in self._appointments if each[0] <= self.world.tick]:
+            self._appointments.remove(appointment)
+            appointment[1]()
 
     def _take_posted(self) -> None:
         for posted in self.mailbox.take():

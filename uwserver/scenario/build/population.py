@@ -42,8 +42,9 @@ class Born(Struct, frozen=True):
 
 
 class PopulationState(State, frozen=True):
-    """All bodies since the start, in the order of their rows."""
+    """All bodies since the start, in the order of their rows; and what the scenario has, of which they are copies."""
 
+    scenario: tuple[str, ...]
     born: Annotated[tuple[Born, ...], Meta(max_length=MAX_BODIES)]
 
 
@@ -140,7 +141,7 @@ class ScenarioPopulation(Population):
 
     def save(self) -> PopulationState:
         """Who is and was there."""
-        return PopulationState(self._born)
+        return PopulationState(tuple(self._params), self._born)
 
     def members_of(self, state: PopulationState) -> list[Member]:
         """See `Population.members_of`."""
@@ -161,6 +162,8 @@ class ScenarioPopulation(Population):
 
     def check(self, state: Any) -> None:
         """Each body is like one of the scenario, has a name of its own, and the engines that it needs are installed."""
+        if state.scenario != tuple(self._params):
+            raise ValueError("the scenario has other vehicles or objects")
         names = [born.name for born in state.born if born.present]
         for born in state.born:
             if born.like not in self._params:

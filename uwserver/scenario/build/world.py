@@ -19,6 +19,7 @@ from uwserver.scenario.world.magnetic import magnetic_about
 from uwserver.sensors import MagnetometerConfig
 from uwserver.units import rad
 from uwserver.world.faults import Faults
+from uwserver.world.saving import offer_state_services
 from uwserver.world.services import offer_world_services
 from uwserver.world.world import World
 
@@ -55,6 +56,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     for name, fault in scenario.faults.items():
         faults.set(name, fault)
     offer_world_services(world)
+    offer_state_services(world)
     return world
 
 
