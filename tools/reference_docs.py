@@ -32,7 +32,7 @@ from uwserver.scenario.water import tables as water_tables
 from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES
-from uwserver.simulation.thread import CLOCK_SERVICES
+from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.world.faults import FaultConfig
 
 REFERENCE = Path(__file__).parents[1] / "docs/reference"

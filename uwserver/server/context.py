@@ -13,7 +13,8 @@ from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Pro
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox
-from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import Simulation
 from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from uwserver.logs import place_of
-from uwserver.ports import Argument, Call, Command, Event, Json, OnReply, Progress, Refused, Reply, Service
+from uwserver.ports import Call, Command, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
@@ -114,7 +114,7 @@ class Simulation:
         return faults[0].text if faults else ""
 
     def call(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
-        """Start a service of the clock (`CLOCK_SERVICES`) with checked arguments; `client` is a name of the barrier, or "".
+        """Start a service of the clock (`uwserver.simulation.services`) with checked arguments; `client` is a name of the barrier, or "".
 
         Returns:
             Its cancel function.
@@ -376,26 +376,3 @@ class Simulation:
     def _say(self, event: Literal["paused", "resumed"], text: str) -> None:
         log.info("%s in tick %d: %s", event, self.world.tick, text)
         self.bus.say(Event(event, self.world.tick, self.world.t_ns, text))
-
-
-CLOCK_SERVICES = (
-    Service("world/pause", "Stop time. Calls are still answered."),
-    Service("world/resume", "Let time go on."),
-    Service(
-        "world/step",
-        "Paused: run n ticks as fast as possible, then reply. Lockstep: let time go n ticks on from this client's side, reply when it did.",
-        (Argument("n", "int", "ticks", required=False, default=1, minimum=1, maximum=1e9),),
-        long_running=True,
-    ),
-    Service(
-        "world/run_until",
-        "Reply when simulation time has reached t_s; a paused world runs until then and is paused again.",
-        (Argument("t_s", "float", "simulation time", "s", minimum=0.0, maximum=1e9),),
-        long_running=True,
-    ),
-    Service(
-        "world/set_speed",
-        "Simulated seconds per second of the wall clock (mode realtime).",
-        (Argument("speed", "float", "speed factor", minimum=1e-3, maximum=1000.0),),
-    ),
-)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -12,7 +11,7 @@ from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.later import Answers, Later
@@ -22,14 +21,13 @@ from uwserver.units import NANOSECONDS
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, Member, Population, SensorSlot, SideStream
 from uwserver.world.part import Carry, Part, Stage, takes_part
+from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
-
-log = logging.getLogger(__name__)
 
 
 class Diverged(Exception):
@@ -91,7 +89,6 @@ class World:
         self._own_services: dict[str, Service] = {}
         self._own_carry: dict[str, Carry] = {}
         self._carry: dict[str, Carry] = {}
-        self._posted: list[Posted] = []
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
         self.jumps = 0
@@ -103,6 +100,7 @@ class World:
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
+        self._requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
         for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
             self.add(part)
 
@@ -146,7 +144,8 @@ class World:
         self.sensors.clear()
         self.actuators.clear()
         self.parts = {part.path: part for part in self._own_parts}
-        self._carry = dict(self._own_carry)
+        self._carry.clear()
+        self._carry |= self._own_carry
         services = dict(self._own_services)
         for name, member in self.members.items():
             self.vehicles[name] = member.vehicle
@@ -252,7 +251,7 @@ class World:
 
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
-        self._posted.append(Posted(item, on_reply))
+        self._requests.posted.append(Posted(item, on_reply))
 
     def command(self, port: str, **value: object) -> None:
         """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays. It acts from the next `step` on.
@@ -317,8 +316,8 @@ class World:
         for part in self._first:
             if part.next_tick is not None and tick >= part.next_tick:
                 part.before(tick, self.t_ns)
-        if self._posted:
-            self._carry_out(output)
+        if self._requests.posted:
+            self._requests.carry_out(output)
             tick = self._tick  # a restore or reset may have been among it
         for part in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
@@ -349,7 +348,7 @@ class World:
     def flush(self) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self._carry_out(output)
+        self._requests.carry_out(output)
         self._end_tick(output)
         return output
 
@@ -364,41 +363,6 @@ class World:
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
         self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
-
-    def _carry_out(self, output: TickOutput) -> None:
-        posted, self._posted = self._posted, []
-        for entry in posted:
-            if isinstance(entry.item, Call):
-                # A call may depend on the commands before it.
-                self._commands.apply(self.tick)
-            reply = self._accept(entry.item) if isinstance(entry.item, Command) else self._run(entry)
-            if reply is not None and entry.on_reply is not None:
-                output.replies.append((entry.on_reply, reply))
-        self._commands.apply(self.tick)
-
-    def _accept(self, command: Command) -> Reply:
-        try:
-            return Reply(self.tick, self.t_ns, conflict=self._commands.accept(command, self.tick))
-        except Refused as refused:
-            return Reply(self.tick, self.t_ns, fault=refused.fault)
-
-    def _run(self, entry: Posted) -> Reply | None:
-        call, tick, t_ns = entry.item, self.tick, self.t_ns
-        assert isinstance(call, Call)
-        try:
-            if call.service not in self._carry:
-                raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
-            result = self._carry[call.service](call.args)
-            if isinstance(result, Later):
-                result.on_reply = entry.on_reply
-                return None
-            return Reply(tick, t_ns, result)
-        except Refused as refused:
-            return Reply(tick, t_ns, fault=refused.fault)
-        except Exception as error:  # a fault of one service must not end the simulation
-            log.exception("%s failed in tick %d", call.service, tick)
-            text = f"{call.service} failed by a fault of the server ({type(error).__name__}): please report it with the server's log"
-            return Reply(tick, t_ns, fault=Refused("internal", text, call.service).fault)
 
     def _scopes(self, with_rates: bool) -> Callable[[SensorSlot], Scope]:
         """What sensors see of each body at this instant; made once a body."""
