@@ -12,8 +12,8 @@ from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Field, Json, Port, Sample, Service, Value
 from uwserver.ports.later import Later
-from uwserver.sensors import Instrument, Scope, Sensor
-from uwserver.sensors.instrument import blank
+from uwserver.sensors import Scope, Sensor
+from uwserver.sensors.base import blank
 from uwserver.sensors.wiring import Wiring
 from uwserver.world.vehicle import Vehicle
 
@@ -54,28 +54,23 @@ class SensorSlot:
     held_ns: int = 0
     wiring: Wiring | None = None
     sides: tuple[SideStream, ...] = ()
-    twin: Instrument | None = None
+    twin: Sensor | None = None
 
     @property
     def fields(self) -> tuple[Field, ...]:
         """Of the port."""
         return self.port.fields
 
-    @property
-    def listens(self) -> bool:
-        """Whether the sensor may have to measure between two readings; `is_called` tells when."""
-        return isinstance(self.sensor, Instrument) and self.sensor.listens
-
     def is_called(self, now: float) -> bool:
         """Whether it has to measure now (s), whatever its rate."""
-        wake = self.sensor.wake if isinstance(self.sensor, Instrument) else None
+        wake = self.sensor.wake
         return wake is not None and wake <= now + 1e-9
 
     def set_interval(self, dt: float) -> None:
         """Tell the sensor and its errors the time (s) from one reading to the next."""
-        for instrument in (self.sensor, self.twin):
-            if isinstance(instrument, Instrument):
-                instrument.dt = dt
+        self.sensor.dt = dt
+        if self.twin is not None:
+            self.twin.dt = dt
         for stream in self.streams():
             for modifier in stream.modifiers:
                 modifier.stream.dt = dt
@@ -110,14 +105,10 @@ class SensorSlot:
     def read(self, scope: Scope) -> Measurement | None:
         """A reading with its errors; None when the device has none to give. The side streams then have theirs too."""
         exact = None if self.twin is None else self._exact(self.twin, scope)
-        if isinstance(self.sensor, Instrument):
-            reading = self.sensor.sense(scope)
-            if reading is None:
-                return None
-            reading.delay_ns += self.latency_ns
-        else:
-            valid, values = self.sensor.measure(scope)
-            reading = Measurement(values, valid, self.latency_ns)
+        reading = self.sensor.sense(scope)
+        if reading is None:
+            return None
+        reading.delay_ns += self.latency_ns
         reading.t_ns = scope.t_ns - reading.since_ns
         for side in self.sides:
             side.take(reading if exact is None or not side.ideal else replace(reading, valid=exact[0], values=exact[1]))
@@ -125,9 +116,8 @@ class SensorSlot:
             modifier.apply(reading)
         return reading
 
-    def _exact(self, twin: Instrument, scope: Scope) -> tuple[bool, list[Value]]:
+    def _exact(self, twin: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
         """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
-        assert isinstance(self.sensor, Instrument)
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = list(self.sensor.memory)

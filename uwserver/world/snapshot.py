@@ -15,7 +15,7 @@ from uwserver.environment.currents import GaussMarkov
 from uwserver.modifiers import Modifier
 from uwserver.physics.bodies import Saved
 from uwserver.ports import Refused, Sample, Value
-from uwserver.sensors import Instrument, Settings
+from uwserver.sensors import Settings
 from uwserver.world.components import Member
 from uwserver.world.faults import Entry
 from uwserver.world.world import World
@@ -25,8 +25,8 @@ Memories = tuple[tuple[Any, tuple[float, ...]], ...]
 
 
 class SensorState(Struct, frozen=True):
-    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, those and the settings of an
-    instrument, and of each further stream its last reading and its modifiers."""
+    """What one sensor remembers: counters, its last reading, the random stream and memory of each modifier, those and the settings of the
+    sensor itself, and of each further stream its last reading and its modifiers."""
 
     seq: int
     active: bool
@@ -34,7 +34,7 @@ class SensorState(Struct, frozen=True):
     held: tuple[bool, tuple[Value, ...]] | None
     held_ns: int
     modifiers: Memories
-    instrument: tuple[Any, tuple[float, ...], Settings] | None
+    own: tuple[Any, tuple[float, ...], Settings]
     sides: tuple[tuple[tuple[bool, tuple[Value, ...]] | None, Memories], ...]
 
 
@@ -114,9 +114,7 @@ def take(world: World) -> Snapshot:
                 slot.held,
                 slot.held_ns,
                 _memories(slot.modifiers),
-                (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings)
-                if isinstance(slot.sensor, Instrument)
-                else None,
+                (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings),
                 tuple((side.held, _memories(side.modifiers)) for side in slot.sides),
             )
             for path, slot in world.sensors.items()
@@ -168,9 +166,8 @@ def restore(world: World, snapshot: Snapshot) -> None:
         for side, (held, memories) in zip(slot.sides, sensor.sides, strict=True):
             side.held = held
             _remember(side.modifiers, memories)
-        if isinstance(slot.sensor, Instrument) and sensor.instrument is not None:
-            slot.sensor.rng.bit_generator.state, kept, slot.sensor.settings = sensor.instrument
-            slot.sensor.memory = list(kept)
+        slot.sensor.rng.bit_generator.state, kept, slot.sensor.settings = sensor.own
+        slot.sensor.memory = list(kept)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)

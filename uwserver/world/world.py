@@ -19,7 +19,7 @@ from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, R
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.later import Later
-from uwserver.sensors import Compound, Scope
+from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.units import NANOSECONDS
 from uwserver.world.commands import Commands
@@ -184,9 +184,8 @@ class World:
         groups: dict[tuple[bool, int], list[SensorSlot]] = {}
         for slot in self.sensors.values():
             if slot.active:
-                last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
-                groups.setdefault((last, slot.divisor), []).append(slot)
-        self._listening = [slot for slot in self.sensors.values() if slot.active and slot.listens]
+                groups.setdefault((slot.sensor.repeats, slot.divisor), []).append(slot)
+        self._listening = [slot for slot in self.sensors.values() if slot.active and slot.sensor.listens]
         self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def set_current(self, velocity: Vec3) -> None:
