@@ -35,7 +35,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
     ("world",),  # the tick and what lives in it
-    ("actuators", "sensors", "autopilot"),
+    ("autopilot",),  # shows its state as a sensor
+    ("actuators", "sensors"),
     ("modifiers",),
     ("environment",),  # asks the kernel what the water does
     ("physics",),  # arrays and kernel: knows no component

@@ -24,11 +24,11 @@ from uwserver.sensors import (
     Pose,
     ScanningSonarConfig,
     Scope,
+    Sensor,
     SensorConfig,
     UsblConfig,
 )
 from uwserver.sensors.acoustic.interrogation import Beacon
-from uwserver.sensors.instrument import Instrument
 from uwserver.units import deg, rad
 
 # Before pyplot is imported: no display.
@@ -88,7 +88,7 @@ def instant(geometry: Geometry, p: tuple[float, float, float], t: float = 0.0, y
     return scope
 
 
-def device(name: str, **keys: object) -> Instrument:
+def device(name: str, **keys: object) -> Sensor:
     """The instrument of a shipped device file."""
 
     def fail(*problem: object) -> None:
@@ -97,7 +97,6 @@ def device(name: str, **keys: object) -> Instrument:
     given = check_profile(msgspec.toml.decode(shipped("devices")[name].read_bytes()), fail)
     config = msgspec.convert({"rate_hz": 240.0, **(given or {}), **keys}, SensorConfig)
     instrument = config.build(Pose())
-    assert isinstance(instrument, Instrument)
     instrument.start(np.random.default_rng(1))
     return instrument
 
@@ -121,7 +120,7 @@ def scanning_sonar(geometry: Geometry) -> Figure:
     return figure
 
 
-def turn_of(sonar: Instrument, geometry: Geometry, yaw_rate: float) -> tuple[FloatArray, FloatArray]:
+def turn_of(sonar: Sensor, geometry: Geometry, yaw_rate: float) -> tuple[FloatArray, FloatArray]:
     """(400) head angles and (400, bins) counts of one turn, pings as fast as the device allows."""
     angles, rows, t = [], [], 0.0
     while len(rows) < 400:
@@ -151,7 +150,7 @@ def altimeter(geometry: Geometry) -> Figure:
     return figure
 
 
-def sounded(sounder: Instrument, geometry: Geometry, x: float) -> float:
+def sounded(sounder: Sensor, geometry: Geometry, x: float) -> float:
     """Range (m) over a place of the flight; NaN without echo."""
     sounder.memory[0] = 0.0
     valid, values = sounder.measure(instant(geometry, (x, 11.0, DEPTH - 8.0)))
@@ -187,7 +186,7 @@ def dvl(geometry: Geometry) -> Figure:
     return figure
 
 
-def tracked(instrument: Instrument, geometry: Geometry, n: int) -> tuple[FloatArray, list[list[object]]]:
+def tracked(instrument: Sensor, geometry: Geometry, n: int) -> tuple[FloatArray, list[list[object]]]:
     """(n) times at which questions went out, s, and the values of the readings, along a straight run."""
     times, values, t = [], [], 0.0
     while len(times) < n:

@@ -12,6 +12,7 @@ from uwserver.autopilot.state import NAN, NOWHERE, STILL, Orders
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Field, Value
+from uwserver.sensors.base import IdealSensor, Scope
 
 TEST_TIMEOUT_S = 0.5
 """Without a command a test of the actuators ends; that of ArduSub too."""
@@ -227,11 +228,10 @@ _STATE = (
 )
 
 
-class StateSensor:
+class StateSensor(IdealSensor):
     """What the autopilot believes and wants, as a sensor's port."""
 
     doc = "What the autopilot believes, from its sensors, and what it wants."
-    needs_rates = False
 
     def __init__(self, pilot: Autopilot) -> None:
         self._pilot = pilot
@@ -240,7 +240,7 @@ class StateSensor:
         doc = f"what its actuators were told, parts of their full commands: {', '.join(names)}"
         self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
 
-    def measure(self, scope: object) -> tuple[bool, list[Value]]:
+    def measure(self, scope: Scope | None) -> tuple[bool, list[Value]]:
         """Always valid: each part tells by itself whether it is."""
         pilot = self._pilot
         e, o, now = pilot.estimate, pilot.orders, pilot.known

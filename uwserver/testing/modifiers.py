@@ -9,7 +9,7 @@ import numpy as np
 
 from uwserver.modifiers import Measurement, Modifier, ModifierTable, Stream
 from uwserver.ports import Field, Value
-from uwserver.sensors.instrument import blank
+from uwserver.sensors.base import blank
 from uwserver.testing.sensors import check_values
 
 FIELDS = (Field("s", "m", "a scalar"), Field("x", "m", "a vector", "S", (3,)), Field("ok", "1", "a flag", type="bool"))

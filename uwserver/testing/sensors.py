@@ -25,7 +25,6 @@ from uwserver.modifiers import (
 )
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
-from uwserver.sensors.instrument import Instrument
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
@@ -142,9 +141,8 @@ def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> Non
 
 
 def measured(sensor: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
-    """What a sensor says; an instrument, which is a function of its memory and random stream too, when just switched on with the same one."""
-    if isinstance(sensor, Instrument):
-        sensor.start(np.random.default_rng(0))
+    """What a sensor says that was just switched on with the same random stream: it is a function of its memory and of that too."""
+    sensor.start(np.random.default_rng(0))
     return sensor.measure(scope)
 
 

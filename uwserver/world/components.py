@@ -16,8 +16,8 @@ from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Field, Port, Sample, Service, Value
 from uwserver.ports.checks import check_given, check_values
-from uwserver.sensors import Instrument, Scope, Sensor
-from uwserver.sensors.instrument import blank
+from uwserver.sensors import Scope, Sensor
+from uwserver.sensors.base import blank
 from uwserver.sensors.wiring import Wiring
 from uwserver.world.part import Carry, Part, State, check_stream, read_record, record, set_stream, stream_state
 from uwserver.world.vehicle import Vehicle
@@ -50,8 +50,8 @@ class SensorState(State, frozen=True):
 
     Attributes:
         seq, active, divisor, held, held_ns: of the slot.
-        settings: record of its instrument.
-        memories: random stream and record of the instrument, then of each modifier of each stream.
+        settings: record of the sensor.
+        memories: random stream and record of the sensor, then of each modifier of each stream.
         sides: last reading of each further stream.
     """
 
@@ -87,7 +87,7 @@ class SensorSlot(Part):
     held_ns: int = 0
     wiring: Wiring | None = None
     sides: tuple[SideStream, ...] = ()
-    twin: Instrument | None = None
+    twin: Sensor | None = None
 
     @property
     def path(self) -> str:
@@ -99,23 +99,18 @@ class SensorSlot(Part):
         """Of the port."""
         return self.port.fields
 
-    @property
-    def listens(self) -> bool:
-        """Whether the sensor may have to measure between two readings; `is_called` tells when."""
-        return isinstance(self.sensor, Instrument) and self.sensor.listens
-
     def is_called(self, now: float) -> bool:
         """Whether it has to measure now (s), whatever its rate."""
-        wake = self.sensor.wake if isinstance(self.sensor, Instrument) else None
+        wake = self.sensor.wake
         return wake is not None and wake <= now + 1e-9
 
     def set_divisor(self, divisor: int) -> None:
         """Measure every `divisor` ticks from now on; the sensor and its errors learn the time from one reading to the next."""
         self.divisor = divisor
         dt = float(divisor / self.rate_hz)
-        for instrument in (self.sensor, self.twin):
-            if isinstance(instrument, Instrument):
-                instrument.dt = dt
+        self.sensor.dt = dt
+        if self.twin is not None:
+            self.twin.dt = dt
         for stream in self.streams():
             stream.port = structs.replace(stream.port, rate_hz=float(self.rate_hz / divisor))
             for modifier in stream.modifiers:
@@ -151,14 +146,10 @@ class SensorSlot(Part):
     def read(self, scope: Scope) -> Measurement | None:
         """A reading with its errors; None when the device has none to give. The side streams then have theirs too."""
         exact = None if self.twin is None else self._exact(self.twin, scope)
-        if isinstance(self.sensor, Instrument):
-            reading = self.sensor.sense(scope)
-            if reading is None:
-                return None
-            reading.delay_ns += self.latency_ns
-        else:
-            valid, values = self.sensor.measure(scope)
-            reading = Measurement(values, valid, self.latency_ns)
+        reading = self.sensor.sense(scope)
+        if reading is None:
+            return None
+        reading.delay_ns += self.latency_ns
         reading.t_ns = scope.t_ns - reading.since_ns
         for side in self.sides:
             side.take(reading if exact is None or not side.ideal else replace(reading, valid=exact[0], values=exact[1]))
@@ -166,9 +157,8 @@ class SensorSlot(Part):
             modifier.apply(reading)
         return reading
 
-    def _exact(self, twin: Instrument, scope: Scope) -> tuple[bool, list[Value]]:
+    def _exact(self, twin: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
         """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
-        assert isinstance(self.sensor, Instrument)
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = list(self.sensor.memory)
@@ -177,23 +167,20 @@ class SensorSlot(Part):
 
     def save(self) -> SensorState:
         """All that it remembers."""
-        instrument = self._instrument
         return SensorState(
             self.seq,
             self.active,
             self.divisor,
             self.held,
             self.held_ns,
-            b"" if instrument is None else record(instrument.settings),
+            record(self.sensor.settings),
             tuple((stream_state(rng), record(owner.memory)) for owner, rng in self._remembering()),
             tuple(side.held for side in self.sides),
         )
 
     def check(self, state: Any) -> None:
         """The records are of its kinds, and readings fit their fields."""
-        instrument = self._instrument
-        if instrument is not None:
-            instrument.check(read_record(state.settings, instrument.settings))
+        self.sensor.check(read_record(state.settings, self.sensor.settings))
         owners = list(self._remembering())
         if len(state.memories) != len(owners) or len(state.sides) != len(self.sides):
             raise ValueError("other modifiers or streams than this sensor has")
@@ -209,22 +196,15 @@ class SensorSlot(Part):
         self.seq, self.active, self.held, self.held_ns = state.seq, state.active, state.held, state.held_ns
         if state.divisor != self.divisor:
             self.set_divisor(state.divisor)
-        instrument = self._instrument
-        if instrument is not None:
-            instrument.settings = read_record(state.settings, instrument.settings)
+        self.sensor.settings = read_record(state.settings, self.sensor.settings)
         for (owner, rng), (stream, memory) in zip(self._remembering(), state.memories, strict=True):
             set_stream(rng, stream)
             owner.memory = read_record(memory, owner.memory)
         for side, held in zip(self.sides, state.sides, strict=True):
             side.held = held
 
-    @property
-    def _instrument(self) -> Instrument | None:
-        return self.sensor if isinstance(self.sensor, Instrument) else None
-
     def _remembering(self) -> Iterator[tuple[Any, np.random.Generator]]:
-        if isinstance(self.sensor, Instrument):
-            yield self.sensor, self.sensor.rng
+        yield self.sensor, self.sensor.rng
         for stream in self.streams():
             for modifier in stream.modifiers:
                 yield modifier, modifier.stream.rng

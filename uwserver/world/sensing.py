@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from uwserver.ports import Port, Sample, Value
 from uwserver.ports.checks import check_values
-from uwserver.sensors import Compound, Scope
+from uwserver.sensors import Scope
 from uwserver.world.components import SensorSlot
 from uwserver.world.part import Part, Stage, State
 
@@ -53,9 +53,8 @@ class Sensing(Part):
         groups: dict[tuple[bool, int], list[SensorSlot]] = {}
         for slot in self._slots.values():
             if slot.active:
-                last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
-                groups.setdefault((last, slot.divisor), []).append(slot)
-        self._listening = [slot for slot in self._slots.values() if slot.active and slot.listens]
+                groups.setdefault((slot.sensor.repeats, slot.divisor), []).append(slot)
+        self._listening = [slot for slot in self._slots.values() if slot.active and slot.sensor.listens]
         self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
 
     def keep(self, ports: Mapping[str, Port]) -> None:

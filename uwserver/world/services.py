@@ -8,7 +8,6 @@ from fractions import Fraction
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
-from uwserver.sensors import Instrument
 from uwserver.world import snapshot
 from uwserver.world.components import ActuatorSlot, SensorSlot
 from uwserver.world.part import Carry
@@ -91,13 +90,12 @@ def component_services(
 
 
 def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tuple[Service, Carry]]:
-    instrument = slot.sensor if isinstance(slot.sensor, Instrument) else None
     rate = Argument(
         "rate_hz",
         "float",
         "samples a second; divides the physics rate",
         "Hz",
-        required=instrument is None,
+        required=False,
         minimum=1e-3,
     )
 
@@ -111,14 +109,13 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
             "rate_hz": float(world.rate_hz / slot.divisor),
             "active": slot.active,
             "latency_s": slot.latency_ns / 1e9,
-            **(instrument.properties() if instrument else {}),
+            **slot.sensor.properties(),
         }
 
     def change(args: Mapping[str, Json]) -> Json:
         given = {name: value for name, value in args.items() if value is not None}
         divisor = divisor_of(given.pop("rate_hz")) if "rate_hz" in given else slot.divisor
-        if instrument:
-            instrument.change(given)
+        slot.sensor.change(given)
         world.set_divisor(slot, divisor)
         return None
 
@@ -131,11 +128,10 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
             raise Refused("bad_argument", text, "rate_hz")
         return divisor
 
-    settings = instrument.arguments if instrument else ()
-    yield Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True)
-    yield Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False)
+    yield Service(f"{path}/activate", "Start measuring."), lambda _: activate(True)
+    yield Service(f"{path}/deactivate", "Stop measuring."), lambda _: activate(False)
     yield Service(f"{path}/get", "Properties of the sensor."), get
-    yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *settings)), change
+    yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *slot.sensor.arguments)), change
 
 
 def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[tuple[Service, Carry]]:

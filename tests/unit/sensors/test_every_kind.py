@@ -21,7 +21,7 @@ from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors import Instrument, Pose, Scope, SensorConfig
+from uwserver.sensors import Pose, Scope, SensorConfig
 from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
@@ -311,10 +311,5 @@ def test_what_can_be_set(kind, world):
             with pytest.raises(Refused):
                 world.call(f"{path}/set", **{"rate_hz": 4.0, argument.name: argument.minimum - 1.0})
     assert world.call(f"{path}/get") == after
-    instrument = world.sensors[path].sensor
-    world.call(
-        f"{path}/set",
-        rate_hz=before["rate_hz"],
-        **({n: before[n] for n in wanted} if isinstance(instrument, Instrument) else {}),
-    )
+    world.call(f"{path}/set", rate_hz=before["rate_hz"], **{name: before[name] for name in wanted})
     assert world.call(f"{path}/get") == before

@@ -13,7 +13,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Scope, SensorConfig, SensorTable
+from uwserver.sensors import CompoundConfig, IdealSensor, Pose, RpmConfig, Scope, SensorConfig, SensorTable
 from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import check_sensor
 from uwserver.testing.sensors import scopes
@@ -40,11 +40,10 @@ def wired() -> list[Scope]:
     return [replace(scope, wiring=world.sensors["rov/imu"].wiring) for scope in scopes()]
 
 
-class Odd:
+class Odd(IdealSensor):
     """A right sensor of one vector and one scalar, which the tests spoil."""
 
     doc = "A sensor of the test."
-    needs_rates = False
     fields: tuple[Field, ...] = (Field("v_S", "m/s", "velocity", "S", (3,)), Field("n", "1", "count", type="int"))
 
     def __init__(self, fault: str) -> None:

@@ -161,6 +161,7 @@ def _set_point_slots(world: World, path: str, pilot: Autopilot, config: Autopilo
 
 def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
     sensor = StateSensor(pilot)
+    sensor.start(np.random.default_rng(0))
     divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
     rate = float(world.rate_hz / divisor)
     port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)

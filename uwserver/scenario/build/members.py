@@ -16,7 +16,7 @@ from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
-from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor, SensorConfig
+from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS, rad
@@ -62,16 +62,17 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
     servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
     body = Body(hydro, row, thrusters, first_wrench, servos)
     wiring = Wiring(hydro, row, thrusters, _electrics(resolved))
+    mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
     built: dict[str, SensorSlot] = {}
-    for key, config in sorted(file.sensors.items(), key=lambda item: isinstance(item[1], CompoundConfig)):
-        built[key] = _sensor(world, f"{name}/{key}", config, file, row, built)
+    made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}
+    for key, sensor in sorted(made.items(), key=lambda item: item[1].repeats):
+        built[key] = _sensor(world, f"{name}/{key}", file.sensors[key], sensor, row, mounts[key], built)
     for slot in built.values():
         slot.wiring = wiring
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
     actuators = {key: _actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items()}
-    mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
     piloted = build_autopilot(world, resolved, params, name, row, mounts, actuators)
     slots = list(actuators.values())
     if piloted is not None:
@@ -99,16 +100,19 @@ def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
 
 
 def _sensor(
-    world: World, path: str, config: SensorConfig, file: VehicleFile, row: int, built: Mapping[str, SensorSlot]
+    world: World,
+    path: str,
+    config: SensorConfig,
+    sensor: Sensor,
+    row: int,
+    mount: Pose,
+    built: Mapping[str, SensorSlot],
 ) -> SensorSlot:
-    sensor: Sensor = config.build(mount_of(config, file))
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
-    if isinstance(sensor, Instrument):
-        sensor.dt = float(divisor / world.rate_hz)
-        sensor.start(stream_of(world.seed, path))
-        sensor.load_kernels()
-    if isinstance(sensor, Compound):
-        sensor.join(built)
+    sensor.dt = float(divisor / world.rate_hz)
+    sensor.start(stream_of(world.seed, path))
+    sensor.load_kernels()
+    sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
     slot = SensorSlot(
@@ -125,9 +129,8 @@ def _sensor(
         SideStream(sides[name], stream.ideal, _modifiers(world, sides[name], stream.modifiers))
         for name, stream in config.streams.items()
     )
-    if isinstance(sensor, Instrument) and "ideal" in config.__struct_fields__ and any(s.ideal for s in slot.sides):
-        twin: Sensor = structs.replace(config, ideal=True).build(mount_of(config, file))
-        assert isinstance(twin, Instrument)
+    if "ideal" in config.__struct_fields__ and any(side.ideal for side in slot.sides):
+        twin: Sensor = structs.replace(config, ideal=True).build(mount)
         twin.load_kernels()
         twin.dt, slot.twin = sensor.dt, twin
     return slot
@@ -151,6 +154,7 @@ def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[Sen
     for name, kind in TRUTH.items():
         sensor = kind()
         path = f"{vehicle}/truth/{name}"
+        sensor.start(stream_of(world.seed, path))
         port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
         yield SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
 

@@ -26,7 +26,7 @@ from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant, year_of
 from uwserver.scenario.world.magnetic import WMM_YEARS
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig
+from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Sensor, SensorConfig
 from uwserver.world.services import SENSOR_SERVICES
 
 _ROUNDING = 1e-9
@@ -245,7 +245,9 @@ def _check_parts(draft: Draft, sensor: SensorConfig, path: KeyPath, report: Repo
 def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field, ...] | None:
     """Of the sensor's port; None after a report, which only a kind of an extension needs."""
     try:
-        built = sensor.build(Pose())
+        built: object = sensor.build(Pose())
+        if not isinstance(built, Sensor):
+            raise TypeError("it must derive from uwserver.sensors.Sensor or IdealSensor")
         _check_fields(built.fields)
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
         report(path, _failed(sensor, error))

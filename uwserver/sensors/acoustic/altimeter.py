@@ -13,8 +13,7 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.rays.raycast import NOTHING, FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
 
@@ -82,7 +81,7 @@ class AltimeterSettings(Settings, frozen=True):
     sound_speed: float
 
 
-class Altimeter(Instrument):
+class Altimeter(Sensor):
     """Range of the first echo and the confidence in it."""
 
     doc = "Echosounder: range of the first echo in a cone along the sensor's z, and the confidence in it; invalid without echo."

@@ -14,8 +14,7 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank, out_of_range
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
 
@@ -101,7 +100,7 @@ class DvlSettings(Settings, frozen=True):
     sound_speed: float
 
 
-class Dvl(Instrument):
+class Dvl(Sensor):
     """Velocity over ground and through the water, altitude, and what each beam saw."""
 
     doc = (

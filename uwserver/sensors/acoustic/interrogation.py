@@ -19,8 +19,7 @@ from uwserver.environment.eigenray import Path, eigenray, straight
 from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.ports import Argument, Value
 from uwserver.sensors.acoustic.echo import Absorption, submergence
-from uwserver.sensors.base import Pose, Scope, SensorTable, earlier
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, blank, earlier
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import NANOSECONDS
 
@@ -151,7 +150,7 @@ class Outcome(NamedTuple):
     asked_ns: int
 
 
-class Interrogator(Instrument):
+class Interrogator(Sensor):
     """The questions of one device; subclasses make readings of the answers.
 
     An exchange takes as long as its sound: question and answer each meet who hears them where he is by then, not where he was.
@@ -183,7 +182,7 @@ class Interrogator(Instrument):
 
     @property
     def wake(self) -> float | None:
-        """See `Instrument`."""
+        """See `Sensor`."""
         return None if self.memory[LEG] == IDLE else self.memory[WAKE]
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:

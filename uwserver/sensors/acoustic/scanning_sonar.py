@@ -14,8 +14,7 @@ from uwserver.physics.rays.raycast import FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn
 from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS, rad
 
@@ -103,7 +102,7 @@ class SonarSettings(Settings, frozen=True):
     sector_width: float
 
 
-class ScanningSonar(Instrument):
+class ScanningSonar(Sensor):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."

@@ -13,8 +13,7 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.rays.raycast import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.acoustic.interrogation import Answer, InterrogationTable, Interrogator
-from uwserver.sensors.base import Pose, Scope
-from uwserver.sensors.instrument import blank
+from uwserver.sensors.base import Pose, Scope, blank
 from uwserver.table import Vector3
 from uwserver.units import NANOSECONDS, rad
 

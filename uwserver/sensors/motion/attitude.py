@@ -10,8 +10,7 @@ from msgspec import Meta
 from uwserver.frames import Quat, multiply, quat_from_rpy, rpy_from_quat
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -52,7 +51,7 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
         return Attitude(mount, self)
 
 
-class Attitude(Instrument):
+class Attitude(Sensor):
     """Attitude of the sensor frame."""
 
     doc = "Attitude and heading, as an AHRS or gyrocompass computes them; invalid while it settles."
@@ -66,7 +65,7 @@ class Attitude(Instrument):
         self._sigma = (rad(config.heading_sigma_deg), rad(config.tilt_sigma_deg), rad(config.tilt_sigma_deg))
         self._noise = rad(config.noise_deg)
         self._exact = config.ideal or not (any(self._sigma) or self._noise or config.heading_turn_on_deg)
-        super().__init__(Settings())
+        super().__init__()
 
     def turn_on(self) -> list[float]:
         """Errors of heading and of the two horizontal axes, and the constant one of heading; rad."""

@@ -11,8 +11,7 @@ from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
 _ERROR, _UP_SINCE, _LOST_AT = 0, 3, 4
@@ -60,7 +59,7 @@ class GpsSettings(Settings, frozen=True):
     satellites: int
 
 
-class Gps(Instrument):
+class Gps(Sensor):
     """Position fixes; with fewer than four satellites there is none."""
 
     doc = (

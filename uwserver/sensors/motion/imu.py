@@ -5,8 +5,7 @@ from __future__ import annotations
 from uwserver.frames import conjugate, rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.motion.triad import Triad, TriadErrors
 
 
@@ -28,7 +27,7 @@ class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
         return Imu(mount, self)
 
 
-class Imu(Instrument):
+class Imu(Sensor):
     """Specific force from the equations of motion, with lever arm and gravity."""
 
     doc = "Inertial measurement unit: specific force (gravity included) and angular rate in the sensor frame."
@@ -45,7 +44,7 @@ class Imu(Instrument):
         self._gyroscope = Triad(TriadErrors() if config.ideal else config.gyroscope)
         self._accelerometer = Triad(TriadErrors() if config.ideal else config.accelerometer)
         self._draws = self._gyroscope.draws + self._accelerometer.draws
-        super().__init__(Settings())
+        super().__init__()
 
     def turn_on(self) -> list[float]:
         """Both triads."""

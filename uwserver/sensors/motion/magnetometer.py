@@ -7,8 +7,7 @@ from typing import ClassVar
 from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.motion.triad import Triad, TriadErrors
 
 _UNIT: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -37,7 +36,7 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
         return Magnetometer(mount, self)
 
 
-class Magnetometer(Instrument):
+class Magnetometer(Sensor):
     """Magnetic field at the mount."""
 
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
@@ -46,7 +45,7 @@ class Magnetometer(Instrument):
     def __init__(self, mount: Pose, config: MagnetometerConfig) -> None:
         self._mount, self._config = mount, config
         self._triad = Triad(TriadErrors() if config.ideal else config.errors)
-        super().__init__(Settings())
+        super().__init__()
 
     def turn_on(self) -> list[float]:
         """The triad's."""

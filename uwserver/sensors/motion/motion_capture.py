@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
 
 
 class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, frozen=True):
@@ -14,11 +14,10 @@ class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, froze
         return MotionCapture(mount)
 
 
-class MotionCapture:
+class MotionCapture(IdealSensor):
     """Pose of the marker frame while it is under water."""
 
     doc = "Pose of the marker frame in N, as the cameras of a test pool see it; invalid above the surface."
-    needs_rates = False
     fields = (
         Field("p_NS", "m", "position of the marker frame", "N", (3,)),
         Field("q_NS", "1", "attitude of the marker frame, w x y z", "NS", (4,)),

@@ -9,8 +9,7 @@ from msgspec import Meta
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
 _CHARGE, _ENERGY, _BIAS = range(3)
@@ -56,7 +55,7 @@ class BatterySettings(Settings, frozen=True):
     hotel_load_W: float
 
 
-class Battery(Instrument):
+class Battery(Sensor):
     """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
 
     doc = "Battery: voltage under load, current, power, and what is left. It sets the supply of the thrusters, and empty it stops them."

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.table import NonNegative
 from uwserver.units import NANOSECONDS
 
@@ -32,7 +31,7 @@ class ClockConfig(SensorTable, tag="clock", kw_only=True, frozen=True):
         return ClockSensor(self)
 
 
-class ClockSensor(Instrument):
+class ClockSensor(Sensor):
     """Time as the vehicle knows it."""
 
     doc = "UTC and running time by the clock of the vehicle."
@@ -43,7 +42,7 @@ class ClockSensor(Instrument):
 
     def __init__(self, config: ClockConfig) -> None:
         self._config = ClockConfig(rate_hz=config.rate_hz) if config.ideal else config
-        super().__init__(Settings())
+        super().__init__()
 
     def turn_on(self) -> list[float]:
         """Offset (s) and drift."""

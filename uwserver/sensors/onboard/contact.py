@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
 from uwserver.table import NonNegative
 
 
@@ -28,15 +28,14 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
         return Contact(self)
 
 
-class Contact:
+class Contact(IdealSensor):
     """Contacts of the whole hull."""
 
     doc = "Contacts of the hull with bodies and things in the last tick: bumper, landing, collision."
-    needs_rates = False
 
     def __init__(self, config: ContactConfig) -> None:
-        self._points, self._threshold = config.points, config.threshold_Ns
-        n = config.points
+        n = self._points = config.points
+        self._threshold = config.threshold_Ns
         self.fields = (
             Field("touching", "1", "whether anything is touched", type="bool"),
             Field("count", "1", "number of contacts", type="int"),

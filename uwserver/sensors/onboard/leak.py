@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
 
@@ -35,7 +34,7 @@ _DISCHARGE = 0.6
 """Discharge coefficient of a sharp-edged orifice (Torricelli with contraction), as in any textbook of hydraulics."""
 
 
-class Leak(Instrument):
+class Leak(Sensor):
     """Water counted in its memory, m3."""
 
     doc = "Leak probe in the hull. A leak is made with the service `set`, `area_m2`; a reset of the world dries it."

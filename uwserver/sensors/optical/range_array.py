@@ -11,8 +11,7 @@ from msgspec import Meta
 from uwserver.frames import rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -50,7 +49,7 @@ class RangeSettings(Settings, frozen=True):
     max_range_m: float
 
 
-class RangeArray(Instrument):
+class RangeArray(Sensor):
     """Distances to the first solid thing."""
 
     doc = "Distances along thin rays, from port to starboard; nothing where a ray meets nothing. Invalid with the sensor in air."

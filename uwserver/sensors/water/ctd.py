@@ -6,8 +6,7 @@ import math
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, blank
 from uwserver.table import NonNegative
 
 _T, _C, _OFFSET_T, _OFFSET_C, _OFFSET_P, _WET = range(6)
@@ -40,7 +39,7 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
         return Ctd(mount, self)
 
 
-class Ctd(Instrument):
+class Ctd(Sensor):
     """Water at the mount."""
 
     doc = "Conductivity, temperature and pressure of the water, and the practical salinity computed from them; nothing in air."
@@ -54,7 +53,7 @@ class Ctd(Instrument):
     def __init__(self, mount: Pose, config: CtdConfig) -> None:
         self._mount = mount
         self._config = CtdConfig(rate_hz=config.rate_hz) if config.ideal else config
-        super().__init__(Settings())
+        super().__init__()
 
     def turn_on(self) -> list[float]:
         """Constant errors; no water yet."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.table import NonNegative
 
 
@@ -27,7 +26,7 @@ class SoundSpeedConfig(SensorTable, tag="sound_speed", kw_only=True, frozen=True
         return SoundSpeed(mount, self)
 
 
-class SoundSpeed(Instrument):
+class SoundSpeed(Sensor):
     """Speed of sound at the mount."""
 
     doc = "Speed of sound in the water at the mount; nothing in air."
@@ -36,7 +35,7 @@ class SoundSpeed(Instrument):
     def __init__(self, mount: Pose, config: SoundSpeedConfig) -> None:
         self._mount = mount
         self._accuracy, self._sigma = (0.0, 0.0) if config.ideal else (config.accuracy_mps, config.sigma_mps)
-        super().__init__(Settings())
+        super().__init__()
 
     def turn_on(self) -> list[float]:
         """The constant error."""

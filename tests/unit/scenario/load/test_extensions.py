@@ -105,16 +105,17 @@ def test_a_vehicle_file_and_a_device_file_may_use_it(tank):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("SENSORS = (", "SENSORS = (int, ", "turbidity.py:65:1: SENSORS: <class 'int'> does not derive from uwserver.sensors.SensorTable"),
+        ("SENSORS = (", "SENSORS = (int, ", "turbidity.py:64:1: SENSORS: <class 'int'> does not derive from uwserver.sensors.SensorTable"),
         ("import math\n", "import math, nowhere_at_all\n", "turbidity.py:3:1: it failed while it was loaded: ModuleNotFoundError: No module named"),
         ("import math\n", "import math\n1 / 0\n", "turbidity.py:4:1: it failed while it was loaded: ZeroDivisionError: division by zero"),
         ("import math\n", "import math math\n", "turbidity.py:3:13: no valid Python: invalid syntax"),
         ('tag="turbidity"', 'tag="imu"', 'turbidity.py:11:1: SENSORS: there is a kind "imu" already: give TurbidityConfig another tag'),
         ("SENSORS = (TurbidityConfig,)\nMODIFIERS = (FoulingConfig,)", "", "turbidity.py:1:1: it adds nothing: list its kinds"),
-        ("MODIFIERS = (FoulingConfig,)", "MODIFIERS = FoulingConfig", "turbidity.py:66:1: MODIFIERS: expected a list of classes"),
+        ("MODIFIERS = (FoulingConfig,)", "MODIFIERS = FoulingConfig", "turbidity.py:65:1: MODIFIERS: expected a list of classes"),
         ("    def build(self, mount", "    def made(self, mount", "turbidity.py:11:1: SENSORS: TurbidityConfig has no build()"),
         ("return Turbidity(mount, self)", "return Turbidity(mount)", "cannot be built (turbidity.py:25): TypeError"),
-        ("return Fouling(self, stream)", "return Fouling(stream)", "cannot be built (turbidity.py:51): TypeError"),
+        ("return Fouling(self, stream)", "return Fouling(stream)", "cannot be built (turbidity.py:50): TypeError"),
+        ("class Turbidity(IdealSensor)", "class Turbidity", "it must derive from uwserver.sensors.Sensor or IdealSensor"),
         ("fields = (Field(", "fields = ((", "its fields must be a tuple of uwserver.ports.Field"),
     ],
 )  # fmt: skip
