@@ -23,7 +23,7 @@ from msgspec import Struct
 
 from uwserver import __version__
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
-from uwserver.scenario.files.convert import NO_MORE, More, convert_struct
+from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
@@ -196,7 +196,7 @@ def _typed(raw: dict[str, Any], type_: Any, more: More) -> Any:
     def fail(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
         raise ValueError(f"{dotted(path)}: {text}")
 
-    return convert_struct(raw, type_, (), fail, more=more)
+    return convert(raw, type_, (), fail, more)
 
 
 def _without_secrets(scenario: dict[str, Any]) -> dict[str, Any]:

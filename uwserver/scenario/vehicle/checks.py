@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,6 @@ from uwserver.ports import Field
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.documents import label_of
 from uwserver.scenario.files.errors import KeyPath, suggestion
-from uwserver.scenario.files.merge import named
 from uwserver.scenario.vehicle.appendage_checks import check_appendages
 from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.vehicle.body import buoyancy_and_weight, matrices
@@ -176,8 +176,8 @@ def _check_names(draft: Draft, report: Report) -> None:
 
 
 def _enabled(draft: Draft, table: str) -> Iterator[str]:
-    for name, component in named(draft.raw, table).items():
-        if not isinstance(component, dict) or component.get("enabled") is not False:
+    for name, component in draft.tree.at(table).parts.items():
+        if component.at("enabled").value is not False:
             yield name
 
 
@@ -194,22 +194,24 @@ def _check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTab
             text = f'no mount "{sensor.mount}"{suggestion(sensor.mount, mounts, "; there are: ")}'
             report((*path, "mount"), text)
         for key in ("position_frd_m", "rpy_deg"):
-            if key in draft.raw["sensors"][name]:
+            if key in draft.tree.at("sensors", name).parts:
                 report(
                     (*path, key),
                     f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two',
                 )
-    ports = _fields(sensor, path, report)
-    if ports is None:
-        return
-    for modifier_name, modifier in sensor.modifiers.items():
-        _check_modifier(sensor, ports, modifier, (*path, "modifiers", modifier_name), report)
+    modifiers: dict[KeyPath, ModifierConfig] = {(*path, "modifiers", key): m for key, m in sensor.modifiers.items()}
     for stream_name, stream in sensor.streams.items():
         place: KeyPath = (*path, "streams", stream_name)
         if stream_name in SENSOR_SERVICES:
             report(place, f'"{stream_name}" is the name of a service of the sensor: choose another name')
-        for modifier_name, modifier in stream.modifiers.items():
-            _check_modifier(sensor, ports, modifier, (*place, "modifiers", modifier_name), report)
+        modifiers |= {(*place, "modifiers", key): m for key, m in stream.modifiers.items()}
+    # A shipped kind can always be built, and is where the world is: only what its errors need to know of it is asked for now.
+    if not modifiers and type(sensor) in get_args(SensorConfig):
+        return
+    ports = _fields(sensor, path, report)
+    if ports is not None:
+        for place, modifier in modifiers.items():
+            _check_modifier(sensor, ports, modifier, place, report)
 
 
 def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:

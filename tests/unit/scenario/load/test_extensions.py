@@ -99,6 +99,25 @@ def test_a_vehicle_file_and_a_device_file_may_use_it(tank):
     assert load(tank, adapters={}).vehicles["rov"].vehicle.sensors["turbidity"].layer_m == 9.0
 
 
+def test_a_sensor_is_converted_once_and_built_once_for_its_fields(tank):
+    """Its table stands in the scenario and in the merged vehicle: both are one. Each new vehicle builds its own sensor."""
+    path = tank.parent / "turbidity.py"
+    lines = path.read_text().replace("import math\n", "import math\n\nCONVERTED, BUILT = [], []\n", 1)
+    lines = lines.replace(
+        "    def build(self, mount",
+        "    def __post_init__(self):\n        CONVERTED.append(self)\n\n    def build(self, mount",
+        1,
+    )
+    path.write_text(lines.replace("return Turbidity(mount", "BUILT.append(mount)\n        return Turbidity(mount"))
+    resolved = load(tank, adapters={})
+    sensor = resolved.vehicles["rov"].vehicle.sensors["turbidity"]
+    module = sys.modules[type(sensor).__module__]
+    assert [sensor] == module.CONVERTED
+    assert len(module.BUILT) == 1
+    build(resolved)
+    assert len(module.BUILT) == 2
+
+
 # -- faults -----------------------------------------------------------------------------------------------------------------------------
 
 
