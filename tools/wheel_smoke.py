@@ -28,6 +28,8 @@ COMMANDS = (
     ("uwclient", "--help"),
     ("uwserver", "run", "--port", "0", "--until", "0.5", "--mode", "freerun"),
 )
+SCHEMAS = ("scenario", "vehicle", "device")
+"""Kinds of file whose JSON Schema is made for the wheel; git does not keep them."""
 TIMEOUT_S = 300.0
 
 
@@ -59,6 +61,15 @@ def expected_files(project: Path, folders: tuple[str, ...]) -> set[str]:
         for path in (project / folder).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
+
+
+def make_schemas() -> None:
+    """Write the JSON Schemas to where the wheel takes them from, as `make docs` does."""
+    folder = ROOT / "uwserver" / "schemas"
+    folder.mkdir(exist_ok=True)
+    for kind in SCHEMAS:
+        text = run(sys.executable, "-m", "uwserver", "schema", f"--{kind}", cwd=ROOT)
+        (folder / f"{kind}.schema.json").write_text(text, encoding="utf-8")
 
 
 def build(name: str, out: Path) -> Path:
@@ -106,6 +117,12 @@ def use(scripts: Path, work: Path) -> None:
     for name, *arguments in COMMANDS:
         run(scripts / name, *arguments, cwd=work, environment=environment)
         print(f"{name} {' '.join(arguments)}: ok")
+    for kind in SCHEMAS:
+        (shipped,) = scripts.parent.glob(f"lib/python*/site-packages/uwserver/schemas/{kind}.schema.json")
+        if shipped.read_text(encoding="utf-8") != run(
+            scripts / "uwserver", "schema", f"--{kind}", cwd=work, environment=environment
+        ):
+            raise Fault(f"{shipped.name} in the wheel is not what `uwserver schema --{kind}` prints")
 
 
 def main() -> int:
@@ -116,6 +133,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="uwserver-wheels-") as name:
         out = Path(name)
         try:
+            make_schemas()
             wheels = [build(distribution, out) for distribution in PACKAGES]
             work = out / "work"
             work.mkdir()
