@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.colliders import Floor
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
@@ -31,7 +32,6 @@ from uwserver.sensors import (
 from uwserver.sensors.motion.triad import TriadErrors
 from uwserver.sensors.wiring import Touch
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
-from uwserver.validation.colliders import Floor
 from uwserver.world import World
 
 THRUSTERS = tuple(f"t{k}" for k in range(1, 9))

@@ -11,7 +11,7 @@ from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray
 from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
-from uwserver.validation.motion import DEEP, angular_frequency, record
+from uwserver_bench.proofs.motion import DEEP, angular_frequency, record
 
 DENSITY, GRAVITY = 1025.0, 9.81
 ZERO6 = np.zeros((6, 6))

@@ -8,8 +8,8 @@ from uwserver.frames import Quat, Vec3, conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams, FloatArray, rigid_body_inertia
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.validation.closed_forms import ClosedForm
-from uwserver.validation.colliders import Floor
+from uwserver_bench.proofs.closed_forms import ClosedForm
+from uwserver_bench.proofs.colliders import Floor
 
 FEET: tuple[Vec3, ...] = ((0.2, 0.15, 0.1), (0.2, -0.15, 0.1), (-0.2, -0.15, 0.1), (-0.2, 0.15, 0.1))
 OFF_DIAGONAL: FloatArray = np.array(
