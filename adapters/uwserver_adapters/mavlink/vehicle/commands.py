@@ -1,0 +1,362 @@
+"""COMMAND_LONG and COMMAND_INT. Each is acknowledged: as a real ArduSub does it where it is claimed, else with UNSUPPORTED."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from uwserver_adapters.mavlink.vehicle.failsafe import INFO, NOTICE, WARNING
+from uwserver_adapters.mavlink.vehicle.home import Place, place_of_e7
+from uwserver_adapters.mavlink.vehicle.modes import BY_NUMBER, GUIDED, POSHOLD, SURFACE, Mode
+from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES
+from uwserver_adapters.mavlink.wire.channel import Channel
+from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
+from uwserver_adapters.mavlink.wire.dialect import Message
+
+if TYPE_CHECKING:
+    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
+
+ACCEPTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, UNSUPPORTED_FRAME = 0, 2, 3, 4, 5, 8
+"""MAV_RESULT."""
+FORCE = 21196
+"""Parameter 2 of ARM_DISARM."""
+_CUSTOM = 1
+_PERCENT, _PWM = 0, 1
+_BOARD_ORDER = 2
+"""Of DO_MOTOR_TEST: kinds of throttle, and motors counted as the outputs are."""
+_WAITING = 32
+"""Commands that may wait for the world."""
+
+
+class Request(Struct, frozen=True):
+    """A command.
+
+    Attributes:
+        command: its number.
+        p: parameters 1 to 7 at 1 to 7; 5 and 6 are 1e-7 degrees in a COMMAND_INT.
+        is_int: it came as COMMAND_INT.
+        frame: of its place.
+        channel: on which it came.
+        peer: who sent it.
+    """
+
+    command: int
+    p: tuple[float, ...]
+    is_int: bool
+    frame: int
+    channel: Channel
+    peer: tuple[int, int]
+
+    @property
+    def place_e7(self) -> tuple[float, float, float]:
+        """Latitude and longitude in 1e-7 degrees, altitude in m."""
+        scale = 1.0 if self.is_int else 1e7
+        return self.p[5] * scale, self.p[6] * scale, self.p[7]
+
+    def whole(self, k: int) -> int:
+        """A parameter as an integer; -1 where it is none."""
+        value = self.p[k]
+        return int(value) if math.isfinite(value) and abs(value) < 1 << 31 else -1
+
+
+class Commands:
+    """Carries them out.
+
+    Args:
+        vehicle: that is commanded.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._waiting: set[tuple[int, tuple[int, int]]] = set()
+        self._verbs: Mapping[int, Callable[[Request], int | None]] = {
+            400: self._arm,
+            176: self._set_mode,
+            511: self._set_interval,
+            510: self._get_interval,
+            512: self._request_message,
+            520: lambda request: self._give("AUTOPILOT_VERSION", request),
+            410: lambda request: self._give("HOME_POSITION", request),
+            179: self._set_home,
+            192: self._reposition,
+            178: self._change_speed,
+            115: self._turn,
+            209: self._motor_test,
+            183: self._set_servo,
+            17: lambda request: self._enter(POSHOLD, request),
+            21: lambda request: self._enter(SURFACE, request),
+            300: self._start_mission,
+            224: lambda request: ACCEPTED if vehicle.missions.set_current(request.whole(1)) else FAILED,
+            185: self._terminate,
+            203: lambda _: ACCEPTED,  # a picture; there is no camera
+            205: self._point_camera,
+            241: self._calibrate,
+            246: self._reboot,
+            42428: self._banner,
+        }
+
+    def take(self, message: Message, channel: Channel) -> None:
+        """Carry out a COMMAND_LONG or COMMAND_INT, and acknowledge it to its sender, perhaps later."""
+        is_int = message.name == "COMMAND_INT"
+        names = (
+            "param1",
+            "param2",
+            "param3",
+            "param4",
+            *(("x", "y", "z") if is_int else ("param5", "param6", "param7")),
+        )
+        request = Request(
+            message.whole("command"),
+            (math.nan, *(message.number(name) for name in names)),
+            is_int,
+            message.whole("frame") if is_int else 3,
+            channel,
+            (message.system, message.component),
+        )
+        verb = self._verbs.get(request.command)
+        key = (request.command, request.peer)
+        if verb is None:
+            result: int | None = UNSUPPORTED
+        elif key in self._waiting:
+            result = IN_PROGRESS  # asked again before the world has answered
+        elif len(self._waiting) >= _WAITING:
+            result = FAILED
+        else:
+            result = verb(request)
+        if result is not None:
+            self._acknowledge(request, result)
+
+    def _acknowledge(self, request: Request, result: int) -> None:
+        if result not in (ACCEPTED, IN_PROGRESS):
+            self._vehicle.counters["refused"] += 1
+        system, component = request.peer
+        fields = {"command": request.command, "result": result, "target_system": system, "target_component": component}
+        self._vehicle.send("COMMAND_ACK", fields, request.channel)
+
+    def _later(self, request: Request, prefix: str) -> Callable[[str], None]:
+        """Acknowledges when the world has answered."""
+        key = (request.command, request.peer)
+        self._waiting.add(key)
+
+        def done(reason: str) -> None:
+            self._waiting.discard(key)
+            if reason:
+                self._vehicle.tell(WARNING, f"{prefix}: {reason}")
+            self._acknowledge(request, FAILED if reason else ACCEPTED)
+
+        return done
+
+    # -- state ------------------------------------------------------------------------------------------------------------------------
+
+    def _arm(self, request: Request) -> int | None:
+        if request.p[1] == 1.0:
+            self._vehicle.arm(request.p[2] == FORCE, self._later(request, "Arm"))
+        elif request.p[1] == 0.0:
+            self._vehicle.disarm(self._later(request, "Disarm"))
+        else:
+            return UNSUPPORTED
+        return None
+
+    def _set_mode(self, request: Request) -> int | None:
+        if not request.whole(1) & _CUSTOM:
+            return DENIED
+        mode = BY_NUMBER.get(request.whole(2))
+        if mode is None:
+            self._vehicle.tell(WARNING, f"Mode {request.whole(2)} is not supported")
+            return FAILED
+        self._vehicle.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
+        return None
+
+    def mode_message(self, message: Message, channel: Channel) -> None:
+        """SET_MODE, which is acknowledged by its own number."""
+        peer = (message.system, message.component)
+        values = (math.nan, message.number("base_mode"), message.number("custom_mode"), *(0.0,) * 5)
+        request = Request(11, values, False, 3, channel, peer)
+        result = self._set_mode(request)
+        if result is not None:
+            self._acknowledge(request, result)
+
+    def _enter(self, mode: Mode, request: Request) -> int | None:
+        self._vehicle.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
+        return None
+
+    def _start_mission(self, request: Request) -> int | None:
+        if not self._vehicle.readings.state().armed:
+            self._vehicle.tell(WARNING, "Mission: arm first")
+            return FAILED
+        self._vehicle.missions.start(self._later(request, "Mission"))
+        return None
+
+    def _terminate(self, request: Request) -> int | None:
+        if request.p[1] <= 0.5 or math.isnan(request.p[1]):
+            return FAILED
+        self._vehicle.disarm(self._later(request, "Termination"))
+        return None
+
+    def _reboot(self, request: Request) -> int:
+        """There is no board to start anew: nothing would change."""
+        if request.whole(1) <= 0:
+            return UNSUPPORTED
+        if self._vehicle.readings.state().armed:
+            return FAILED
+        self._vehicle.tell(NOTICE, "Reboot is not simulated; reset the world instead")
+        return DENIED
+
+    # -- messages ---------------------------------------------------------------------------------------------------------------------
+
+    def _set_interval(self, request: Request) -> int:
+        name = self._vehicle.message_name(request.whole(1))
+        if name not in self._vehicle.telemetry.names:
+            return FAILED
+        interval_us = request.p[2]
+        if not math.isfinite(interval_us) or interval_us < -1.0:
+            return DENIED
+        request.channel.streams.set_interval(name, None if interval_us == 0.0 else interval_us * 1e-6)
+        return ACCEPTED
+
+    def _get_interval(self, request: Request) -> int:
+        name = self._vehicle.message_name(request.whole(1))
+        interval = (
+            0 if name not in self._vehicle.telemetry.names else request.channel.streams.interval_ns(name) // 1000 or -1
+        )
+        self._vehicle.send(
+            "MESSAGE_INTERVAL", {"message_id": request.whole(1), "interval_us": interval}, request.channel
+        )
+        return ACCEPTED if interval else FAILED
+
+    def _request_message(self, request: Request) -> int:
+        number = request.whole(1)
+        if number == 244:  # MESSAGE_INTERVAL, of the message in parameter 2
+            return self._get_interval(Request(510, (math.nan, request.p[2]), False, 0, request.channel, request.peer))
+        name = self._vehicle.message_name(number)
+        # QGroundControl asks for one mode after the other, each when it has the last, and for ever when it is given all.
+        return self._give(name, request, only=request.whole(2) if name == "AVAILABLE_MODES" else 0)
+
+    def _give(self, name: str, request: Request, only: int = 0) -> int:
+        """Send a message; of several that belong together only one, counted from 1, or with 0 all."""
+        if name not in self._vehicle.telemetry.names:
+            return FAILED
+        messages = self._vehicle.telemetry.build(name)
+        messages = messages[only - 1 : only] if only > 0 else messages
+        # After the acknowledgement, as with ArduPilot: many scripts wait for the one, then for the other.
+        request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
+        return ACCEPTED if messages else FAILED
+
+    def _banner(self, _: Request) -> int:
+        for line in self._vehicle.identity.banner:
+            self._vehicle.tell(INFO, line)
+        return ACCEPTED
+
+    # -- places and ways --------------------------------------------------------------------------------------------------------------
+
+    def _set_home(self, request: Request) -> int:
+        vehicle, state = self._vehicle, self._vehicle.readings.state()
+        place: Place | None
+        if request.p[1] == 1.0:
+            place = vehicle.home.place(state.p_N) if state.p_N is not None else None
+        else:
+            place = place_of_e7(*request.place_e7)
+            if place is not None and GLOBAL_FRAMES.get(request.frame, False):
+                place = Place(place.latitude, place.longitude, vehicle.home.sea_altitude(place.altitude, True))
+        if place is None or vehicle.home.origin is None or not math.isfinite(place.altitude):
+            return FAILED
+        vehicle.home.home = place
+        vehicle.announce("HOME_POSITION")
+        return ACCEPTED
+
+    def _reposition(self, request: Request) -> int | None:
+        """Go there, in GUIDED; only as COMMAND_INT, as a float holds latitudes to a metre only."""
+        if not request.is_int:
+            return UNSUPPORTED
+        if request.frame not in GLOBAL_FRAMES:
+            return UNSUPPORTED_FRAME
+        vehicle = self._vehicle
+        x, y, z = request.place_e7
+        point = vehicle.home.point(x, y, z, GLOBAL_FRAMES[request.frame])
+        if point is None or not math.isfinite(z):
+            vehicle.tell(WARNING, "Reposition: the origin is not known, or there is no such place")
+            return DENIED
+        if not request.whole(2) & 1 and vehicle.readings.state().mode != GUIDED.autopilot:
+            return DENIED  # the sender does not ask for the change of mode
+        finish = self._later(request, "Reposition")
+        value: dict[str, object] = {"p_N": list(point)}
+        if math.isfinite(request.p[4]):
+            value["heading"] = math.remainder(from_degrees(request.p[4]), 2 * math.pi)
+
+        def go(reason: str) -> None:
+            if reason:
+                finish(reason)
+            else:
+                vehicle.autopilot.command("position", value, finish)
+
+        vehicle.set_mode(GUIDED, go)
+        return None
+
+    def _change_speed(self, request: Request) -> int | None:
+        speed = request.p[2]
+        if not math.isfinite(speed) or not 0.0 < speed <= 20.0:
+            return FAILED
+        self._vehicle.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, self._later(request, "Speed"))
+        return None
+
+    def _turn(self, request: Request) -> int | None:
+        angle, direction, is_relative = from_degrees(request.p[1]), request.p[3], request.p[4] == 1.0
+        if not math.isfinite(angle):
+            return DENIED
+        if is_relative and direction < 0.0:
+            angle = -angle
+        return ACCEPTED if self._vehicle.setpoints.turn_to(angle, is_relative) else FAILED
+
+    # -- hardware ---------------------------------------------------------------------------------------------------------------------
+
+    def _motor_test(self, request: Request) -> int:
+        """As ArduSub: one motor more at each command, and without one for half a second the vehicle disarms."""
+        kind, throttle = request.whole(2), request.p[3]
+        if not self._vehicle.readings.state().armed:
+            return self._refuse("Arm motors before testing motors.")
+        if request.p[6] != _BOARD_ORDER:
+            return self._refuse(f"Motor test: bad test type {request.p[6]:g}")
+        if kind not in (_PERCENT, _PWM) or not math.isfinite(throttle):
+            return self._refuse(f"Motor test: bad throttle type {kind}")
+        if kind == _PERCENT:
+            throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
+        deflections = self._vehicle.outputs.test(request.whole(1), throttle, seconds(self._vehicle.readings.t_ns))
+        if deflections is None:
+            return FAILED
+
+        def done(reason: str) -> None:
+            if reason:
+                self._refuse(f"Motor test: {reason}")
+
+        # Acknowledged at once: while one command waited for its answer, that of the next motor would be lost.
+        self._vehicle.autopilot.command("test", {"outputs": deflections}, done)
+        return ACCEPTED
+
+    def _refuse(self, text: str) -> int:
+        self._vehicle.tell(WARNING, text)
+        return FAILED
+
+    def _set_servo(self, request: Request) -> int:
+        pulse_us = request.p[2]
+        return (
+            ACCEPTED
+            if math.isfinite(pulse_us) and self._vehicle.outputs.set_servo(request.whole(1), pulse_us)
+            else FAILED
+        )
+
+    def _point_camera(self, request: Request) -> int:
+        tilt, pan = request.p[1], request.p[3]
+        if not (math.isfinite(tilt) and math.isfinite(pan)):
+            return DENIED
+        self._vehicle.payload.point(tilt, pan)
+        return ACCEPTED
+
+    def _calibrate(self, _: Request) -> int:
+        if self._vehicle.readings.state().armed:
+            self._vehicle.tell(WARNING, "Disarm to allow calibration")
+            return FAILED
+        self._vehicle.tell(INFO, "Calibration: the sensors are as the scenario has them")
+        return ACCEPTED

@@ -1,0 +1,306 @@
+"""The mission protocol: upload, download, progress. Fences and rally points there are none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from uwserver.ports import Json
+from uwserver_adapters.mavlink.vehicle.autopilot import Done
+from uwserver_adapters.mavlink.vehicle.failsafe import INFO, WARNING
+from uwserver_adapters.mavlink.vehicle.mission_items import (
+    ACCEPTED,
+    CANCELLED,
+    DENIED,
+    ERROR,
+    INVALID,
+    INVALID_SEQUENCE,
+    LARGEST,
+    NO_SPACE,
+    TAKEOFF,
+    UNSUPPORTED,
+    WAYPOINT,
+    BadItem,
+    Item,
+    item_of,
+    place_of,
+    translate,
+    untranslated,
+)
+from uwserver_adapters.mavlink.vehicle.modes import GUIDED
+from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
+from uwserver_adapters.mavlink.wire.channel import Channel
+from uwserver_adapters.mavlink.wire.dialect import Fields, Message
+
+if TYPE_CHECKING:
+    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
+
+ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
+"""Wall time after which an item that does not come is asked for again, and the upload is given up."""
+FENCE, RALLY, ALL = 1, 2, 255
+GO_THERE, GO_TO_HEIGHT = 2, 3
+"""Values of `current` of items that belong to no mission."""
+
+
+class Upload(Struct):
+    """An upload under way."""
+
+    channel: Channel
+    peer: tuple[int, int]
+    count: int
+    kind: int
+    items: list[Item]
+    asked_at: float
+    heard_at: float
+
+
+class Missions:
+    """Loop thread. Times are wall time, s.
+
+    Args:
+        vehicle: that flies them.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._upload: Upload | None = None
+        self._items: list[Item] = []
+        self._numbers: list[int] = []
+        self._known_count = 0
+        self._reached = 0
+        self._start_at = 0
+
+    # -- progress ---------------------------------------------------------------------------------------------------------------------
+
+    def current(self) -> Fields:
+        """Fields of MISSION_CURRENT."""
+        state = self._vehicle.readings.state()
+        total = max(0, len(self._items) - 1)
+        if not total:
+            return {"seq": 0, "total": 0xFFFF, "mission_state": 1}
+        is_on = state.mode == "mission" and state.mission_index >= 0
+        is_done = state.mission_count > 0 and state.reached >= state.mission_count
+        mission_state = 3 if is_on else 5 if is_done else 2
+        return {"seq": self._number(state.mission_index), "total": total, "mission_state": mission_state}
+
+    def _number(self, index: int) -> int:
+        if 0 <= index < len(self._numbers):
+            return self._numbers[index]
+        return max(0, index + 1) if index >= 0 else self._start_at
+
+    def tick(self, now: float) -> None:
+        """Tell what was reached; go on with an upload that has stopped."""
+        state = self._vehicle.readings.state()
+        if state.reached < self._reached:
+            self._reached = state.reached
+        while self._reached < min(state.reached, state.mission_count):
+            self._vehicle.send("MISSION_ITEM_REACHED", {"seq": self._number(self._reached)})
+            self._vehicle.tell(INFO, f"Reached command #{self._number(self._reached)}")
+            self._reached += 1
+        upload = self._upload
+        if upload is None:
+            return
+        if now - upload.heard_at > GIVE_UP_S:
+            self._vehicle.tell(WARNING, "Mission upload timeout")
+            self._end(upload, CANCELLED)
+        elif now - upload.asked_at > ASK_AGAIN_S:
+            self._ask(upload, now)
+
+    # -- upload -----------------------------------------------------------------------------------------------------------------------
+
+    def begin_upload(self, message: Message, channel: Channel, now: float) -> None:
+        """MISSION_COUNT: somebody wants to upload."""
+        peer, kind, count = (message.system, message.component), message.whole("mission_type"), message.whole("count")
+        if self._upload is not None and self._upload.peer != peer:
+            self._acknowledge(channel, peer, kind, DENIED)
+        elif kind in (FENCE, RALLY) or kind > RALLY:
+            self._acknowledge(channel, peer, kind, UNSUPPORTED if count or kind > RALLY else ACCEPTED)
+        elif count > LARGEST:
+            self._vehicle.tell(WARNING, f"Mission of {count} items: at most {LARGEST}")
+            self._acknowledge(channel, peer, kind, NO_SPACE)
+        elif count == 0:
+            self._clear(channel, peer, kind)
+        else:
+            self._upload = Upload(channel, peer, count, kind, [], now, now)
+            self._ask(self._upload, now)
+
+    def take(self, message: Message, channel: Channel, now: float) -> None:
+        """MISSION_ITEM_INT or MISSION_ITEM: one item."""
+        if message.whole("current") in (GO_THERE, GO_TO_HEIGHT):
+            self._go(message, channel)
+            return
+        upload, peer = self._upload, (message.system, message.component)
+        if upload is None or upload.peer != peer:
+            self._acknowledge(channel, peer, message.whole("mission_type"), INVALID_SEQUENCE if upload is None else DENIED)  # fmt: skip
+            return
+        upload.heard_at = now
+        seq = message.whole("seq")
+        if seq < len(upload.items):
+            return  # it came twice
+        if seq > len(upload.items):
+            self._ask(upload, now)
+            return
+        try:
+            upload.items.append(item_of(message))
+            if seq:
+                translate(upload.items[-1:] * 2, self._vehicle.home)
+        except BadItem as reason:
+            self._refuse(upload, reason)
+            return
+        if len(upload.items) < upload.count:
+            self._ask(upload, now)
+        else:
+            self._complete(upload)
+
+    def _go(self, message: Message, channel: Channel) -> None:
+        """Go there at once, in GUIDED, or keep the place and go to its height: ArduPilot's way, which QGroundControl takes with submarines."""
+        vehicle, peer = self._vehicle, (message.system, message.component)
+        state = vehicle.readings.state()
+        try:
+            item = item_of(message)
+            point = place_of(item, vehicle.home)
+        except BadItem as reason:
+            vehicle.counters["refused"] += 1
+            vehicle.tell(WARNING, str(reason))
+            self._acknowledge(channel, peer, 0, reason.result)
+            return
+        here = point if message.whole("current") == GO_THERE else state.p_ref_N or state.p_N
+
+        def done(reason: str) -> None:
+            if reason:
+                vehicle.counters["refused"] += 1
+                vehicle.tell(WARNING, f"Go there: {reason}")
+            self._acknowledge(channel, peer, 0, ERROR if reason else ACCEPTED)
+
+        if item.command != WAYPOINT or state.mode != GUIDED.autopilot:
+            done("only in GUIDED, to a waypoint")
+        elif here is None:
+            done("the position is not known")
+        else:
+            vehicle.autopilot.command("position", {"p_N": [here[0], here[1], point[2]]}, done)
+
+    def _complete(self, upload: Upload) -> None:
+        try:
+            items, numbers = translate(upload.items, self._vehicle.home)
+        except BadItem as reason:
+            self._refuse(upload, reason)
+            return
+
+        def done(reason: str) -> None:
+            if reason:
+                self._vehicle.tell(WARNING, f"Mission refused: {reason}")
+            else:
+                if any(item.command == TAKEOFF for item in upload.items):
+                    self._vehicle.tell(INFO, "Mission: the take-off is left out")
+                self._items, self._numbers, self._known_count = upload.items, numbers, len(items)
+                self._reached, self._start_at = 0, 0
+            self._end(upload, INVALID if reason else ACCEPTED)
+
+        if not self._vehicle.autopilot.is_there:
+            self._vehicle.tell(WARNING, self._vehicle.autopilot.absence)
+            self._end(upload, ERROR)
+            return
+        self._vehicle.autopilot.call("set_mission", {"items": items}, done)
+
+    def _refuse(self, upload: Upload, reason: BadItem) -> None:
+        self._vehicle.counters["refused"] += 1
+        self._vehicle.tell(WARNING, str(reason))
+        self._end(upload, reason.result)
+
+    def _ask(self, upload: Upload, now: float) -> None:
+        upload.asked_at = now
+        fields = {**_to(upload.peer), "seq": len(upload.items), "mission_type": upload.kind}
+        self._vehicle.send("MISSION_REQUEST_INT", fields, upload.channel)
+
+    def _end(self, upload: Upload, result: int) -> None:
+        if self._upload is upload:
+            self._upload = None
+        self._acknowledge(upload.channel, upload.peer, upload.kind, result)
+
+    def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: int, result: int) -> None:
+        self._vehicle.send("MISSION_ACK", {**_to(peer), "type": result, "mission_type": kind}, channel)
+
+    # -- download and the rest --------------------------------------------------------------------------------------------------------
+
+    def tell_count(self, message: Message, channel: Channel) -> None:
+        """MISSION_REQUEST_LIST: somebody wants to download."""
+        peer, kind = (message.system, message.component), message.whole("mission_type")
+        if kind != 0:
+            self._vehicle.send("MISSION_COUNT", {**_to(peer), "count": 0, "mission_type": kind}, channel)
+            return
+
+        def tell(_: str) -> None:
+            self._vehicle.send("MISSION_COUNT", {**_to(peer), "count": len(self._items)}, channel)
+
+        if self._vehicle.readings.state().mission_count != self._known_count:
+            self._vehicle.autopilot.call("get_mission", {}, tell, self._learn)
+        else:
+            tell("")
+
+    def _learn(self, result: Json) -> None:
+        """The mission has been changed by somebody else."""
+        items = result.get("items") if isinstance(result, dict) else None
+        if isinstance(items, list):
+            self._items = untranslated(items, self._vehicle.home) if items else []
+            self._numbers = [item.seq for item in self._items[1:]]
+            self._known_count = len(items)
+
+    def tell_item(self, message: Message, channel: Channel) -> None:
+        """MISSION_REQUEST_INT or MISSION_REQUEST: one item, with a place in integers or, for the older, in floats."""
+        peer, kind, seq = (message.system, message.component), message.whole("mission_type"), message.whole("seq")
+        if kind != 0 or seq >= len(self._items):
+            self._acknowledge(channel, peer, kind, INVALID_SEQUENCE)
+            return
+        fields: dict[str, int | float] = {**_to(peer), **self._items[seq].fields()}
+        is_current = seq == self.current()["seq"] and seq > 0
+        if message.name == "MISSION_REQUEST_INT":
+            self._vehicle.send("MISSION_ITEM_INT", {**fields, "current": int(is_current)}, channel)
+            return
+        scale = 1e-4 if fields["frame"] == LOCAL_NED else 1e-7
+        fields |= {"x": fields["x"] * scale, "y": fields["y"] * scale, "current": int(is_current)}
+        self._vehicle.send("MISSION_ITEM", fields, channel)
+
+    def clear(self, message: Message, channel: Channel) -> None:
+        """MISSION_CLEAR_ALL."""
+        peer, kind = (message.system, message.component), message.whole("mission_type")
+        if kind in (FENCE, RALLY):
+            self._acknowledge(channel, peer, kind, ACCEPTED)
+        else:
+            self._clear(channel, peer, kind)
+
+    def _clear(self, channel: Channel, peer: tuple[int, int], kind: int) -> None:
+        def done(reason: str) -> None:
+            if not reason:
+                self._items, self._numbers, self._known_count, self._reached, self._start_at = [], [], 0, 0, 0
+            self._acknowledge(channel, peer, kind, ERROR if reason else ACCEPTED)
+
+        if self._vehicle.autopilot.is_there:
+            self._vehicle.autopilot.call("clear_mission", {}, done)
+        else:
+            done("")
+
+    def set_current(self, seq: int) -> bool:
+        """Begin with this item: at once in AUTO, else when the mission is started. False when there is none."""
+        if not 0 <= seq < len(self._items):
+            return False
+        self._start_at = seq
+        if self._vehicle.readings.state().mode == "mission":
+            self.start(lambda reason: self._vehicle.tell(WARNING, reason) if reason else None)
+        self._vehicle.send("MISSION_CURRENT", {**self.current(), "seq": seq})
+        return True
+
+    def start(self, done: Done) -> None:
+        """Fly the mission from the current item on; `done` gets why not, or ""."""
+        index = next((k for k, number in enumerate(self._numbers) if number >= self._start_at), 0)
+        self._reached = 0
+        self._vehicle.autopilot.call("start_mission", {"index": index}, done)
+
+    def forget(self, channel: Channel) -> None:
+        """The channel is closed."""
+        if self._upload is not None and self._upload.channel is channel:
+            self._upload = None
+
+
+def _to(peer: tuple[int, int]) -> dict[str, int]:
+    return {"target_system": peer[0], "target_component": peer[1]}
