@@ -8,9 +8,9 @@ from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.mavlink.links.routing import Routing
 from uwserver_adapters.mavlink.links.tlog import Tlog
-from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
+from uwserver_adapters.mavlink.vehicle.ardusub import ArduSub
+from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
-from uwserver_adapters.mavlink.vehicle.failsafe import INFO, WARNING
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, Message
 from uwserver_adapters.mavlink.wire.frames import NEED_DATA, Frame, Malformed, pack
@@ -66,8 +66,8 @@ class Hub:
         self._payloads: dict[str, Sequence[bytes]] = {}
         self._payloads_of = -1
         self._shown_at = 0.0
-        self.vehicle = Vehicle(config, context, vehicle, dialect, self.send)
-        self._counters = self.vehicle.counters
+        self.vehicle = ArduSub(config, context, vehicle, dialect, self.send)
+        self._counters = self.vehicle.bridge.counters
         self._tlog = Tlog(config.tlog, lambda: int((steady() + self._offset) * 1e6), context) if config.tlog else None
 
     def _stamp(self) -> int:
@@ -175,8 +175,8 @@ class Hub:
         return not reason
 
     def _set_up_signing(self, message: Message) -> None:
-        if self.vehicle.readings.state().armed:
-            self.vehicle.tell(WARNING, "Won't setup signing when armed")
+        if self.vehicle.bridge.readings.state().armed:
+            self.vehicle.bridge.tell(WARNING, "Won't setup signing when armed")
             self._counters["refused"] += 1
             return
         key = bytes(int(entry) for entry in message.row("secret_key"))
@@ -184,7 +184,7 @@ class Hub:
             self._signing = Signing(key, self._stamp, message.whole("initial_timestamp"))
         else:
             self._signing = None
-        self.vehicle.tell(INFO, "Signing is on" if self._signing is not None else "Signing is off")
+        self.vehicle.bridge.tell(INFO, "Signing is on" if self._signing is not None else "Signing is off")
 
     # -- out --------------------------------------------------------------------------------------------------------------------------
 

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
-from uwserver_adapters.mavlink.vehicle.failsafe import INFO, NOTICE, WARNING
+from uwserver_adapters.mavlink.vehicle.arming import Arming
+from uwserver_adapters.mavlink.vehicle.bridge import INFO, NOTICE, WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.home import Place, place_of_e7
+from uwserver_adapters.mavlink.vehicle.missions import Missions
 from uwserver_adapters.mavlink.vehicle.modes import BY_NUMBER, GUIDED, POSHOLD, SURFACE, Mode
-from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES
+from uwserver_adapters.mavlink.vehicle.outputs import Outputs
+from uwserver_adapters.mavlink.vehicle.payload import Payload
+from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, SetPoints
+from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
 from uwserver_adapters.mavlink.wire.dialect import Message
-
-if TYPE_CHECKING:
-    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, UNSUPPORTED_FRAME = 0, 2, 3, 4, 5, 8
 """MAV_RESULT."""
@@ -66,11 +67,27 @@ class Commands:
     """Carries them out.
 
     Args:
-        vehicle: that is commanded.
+        bridge: to ground stations and autopilot.
+        arming, telemetry, missions, setpoints, outputs, payload: parts of the vehicle that are commanded.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
+    def __init__(
+        self,
+        bridge: Bridge,
+        arming: Arming,
+        telemetry: Telemetry,
+        missions: Missions,
+        setpoints: SetPoints,
+        outputs: Outputs,
+        payload: Payload,
+    ) -> None:
+        self._bridge = bridge
+        self._arming = arming
+        self._telemetry = telemetry
+        self._missions = missions
+        self._setpoints = setpoints
+        self._outputs = outputs
+        self._payload = payload
         self._waiting: set[tuple[int, tuple[int, int]]] = set()
         self._verbs: Mapping[int, Callable[[Request], int | None]] = {
             400: self._arm,
@@ -89,7 +106,7 @@ class Commands:
             17: lambda request: self._enter(POSHOLD, request),
             21: lambda request: self._enter(SURFACE, request),
             300: self._start_mission,
-            224: lambda request: ACCEPTED if vehicle.missions.set_current(request.whole(1)) else FAILED,
+            224: lambda request: ACCEPTED if missions.set_current(request.whole(1)) else FAILED,
             185: self._terminate,
             203: lambda _: ACCEPTED,  # a picture; there is no camera
             205: self._point_camera,
@@ -131,10 +148,10 @@ class Commands:
 
     def _acknowledge(self, request: Request, result: int) -> None:
         if result not in (ACCEPTED, IN_PROGRESS):
-            self._vehicle.counters["refused"] += 1
+            self._bridge.counters["refused"] += 1
         system, component = request.peer
         fields = {"command": request.command, "result": result, "target_system": system, "target_component": component}
-        self._vehicle.send("COMMAND_ACK", fields, request.channel)
+        self._bridge.send("COMMAND_ACK", fields, request.channel)
 
     def _later(self, request: Request, prefix: str) -> Callable[[str], None]:
         """Acknowledges when the world has answered."""
@@ -144,7 +161,7 @@ class Commands:
         def done(reason: str) -> None:
             self._waiting.discard(key)
             if reason:
-                self._vehicle.tell(WARNING, f"{prefix}: {reason}")
+                self._bridge.tell(WARNING, f"{prefix}: {reason}")
             self._acknowledge(request, FAILED if reason else ACCEPTED)
 
         return done
@@ -153,9 +170,9 @@ class Commands:
 
     def _arm(self, request: Request) -> int | None:
         if request.p[1] == 1.0:
-            self._vehicle.arm(request.p[2] == FORCE, self._later(request, "Arm"))
+            self._arming.arm(request.p[2] == FORCE, self._later(request, "Arm"))
         elif request.p[1] == 0.0:
-            self._vehicle.disarm(self._later(request, "Disarm"))
+            self._arming.disarm(self._later(request, "Disarm"))
         else:
             return UNSUPPORTED
         return None
@@ -165,9 +182,9 @@ class Commands:
             return DENIED
         mode = BY_NUMBER.get(request.whole(2))
         if mode is None:
-            self._vehicle.tell(WARNING, f"Mode {request.whole(2)} is not supported")
+            self._bridge.tell(WARNING, f"Mode {request.whole(2)} is not supported")
             return FAILED
-        self._vehicle.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
+        self._bridge.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
         return None
 
     def mode_message(self, message: Message, channel: Channel) -> None:
@@ -180,36 +197,40 @@ class Commands:
             self._acknowledge(request, result)
 
     def _enter(self, mode: Mode, request: Request) -> int | None:
-        self._vehicle.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
+        self._bridge.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
         return None
 
     def _start_mission(self, request: Request) -> int | None:
-        if not self._vehicle.readings.state().armed:
-            self._vehicle.tell(WARNING, "Mission: arm first")
+        if not self._bridge.readings.state().armed:
+            self._bridge.tell(WARNING, "Mission: arm first")
             return FAILED
-        self._vehicle.missions.start(self._later(request, "Mission"))
+        self._missions.start(self._later(request, "Mission"))
         return None
 
     def _terminate(self, request: Request) -> int | None:
         if request.p[1] <= 0.5 or math.isnan(request.p[1]):
             return FAILED
-        self._vehicle.disarm(self._later(request, "Termination"))
+        self._arming.disarm(self._later(request, "Termination"))
         return None
 
     def _reboot(self, request: Request) -> int:
         """There is no board to start anew: nothing would change."""
         if request.whole(1) <= 0:
             return UNSUPPORTED
-        if self._vehicle.readings.state().armed:
+        if self._bridge.readings.state().armed:
             return FAILED
-        self._vehicle.tell(NOTICE, "Reboot is not simulated; reset the world instead")
+        self._bridge.tell(NOTICE, "Reboot is not simulated; reset the world instead")
         return DENIED
 
     # -- messages ---------------------------------------------------------------------------------------------------------------------
 
+    def _message_name(self, number: int) -> str:
+        layout = self._bridge.dialect.by_id.get(number)
+        return layout.name if layout is not None else ""
+
     def _set_interval(self, request: Request) -> int:
-        name = self._vehicle.message_name(request.whole(1))
-        if name not in self._vehicle.telemetry.names:
+        name = self._message_name(request.whole(1))
+        if name not in self._telemetry.names:
             return FAILED
         interval_us = request.p[2]
         if not math.isfinite(interval_us) or interval_us < -1.0:
@@ -218,11 +239,9 @@ class Commands:
         return ACCEPTED
 
     def _get_interval(self, request: Request) -> int:
-        name = self._vehicle.message_name(request.whole(1))
-        interval = (
-            0 if name not in self._vehicle.telemetry.names else request.channel.streams.interval_ns(name) // 1000 or -1
-        )
-        self._vehicle.send(
+        name = self._message_name(request.whole(1))
+        interval = 0 if name not in self._telemetry.names else request.channel.streams.interval_ns(name) // 1000 or -1
+        self._bridge.send(
             "MESSAGE_INTERVAL", {"message_id": request.whole(1), "interval_us": interval}, request.channel
         )
         return ACCEPTED if interval else FAILED
@@ -231,40 +250,40 @@ class Commands:
         number = request.whole(1)
         if number == 244:  # MESSAGE_INTERVAL, of the message in parameter 2
             return self._get_interval(Request(510, (math.nan, request.p[2]), False, 0, request.channel, request.peer))
-        name = self._vehicle.message_name(number)
+        name = self._message_name(number)
         # QGroundControl asks for one mode after the other, each when it has the last, and for ever when it is given all.
         return self._give(name, request, only=request.whole(2) if name == "AVAILABLE_MODES" else 0)
 
     def _give(self, name: str, request: Request, only: int = 0) -> int:
         """Send a message; of several that belong together only one, counted from 1, or with 0 all."""
-        if name not in self._vehicle.telemetry.names:
+        if name not in self._telemetry.names:
             return FAILED
-        messages = self._vehicle.telemetry.build(name)
+        messages = self._telemetry.build(name)
         messages = messages[only - 1 : only] if only > 0 else messages
         # After the acknowledgement, as with ArduPilot: many scripts wait for the one, then for the other.
         request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
         return ACCEPTED if messages else FAILED
 
     def _banner(self, _: Request) -> int:
-        for line in self._vehicle.identity.banner:
-            self._vehicle.tell(INFO, line)
+        for line in self._telemetry.identity.banner:
+            self._bridge.tell(INFO, line)
         return ACCEPTED
 
     # -- places and ways --------------------------------------------------------------------------------------------------------------
 
     def _set_home(self, request: Request) -> int:
-        vehicle, state = self._vehicle, self._vehicle.readings.state()
+        bridge, state = self._bridge, self._bridge.readings.state()
         place: Place | None
         if request.p[1] == 1.0:
-            place = vehicle.home.place(state.p_N) if state.p_N is not None else None
+            place = bridge.home.place(state.p_N) if state.p_N is not None else None
         else:
             place = place_of_e7(*request.place_e7)
             if place is not None and GLOBAL_FRAMES.get(request.frame, False):
-                place = Place(place.latitude, place.longitude, vehicle.home.sea_altitude(place.altitude, True))
-        if place is None or vehicle.home.origin is None or not math.isfinite(place.altitude):
+                place = Place(place.latitude, place.longitude, bridge.home.sea_altitude(place.altitude, True))
+        if place is None or bridge.home.origin is None or not math.isfinite(place.altitude):
             return FAILED
-        vehicle.home.home = place
-        vehicle.announce("HOME_POSITION")
+        bridge.home.home = place
+        bridge.tell_home()
         return ACCEPTED
 
     def _reposition(self, request: Request) -> int | None:
@@ -273,13 +292,13 @@ class Commands:
             return UNSUPPORTED
         if request.frame not in GLOBAL_FRAMES:
             return UNSUPPORTED_FRAME
-        vehicle = self._vehicle
+        bridge = self._bridge
         x, y, z = request.place_e7
-        point = vehicle.home.point(x, y, z, GLOBAL_FRAMES[request.frame])
+        point = bridge.home.point(x, y, z, GLOBAL_FRAMES[request.frame])
         if point is None or not math.isfinite(z):
-            vehicle.tell(WARNING, "Reposition: the origin is not known, or there is no such place")
+            bridge.tell(WARNING, "Reposition: the origin is not known, or there is no such place")
             return DENIED
-        if not request.whole(2) & 1 and vehicle.readings.state().mode != GUIDED.autopilot:
+        if not request.whole(2) & 1 and bridge.readings.state().mode != GUIDED.autopilot:
             return DENIED  # the sender does not ask for the change of mode
         finish = self._later(request, "Reposition")
         value: dict[str, object] = {"p_N": list(point)}
@@ -290,16 +309,16 @@ class Commands:
             if reason:
                 finish(reason)
             else:
-                vehicle.autopilot.command("position", value, finish)
+                bridge.autopilot.command("position", value, finish)
 
-        vehicle.set_mode(GUIDED, go)
+        bridge.set_mode(GUIDED, go)
         return None
 
     def _change_speed(self, request: Request) -> int | None:
         speed = request.p[2]
         if not math.isfinite(speed) or not 0.0 < speed <= 20.0:
             return FAILED
-        self._vehicle.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, self._later(request, "Speed"))
+        self._bridge.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, self._later(request, "Speed"))
         return None
 
     def _turn(self, request: Request) -> int | None:
@@ -308,14 +327,14 @@ class Commands:
             return DENIED
         if is_relative and direction < 0.0:
             angle = -angle
-        return ACCEPTED if self._vehicle.setpoints.turn_to(angle, is_relative) else FAILED
+        return ACCEPTED if self._setpoints.turn_to(angle, is_relative) else FAILED
 
     # -- hardware ---------------------------------------------------------------------------------------------------------------------
 
     def _motor_test(self, request: Request) -> int:
         """As ArduSub: one motor more at each command, and without one for half a second the vehicle disarms."""
         kind, throttle = request.whole(2), request.p[3]
-        if not self._vehicle.readings.state().armed:
+        if not self._bridge.readings.state().armed:
             return self._refuse("Arm motors before testing motors.")
         if request.p[6] != _BOARD_ORDER:
             return self._refuse(f"Motor test: bad test type {request.p[6]:g}")
@@ -323,7 +342,7 @@ class Commands:
             return self._refuse(f"Motor test: bad throttle type {kind}")
         if kind == _PERCENT:
             throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
-        deflections = self._vehicle.outputs.test(request.whole(1), throttle, seconds(self._vehicle.readings.t_ns))
+        deflections = self._outputs.test(request.whole(1), throttle, seconds(self._bridge.readings.t_ns))
         if deflections is None:
             return FAILED
 
@@ -332,31 +351,27 @@ class Commands:
                 self._refuse(f"Motor test: {reason}")
 
         # Acknowledged at once: while one command waited for its answer, that of the next motor would be lost.
-        self._vehicle.autopilot.command("test", {"outputs": deflections}, done)
+        self._bridge.autopilot.command("test", {"outputs": deflections}, done)
         return ACCEPTED
 
     def _refuse(self, text: str) -> int:
-        self._vehicle.tell(WARNING, text)
+        self._bridge.tell(WARNING, text)
         return FAILED
 
     def _set_servo(self, request: Request) -> int:
         pulse_us = request.p[2]
-        return (
-            ACCEPTED
-            if math.isfinite(pulse_us) and self._vehicle.outputs.set_servo(request.whole(1), pulse_us)
-            else FAILED
-        )
+        return ACCEPTED if math.isfinite(pulse_us) and self._outputs.set_servo(request.whole(1), pulse_us) else FAILED
 
     def _point_camera(self, request: Request) -> int:
         tilt, pan = request.p[1], request.p[3]
         if not (math.isfinite(tilt) and math.isfinite(pan)):
             return DENIED
-        self._vehicle.payload.point(tilt, pan)
+        self._payload.point(tilt, pan)
         return ACCEPTED
 
     def _calibrate(self, _: Request) -> int:
-        if self._vehicle.readings.state().armed:
-            self._vehicle.tell(WARNING, "Disarm to allow calibration")
+        if self._bridge.readings.state().armed:
+            self._bridge.tell(WARNING, "Disarm to allow calibration")
             return FAILED
-        self._vehicle.tell(INFO, "Calibration: the sensors are as the scenario has them")
+        self._bridge.tell(INFO, "Calibration: the sensors are as the scenario has them")
         return ACCEPTED

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from uwserver_adapters.mavlink.vehicle.arming import Arming
+from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, NOTICE, WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, SURFACE, Mode
+from uwserver_adapters.mavlink.vehicle.parameters import Parameters
+from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 
-if TYPE_CHECKING:
-    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
-
-EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO = 0, 2, 3, 4, 5, 6
-"""Severities of STATUSTEXT."""
 _DISARM, _SURFACE = 2, 4
 AGAIN_S = 20.0
 """A fail-safe that lasts is told again."""
@@ -20,39 +17,37 @@ class Failsafes:
     """Watches; acts once when something goes, and again when it has come back and gone. Times are simulation time, s.
 
     Args:
-        vehicle: to be kept safe.
-
-    Attributes:
-        active: those that are on: pilot, gcs, leak, battery.
+        bridge: to ground stations and autopilot.
+        parameters: what is to happen when.
+        pilot: who steers.
+        arming: disarms.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
-        self.active: dict[str, float] = {}
-        self._pilot_at: float | None = None
+    def __init__(self, bridge: Bridge, parameters: Parameters, pilot: Pilot, arming: Arming) -> None:
+        self._bridge = bridge
+        self._parameters = parameters
+        self._pilot = pilot
+        self._arming = arming
+        self._active: dict[str, float] = {}
         self._gcs_at: float | None = None
         self._autopilot = ""
 
-    def heard_pilot(self, now: float) -> None:
-        """The pilot steers."""
-        self._pilot_at = now
-        self.active.pop("pilot", None)
-
-    def armed(self) -> None:
-        """Who steered before the vehicle was armed has not begun to steer it yet."""
-        self._pilot_at = None
-        self.active.pop("pilot", None)
+    @property
+    def is_active(self) -> bool:
+        """Whether pilot, ground station or battery is gone, or a leak is there."""
+        return self._pilot.is_lost or bool(self._active)
 
     def heard_gcs(self, now: float) -> None:
         """A heartbeat of the ground station that is in charge."""
         self._gcs_at = now
-        if self.active.pop("gcs", None) is not None:
-            self._vehicle.tell(WARNING, "GCS Failsafe Cleared")
+        if self._active.pop("gcs", None) is not None:
+            self._bridge.tell(WARNING, "GCS Failsafe Cleared")
 
     def restart(self) -> None:
         """The time begins anew."""
-        self.active.clear()
-        self._pilot_at = self._gcs_at = None
+        self._active.clear()
+        self._pilot.forget()
+        self._gcs_at = None
 
     def tick(self, now: float) -> None:
         """Look."""
@@ -63,24 +58,26 @@ class Failsafes:
         self._tell_autopilot()
 
     def _value(self, name: str) -> float:
-        return self._vehicle.parameters.value(name)
+        return self._parameters.value(name)
 
-    def _begins(self, name: str, now: float, is_told_again: bool = False) -> tuple[bool, bool]:
+    def _begins(self, name: str, now: float) -> tuple[bool, bool]:
         """Whether it begins now, and whether it is to be told."""
-        since = self.active.get(name)
-        if since is None or (is_told_again and now - since >= AGAIN_S):
-            self.active[name] = now
+        since = self._active.get(name)
+        if since is None or now - since >= AGAIN_S:
+            self._active[name] = now
             return since is None, True
         return False, False
 
     def _check_pilot(self, now: float) -> None:
         action = self._value("FS_PILOT_INPUT")
-        if action == 0 or self._pilot_at is None or now - self._pilot_at <= self._value("FS_PILOT_TIMEOUT"):
+        heard_at = self._pilot.heard_at
+        if action == 0 or heard_at is None or now - heard_at <= self._value("FS_PILOT_TIMEOUT"):
             return
-        self._pilot_at = None
-        self._vehicle.pilot.neutral()
-        if self._vehicle.readings.state().armed and self._begins("pilot", now)[0]:
-            self._vehicle.tell(CRITICAL, "Lost manual control")
+        self._pilot.forget()
+        self._pilot.neutral()
+        if self._bridge.readings.state().armed:
+            self._pilot.is_lost = True
+            self._bridge.tell(CRITICAL, "Lost manual control")
             if action == _DISARM:
                 self._disarm()
 
@@ -88,10 +85,10 @@ class Failsafes:
         action = self._value("FS_GCS_ENABLE")
         if action == 0 or self._gcs_at is None or now - self._gcs_at <= self._value("FS_GCS_TIMEOUT"):
             return
-        begins, is_told = self._begins("gcs", now, is_told_again=True)
+        begins, is_told = self._begins("gcs", now)
         if is_told:
-            self._vehicle.tell(WARNING, f"MYGCS: {self._vehicle.gcs_system}, heartbeat lost")
-        if begins and self._vehicle.readings.state().armed:
+            self._bridge.tell(WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost")
+        if begins and self._bridge.readings.state().armed:
             if action == _DISARM:
                 self._disarm()
             elif action in (3, _SURFACE):
@@ -99,28 +96,28 @@ class Failsafes:
 
     def _check_leak(self, now: float) -> None:
         action = self._value("FS_LEAK_ENABLE")
-        reading = self._vehicle.readings.last("leak")
+        reading = self._bridge.readings.last("leak")
         if action == 0 or reading is None or not reading.get("leak"):
-            self.active.pop("leak", None)
+            self._active.pop("leak", None)
             return
-        begins, is_told = self._begins("leak", now, is_told_again=True)
+        begins, is_told = self._begins("leak", now)
         if is_told:
-            self._vehicle.tell(CRITICAL, "Leak Detected")
-        if begins and action == 2 and self._vehicle.readings.state().armed:
+            self._bridge.tell(CRITICAL, "Leak Detected")
+        if begins and action == 2 and self._bridge.readings.state().armed:
             self._enter(SURFACE)
 
     def _check_battery(self, now: float) -> None:
-        voltage = self._vehicle.readings.number("battery", "voltage")
+        voltage = self._bridge.readings.number("battery", "voltage")
         low, critical = self._value("BATT_LOW_VOLT"), self._value("BATT_CRT_VOLT")
         level = "" if voltage is None else "critical" if voltage < critical else "low" if voltage < low else ""
         if not level:
-            self.active.pop("battery", None)
+            self._active.pop("battery", None)
             return
-        begins, is_told = self._begins("battery", now, is_told_again=True)
+        begins, is_told = self._begins("battery", now)
         if is_told:
-            self._vehicle.tell(WARNING, f"Battery 1 is {level} {voltage:.2f}V")
+            self._bridge.tell(WARNING, f"Battery 1 is {level} {voltage:.2f}V")
         action = self._value("BATT_FS_CRT_ACT" if level == "critical" else "BATT_FS_LOW_ACT")
-        if begins and self._vehicle.readings.state().armed:
+        if begins and self._bridge.readings.state().armed:
             if action == 2:
                 self._disarm()
             elif action == 3:
@@ -128,18 +125,18 @@ class Failsafes:
 
     def _tell_autopilot(self) -> None:
         """The autopilot has fail-safes of its own."""
-        reason = self._vehicle.readings.state().failsafe
+        reason = self._bridge.readings.state().failsafe
         if reason != self._autopilot:
             self._autopilot = reason
-            self._vehicle.tell(*((CRITICAL, f"Failsafe: {reason}") if reason else (NOTICE, "Failsafe cleared")))
+            self._bridge.tell(*((CRITICAL, f"Failsafe: {reason}") if reason else (NOTICE, "Failsafe cleared")))
 
     def _disarm(self) -> None:
-        if self._vehicle.readings.state().armed:
-            self._vehicle.disarm(self._tell_failure)
+        if self._bridge.readings.state().armed:
+            self._arming.disarm(self._tell_failure)
 
     def _enter(self, mode: Mode) -> None:
-        self._vehicle.set_mode(mode, self._tell_failure)
+        self._bridge.set_mode(mode, self._tell_failure)
 
     def _tell_failure(self, reason: str) -> None:
         if reason:
-            self._vehicle.tell(CRITICAL, f"Failsafe action failed: {reason}")
+            self._bridge.tell(CRITICAL, f"Failsafe action failed: {reason}")

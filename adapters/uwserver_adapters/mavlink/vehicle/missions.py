@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from msgspec import Struct
 
 from uwserver.ports import Json
 from uwserver_adapters.mavlink.vehicle.autopilot import Done
-from uwserver_adapters.mavlink.vehicle.failsafe import INFO, WARNING
+from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.mission_items import (
     ACCEPTED,
     CANCELLED,
@@ -33,9 +31,6 @@ from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.dialect import Fields, Message
 
-if TYPE_CHECKING:
-    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
-
 ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
 """Wall time after which an item that does not come is asked for again, and the upload is given up."""
 FENCE, RALLY, ALL = 1, 2, 255
@@ -59,11 +54,11 @@ class Missions:
     """Loop thread. Times are wall time, s.
 
     Args:
-        vehicle: that flies them.
+        bridge: to ground stations and autopilot.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
+    def __init__(self, bridge: Bridge) -> None:
+        self._bridge = bridge
         self._upload: Upload | None = None
         self._items: list[Item] = []
         self._numbers: list[int] = []
@@ -75,7 +70,7 @@ class Missions:
 
     def current(self) -> Fields:
         """Fields of MISSION_CURRENT."""
-        state = self._vehicle.readings.state()
+        state = self._bridge.readings.state()
         total = max(0, len(self._items) - 1)
         if not total:
             return {"seq": 0, "total": 0xFFFF, "mission_state": 1}
@@ -91,18 +86,18 @@ class Missions:
 
     def tick(self, now: float) -> None:
         """Tell what was reached; go on with an upload that has stopped."""
-        state = self._vehicle.readings.state()
+        state = self._bridge.readings.state()
         if state.reached < self._reached:
             self._reached = state.reached
         while self._reached < min(state.reached, state.mission_count):
-            self._vehicle.send("MISSION_ITEM_REACHED", {"seq": self._number(self._reached)})
-            self._vehicle.tell(INFO, f"Reached command #{self._number(self._reached)}")
+            self._bridge.send("MISSION_ITEM_REACHED", {"seq": self._number(self._reached)})
+            self._bridge.tell(INFO, f"Reached command #{self._number(self._reached)}")
             self._reached += 1
         upload = self._upload
         if upload is None:
             return
         if now - upload.heard_at > GIVE_UP_S:
-            self._vehicle.tell(WARNING, "Mission upload timeout")
+            self._bridge.tell(WARNING, "Mission upload timeout")
             self._end(upload, CANCELLED)
         elif now - upload.asked_at > ASK_AGAIN_S:
             self._ask(upload, now)
@@ -117,7 +112,7 @@ class Missions:
         elif kind in (FENCE, RALLY) or kind > RALLY:
             self._acknowledge(channel, peer, kind, UNSUPPORTED if count or kind > RALLY else ACCEPTED)
         elif count > LARGEST:
-            self._vehicle.tell(WARNING, f"Mission of {count} items: at most {LARGEST}")
+            self._bridge.tell(WARNING, f"Mission of {count} items: at most {LARGEST}")
             self._acknowledge(channel, peer, kind, NO_SPACE)
         elif count == 0:
             self._clear(channel, peer, kind)
@@ -144,7 +139,7 @@ class Missions:
         try:
             upload.items.append(item_of(message))
             if seq:
-                translate(upload.items[-1:] * 2, self._vehicle.home)
+                translate(upload.items[-1:] * 2, self._bridge.home)
         except BadItem as reason:
             self._refuse(upload, reason)
             return
@@ -155,22 +150,22 @@ class Missions:
 
     def _go(self, message: Message, channel: Channel) -> None:
         """Go there at once, in GUIDED, or keep the place and go to its height: ArduPilot's way, which QGroundControl takes with submarines."""
-        vehicle, peer = self._vehicle, (message.system, message.component)
-        state = vehicle.readings.state()
+        bridge, peer = self._bridge, (message.system, message.component)
+        state = bridge.readings.state()
         try:
             item = item_of(message)
-            point = place_of(item, vehicle.home)
+            point = place_of(item, bridge.home)
         except BadItem as reason:
-            vehicle.counters["refused"] += 1
-            vehicle.tell(WARNING, str(reason))
+            bridge.counters["refused"] += 1
+            bridge.tell(WARNING, str(reason))
             self._acknowledge(channel, peer, 0, reason.result)
             return
         here = point if message.whole("current") == GO_THERE else state.p_ref_N or state.p_N
 
         def done(reason: str) -> None:
             if reason:
-                vehicle.counters["refused"] += 1
-                vehicle.tell(WARNING, f"Go there: {reason}")
+                bridge.counters["refused"] += 1
+                bridge.tell(WARNING, f"Go there: {reason}")
             self._acknowledge(channel, peer, 0, ERROR if reason else ACCEPTED)
 
         if item.command != WAYPOINT or state.mode != GUIDED.autopilot:
@@ -178,40 +173,40 @@ class Missions:
         elif here is None:
             done("the position is not known")
         else:
-            vehicle.autopilot.command("position", {"p_N": [here[0], here[1], point[2]]}, done)
+            bridge.autopilot.command("position", {"p_N": [here[0], here[1], point[2]]}, done)
 
     def _complete(self, upload: Upload) -> None:
         try:
-            items, numbers = translate(upload.items, self._vehicle.home)
+            items, numbers = translate(upload.items, self._bridge.home)
         except BadItem as reason:
             self._refuse(upload, reason)
             return
 
         def done(reason: str) -> None:
             if reason:
-                self._vehicle.tell(WARNING, f"Mission refused: {reason}")
+                self._bridge.tell(WARNING, f"Mission refused: {reason}")
             else:
                 if any(item.command == TAKEOFF for item in upload.items):
-                    self._vehicle.tell(INFO, "Mission: the take-off is left out")
+                    self._bridge.tell(INFO, "Mission: the take-off is left out")
                 self._items, self._numbers, self._known_count = upload.items, numbers, len(items)
                 self._reached, self._start_at = 0, 0
             self._end(upload, INVALID if reason else ACCEPTED)
 
-        if not self._vehicle.autopilot.is_there:
-            self._vehicle.tell(WARNING, self._vehicle.autopilot.absence)
+        if not self._bridge.autopilot.is_there:
+            self._bridge.tell(WARNING, self._bridge.autopilot.absence)
             self._end(upload, ERROR)
             return
-        self._vehicle.autopilot.call("set_mission", {"items": items}, done)
+        self._bridge.autopilot.call("set_mission", {"items": items}, done)
 
     def _refuse(self, upload: Upload, reason: BadItem) -> None:
-        self._vehicle.counters["refused"] += 1
-        self._vehicle.tell(WARNING, str(reason))
+        self._bridge.counters["refused"] += 1
+        self._bridge.tell(WARNING, str(reason))
         self._end(upload, reason.result)
 
     def _ask(self, upload: Upload, now: float) -> None:
         upload.asked_at = now
         fields = {**_to(upload.peer), "seq": len(upload.items), "mission_type": upload.kind}
-        self._vehicle.send("MISSION_REQUEST_INT", fields, upload.channel)
+        self._bridge.send("MISSION_REQUEST_INT", fields, upload.channel)
 
     def _end(self, upload: Upload, result: int) -> None:
         if self._upload is upload:
@@ -219,7 +214,7 @@ class Missions:
         self._acknowledge(upload.channel, upload.peer, upload.kind, result)
 
     def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: int, result: int) -> None:
-        self._vehicle.send("MISSION_ACK", {**_to(peer), "type": result, "mission_type": kind}, channel)
+        self._bridge.send("MISSION_ACK", {**_to(peer), "type": result, "mission_type": kind}, channel)
 
     # -- download and the rest --------------------------------------------------------------------------------------------------------
 
@@ -227,14 +222,14 @@ class Missions:
         """MISSION_REQUEST_LIST: somebody wants to download."""
         peer, kind = (message.system, message.component), message.whole("mission_type")
         if kind != 0:
-            self._vehicle.send("MISSION_COUNT", {**_to(peer), "count": 0, "mission_type": kind}, channel)
+            self._bridge.send("MISSION_COUNT", {**_to(peer), "count": 0, "mission_type": kind}, channel)
             return
 
         def tell(_: str) -> None:
-            self._vehicle.send("MISSION_COUNT", {**_to(peer), "count": len(self._items)}, channel)
+            self._bridge.send("MISSION_COUNT", {**_to(peer), "count": len(self._items)}, channel)
 
-        if self._vehicle.readings.state().mission_count != self._known_count:
-            self._vehicle.autopilot.call("get_mission", {}, tell, self._learn)
+        if self._bridge.readings.state().mission_count != self._known_count:
+            self._bridge.autopilot.call("get_mission", {}, tell, self._learn)
         else:
             tell("")
 
@@ -242,7 +237,7 @@ class Missions:
         """The mission has been changed by somebody else."""
         items = result.get("items") if isinstance(result, dict) else None
         if isinstance(items, list):
-            self._items = untranslated(items, self._vehicle.home) if items else []
+            self._items = untranslated(items, self._bridge.home) if items else []
             self._numbers = [item.seq for item in self._items[1:]]
             self._known_count = len(items)
 
@@ -255,11 +250,11 @@ class Missions:
         fields: dict[str, int | float] = {**_to(peer), **self._items[seq].fields()}
         is_current = seq == self.current()["seq"] and seq > 0
         if message.name == "MISSION_REQUEST_INT":
-            self._vehicle.send("MISSION_ITEM_INT", {**fields, "current": int(is_current)}, channel)
+            self._bridge.send("MISSION_ITEM_INT", {**fields, "current": int(is_current)}, channel)
             return
         scale = 1e-4 if fields["frame"] == LOCAL_NED else 1e-7
         fields |= {"x": fields["x"] * scale, "y": fields["y"] * scale, "current": int(is_current)}
-        self._vehicle.send("MISSION_ITEM", fields, channel)
+        self._bridge.send("MISSION_ITEM", fields, channel)
 
     def clear(self, message: Message, channel: Channel) -> None:
         """MISSION_CLEAR_ALL."""
@@ -275,8 +270,8 @@ class Missions:
                 self._items, self._numbers, self._known_count, self._reached, self._start_at = [], [], 0, 0, 0
             self._acknowledge(channel, peer, kind, ERROR if reason else ACCEPTED)
 
-        if self._vehicle.autopilot.is_there:
-            self._vehicle.autopilot.call("clear_mission", {}, done)
+        if self._bridge.autopilot.is_there:
+            self._bridge.autopilot.call("clear_mission", {}, done)
         else:
             done("")
 
@@ -285,16 +280,16 @@ class Missions:
         if not 0 <= seq < len(self._items):
             return False
         self._start_at = seq
-        if self._vehicle.readings.state().mode == "mission":
-            self.start(lambda reason: self._vehicle.tell(WARNING, reason) if reason else None)
-        self._vehicle.send("MISSION_CURRENT", {**self.current(), "seq": seq})
+        if self._bridge.readings.state().mode == "mission":
+            self.start(lambda reason: self._bridge.tell(WARNING, reason) if reason else None)
+        self._bridge.send("MISSION_CURRENT", {**self.current(), "seq": seq})
         return True
 
     def start(self, done: Done) -> None:
         """Fly the mission from the current item on; `done` gets why not, or ""."""
         index = next((k for k, number in enumerate(self._numbers) if number >= self._start_at), 0)
         self._reached = 0
-        self._vehicle.autopilot.call("start_mission", {"index": index}, done)
+        self._bridge.autopilot.call("start_mission", {"index": index}, done)
 
     def forget(self, channel: Channel) -> None:
         """The channel is closed."""

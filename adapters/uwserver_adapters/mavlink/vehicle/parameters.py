@@ -62,6 +62,11 @@ class Parameters:
         """All names, in the order of their index."""
         return self._names
 
+    @property
+    def gcs_system(self) -> int:
+        """Number of the ground station that may steer."""
+        return round(self._values["MAV_GCS_SYSID"])
+
     def value(self, name: str) -> float:
         """Value of a parameter."""
         return self._values[name]

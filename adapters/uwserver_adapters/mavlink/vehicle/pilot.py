@@ -35,6 +35,8 @@ class Pilot:
         is_held: the sticks as they were when a button said so are added.
         steers_attitude: surge and sway sticks pitch and roll instead.
         channels: pulses (us) of all channels.
+        heard_at: when somebody last steered; None for not since the vehicle was armed, or since he was lost.
+        is_lost: nobody steers any more, which a fail-safe has told.
     """
 
     def __init__(
@@ -52,6 +54,8 @@ class Pilot:
         self.is_held = False
         self.steers_attitude = False
         self.channels = [NEUTRAL_US] * CHANNELS
+        self.heard_at: float | None = None
+        self.is_lost = False
         self._held = [0] * 6
         self._trim = {ROLL: 0, PITCH: 0}
         self._pressed = 0
@@ -67,6 +71,7 @@ class Pilot:
 
     def steer(self, message: Message, now: float) -> None:
         """Take MANUAL_CONTROL. x, y, r are -1000..1000; z is 0..1000 with 500 for no heave; s pitches and t rolls if they are enabled."""
+        self._hear(now)
         sticks = {axis: message.whole(axis) for axis in "xyzr"}
         if any(abs(value) > 1000 for value in sticks.values()):
             return  # 32767 marks an axis that the joystick has not
@@ -91,6 +96,7 @@ class Pilot:
 
     def override(self, message: Message, now: float) -> None:
         """Take RC_CHANNELS_OVERRIDE: 65535 leaves a channel, 0 (65534 from the ninth on) releases it."""
+        self._hear(now)
         for channel in range(CHANNELS):
             pulse_us = message.whole(f"chan{channel + 1}_raw")
             if pulse_us == _UNCHANGED or (pulse_us == 0 and channel >= 8):
@@ -132,6 +138,13 @@ class Pilot:
         self._sticks_at = None
         if was_steered:
             self._post(self.deflections)
+
+    def forget(self) -> None:
+        """Who steered until now has not begun to steer."""
+        self.heard_at, self.is_lost = None, False
+
+    def _hear(self, now: float) -> None:
+        self.heard_at, self.is_lost = now, False
 
     def _set(self, channel: int, pulse_us: float) -> None:
         self.channels[channel] = round(min(NEUTRAL_US + SPAN_US, max(NEUTRAL_US - SPAN_US, pulse_us)))

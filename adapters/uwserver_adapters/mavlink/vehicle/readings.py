@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from msgspec import Struct, structs
 
 from uwserver.adapter import AdapterContext
-from uwserver.frames import Quat, Vec3
+from uwserver.frames import Quat, Vec3, rpy_from_quat
 from uwserver.ports import Value
-from uwserver_adapters.mavlink.wire.codec import finite, vector
+from uwserver_adapters.mavlink.wire.codec import finite, turns, vector, wrapped
 
 Reading = Mapping[str, Value]
 _ASSUMED_NS = 2_000_000_000
@@ -50,6 +50,13 @@ class State(Struct, frozen=True):
     reached: int = 0
     outputs: tuple[float, ...] = ()
 
+    @property
+    def altitude_target(self) -> float:
+        """Above the bottom, m, that SURFTRAK holds; 0 in other modes."""
+        if self.mode != "altitude_hold" or self.depth_ref is None or self.depth is None or self.altitude is None:
+            return 0.0
+        return self.altitude + self.depth - self.depth_ref
+
 
 class Readings:
     """The newest samples, found by what their ports are. Loop thread.
@@ -60,12 +67,15 @@ class Readings:
 
     Attributes:
         t_ns: simulation time.
+        turns: whole turns of the heading since the start, clockwise positive.
     """
 
     def __init__(self, context: AdapterContext, vehicle: str) -> None:
         self._context = context
         self._vehicle = vehicle
         self.t_ns = 0
+        self.turns = 0.0
+        self._last_yaw: float | None = None
         self._ports: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._known: tuple[int, State] = (-1, State())
         self._assumed: dict[str, str | bool] = {}
@@ -109,6 +119,16 @@ class Readings:
     def forget(self) -> None:
         """Samples are new although the time is not."""
         self._known = (-1, State())
+
+    def count_turns(self) -> None:
+        """Look at the heading; to be called at least twice a turn."""
+        q = self.state().q_NB
+        if q is None:
+            return
+        yaw = rpy_from_quat(q)[2]
+        if self._last_yaw is not None:
+            self.turns += turns(wrapped(yaw - self._last_yaw))
+        self._last_yaw = yaw
 
     def assume(self, t_ns: int, **fields: str | bool) -> None:
         """The autopilot has done what it was asked, and has not said so yet: it speaks some times a second only, and who was told that the mode

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from uwserver.frames import Vec3, quat_from_rpy, rpy_from_quat
+from uwserver_adapters.mavlink.vehicle.bridge import WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, shown
 from uwserver_adapters.mavlink.wire.codec import turned, vector
 from uwserver_adapters.mavlink.wire.dialect import Message
-
-if TYPE_CHECKING:
-    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, NO_YAW, NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x400, 0x800
 """Bits of the type mask: what is not meant. 0x200, that the acceleration is a force, means nothing without one, and ground stations set it."""
@@ -27,17 +24,17 @@ class SetPoints:
     """Passes them on. What cannot be followed is told to the senders, a text for each reason until another comes.
 
     Args:
-        vehicle: that is to follow.
+        bridge: to ground stations and autopilot.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
+    def __init__(self, bridge: Bridge) -> None:
+        self._bridge = bridge
         self._told = ""
 
     def local(self, message: Message) -> None:
         """SET_POSITION_TARGET_LOCAL_NED, in GUIDED."""
         frame, mask = message.whole("coordinate_frame"), message.whole("type_mask")
-        state = self._vehicle.readings.state()
+        state = self._bridge.readings.state()
         if frame != LOCAL_NED and frame not in _FROM_HERE:
             return self._refuse(f"set point in frame {frame} is not supported")
         yaw = rpy_from_quat(state.q_NB)[2] if state.q_NB is not None else 0.0
@@ -53,7 +50,7 @@ class SetPoints:
     def geodetic(self, message: Message) -> None:
         """SET_POSITION_TARGET_GLOBAL_INT, in GUIDED; in ALT_HOLD its altitude is the depth to hold."""
         frame, mask = message.whole("coordinate_frame"), message.whole("type_mask")
-        home, state = self._vehicle.home, self._vehicle.readings.state()
+        home, state = self._bridge.home, self._bridge.readings.state()
         if frame not in GLOBAL_FRAMES:
             return self._refuse(f"set point in frame {frame} is not supported")
         altitude = message.number("alt")
@@ -61,7 +58,7 @@ class SetPoints:
             if not math.isfinite(altitude):
                 return self._refuse("set point: the altitude is not a number")
             depth = -home.sea_altitude(altitude, GLOBAL_FRAMES[frame])
-            return self._vehicle.autopilot.command("depth", {"depth": depth}, self._told_reason)
+            return self._bridge.autopilot.command("depth", {"depth": depth}, self._told_reason)
         p: Vec3 | None = None
         if not mask & NO_POSITION:
             if home.origin is None:
@@ -70,7 +67,7 @@ class SetPoints:
         return self._follow(message, mask, p, _row(message, "vx", "vy", "vz"), 0.0)
 
     def _follow(self, message: Message, mask: int, p: Vec3 | None, v: Vec3 | None, yaw_from: float) -> None:
-        if not shown(self._vehicle.readings.state().mode).is_guided:
+        if not shown(self._bridge.readings.state().mode).is_guided:
             return self._refuse("set points are followed in GUIDED only")
         if not mask & NO_ACCELERATION:
             return self._refuse("set points of acceleration or force are not supported")
@@ -80,7 +77,7 @@ class SetPoints:
             if not math.isfinite(yaw):
                 return self._refuse("set point: the yaw is not a number")
             value["heading"] = math.remainder(yaw + yaw_from, 2 * math.pi)
-        command = self._vehicle.autopilot.command
+        command = self._bridge.autopilot.command
         if not mask & NO_POSITION:
             if p is None or vector(p, 3) is None:
                 return self._refuse("set point: the position is not a place")
@@ -98,7 +95,7 @@ class SetPoints:
     def attitude(self, message: Message) -> None:
         """SET_ATTITUDE_TARGET, in GUIDED: thrust 0.5 holds the depth, more climbs. Rates alone turn the attitude that it has."""
         mask = message.whole("type_mask")
-        if not shown(self._vehicle.readings.state().mode).is_guided:
+        if not shown(self._bridge.readings.state().mode).is_guided:
             return self._refuse("set points are followed in GUIDED only")
         value: dict[str, object] = {}
         if not mask & _NO_ATTITUDE:
@@ -109,7 +106,7 @@ class SetPoints:
             value["q_NB"] = [entry / norm for entry in q]
         elif not mask & 0x4 and math.isfinite(message.number("body_yaw_rate")):
             rate = message.number("body_yaw_rate")
-            return self._vehicle.autopilot.command("heading", {"rate": rate}, self._told_reason)
+            return self._bridge.autopilot.command("heading", {"rate": rate}, self._told_reason)
         thrust = message.number("thrust")
         if not mask & _NO_THROTTLE:
             if not math.isfinite(thrust):
@@ -117,27 +114,27 @@ class SetPoints:
             value["heave"] = min(1.0, max(-1.0, 1.0 - 2.0 * thrust))
         if not value:
             return self._refuse("set point: it means neither attitude nor yaw rate nor thrust")
-        return self._vehicle.autopilot.command("attitude", value, self._told_reason)
+        return self._bridge.autopilot.command("attitude", value, self._told_reason)
 
     def turn_to(self, yaw: float, is_relative: bool) -> bool:
         """Turn to a heading (rad), or by an angle; False when the attitude is not known."""
-        state = self._vehicle.readings.state()
+        state = self._bridge.readings.state()
         if state.q_NB is None:
             return False
         heading = yaw + (rpy_from_quat(state.q_NB)[2] if is_relative else 0.0)
         q = quat_from_rpy(0.0, 0.0, heading)
-        self._vehicle.autopilot.command("heading", {"heading": rpy_from_quat(q)[2]}, self._told_reason)
+        self._bridge.autopilot.command("heading", {"heading": rpy_from_quat(q)[2]}, self._told_reason)
         return True
 
     def _refuse(self, reason: str) -> None:
-        self._vehicle.counters["refused"] += 1
+        self._bridge.counters["refused"] += 1
         self._told_reason(reason)
 
     def _told_reason(self, reason: str) -> None:
         if reason != self._told:
             self._told = reason
             if reason:
-                self._vehicle.tell(4, reason)
+                self._bridge.tell(WARNING, reason)
 
 
 def _row(message: Message, *fields: str) -> Vec3 | None:

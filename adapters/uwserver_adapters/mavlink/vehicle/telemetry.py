@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from uwserver.frames import quat_from_rpy, rpy_from_quat
+from uwserver_adapters.mavlink.vehicle.bridge import Bridge
+from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
+from uwserver_adapters.mavlink.vehicle.identity import Identity
 from uwserver_adapters.mavlink.vehicle.instruments import UNKNOWN_16, Instruments
+from uwserver_adapters.mavlink.vehicle.missions import Missions
 from uwserver_adapters.mavlink.vehicle.modes import shown
-from uwserver_adapters.mavlink.vehicle.payload import TILT_LIMIT_DEG
+from uwserver_adapters.mavlink.vehicle.outputs import Outputs
+from uwserver_adapters.mavlink.vehicle.payload import TILT_LIMIT_DEG, Payload
+from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 from uwserver_adapters.mavlink.vehicle.readings import Readings, State
 from uwserver_adapters.mavlink.wire.codec import (
     compass_centidegrees,
@@ -21,9 +26,6 @@ from uwserver_adapters.mavlink.wire.codec import (
     wrapped,
 )
 from uwserver_adapters.mavlink.wire.dialect import Fields
-
-if TYPE_CHECKING:
-    from uwserver_adapters.mavlink.vehicle.ardusub import Vehicle
 
 Builder = Callable[[], "Fields | Sequence[Fields] | None"]
 
@@ -44,12 +46,34 @@ class Telemetry:
     """Builds messages. Reads the rest of the vehicle, changes nothing.
 
     Args:
-        vehicle: whose state is told.
+        bridge: to readings and home.
+        epoch_ns: UTC of simulation time zero, ns since 1970.
+        identity, failsafes, missions, pilot, outputs, payload: parts of the vehicle whose state is told.
+
+    Attributes:
+        identity: as given.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
-        self._readings: Readings = vehicle.readings
+    def __init__(
+        self,
+        bridge: Bridge,
+        epoch_ns: int,
+        identity: Identity,
+        failsafes: Failsafes,
+        missions: Missions,
+        pilot: Pilot,
+        outputs: Outputs,
+        payload: Payload,
+    ) -> None:
+        self.identity = identity
+        self._bridge = bridge
+        self._epoch_ns = epoch_ns
+        self._failsafes = failsafes
+        self._pilot = pilot
+        self._outputs = outputs
+        self._payload = payload
+        self._home = bridge.home
+        self._readings: Readings = bridge.readings
         self._builders: Mapping[str, Builder] = {
             **Instruments(self._readings).builders,
             "HEARTBEAT": self._heartbeat,
@@ -70,11 +94,11 @@ class Telemetry:
             "RC_CHANNELS": self._rc_channels,
             "SERVO_OUTPUT_RAW": self._servo_output,
             "GIMBAL_DEVICE_ATTITUDE_STATUS": self._gimbal,
-            "MISSION_CURRENT": self._mission_current,
-            "HOME_POSITION": lambda: vehicle.home.home_position(microseconds(self._readings.t_ns)),
-            "GPS_GLOBAL_ORIGIN": lambda: vehicle.home.global_origin(microseconds(self._readings.t_ns)),
-            "AUTOPILOT_VERSION": vehicle.identity.autopilot_version,
-            "AVAILABLE_MODES": vehicle.identity.available_modes,
+            "MISSION_CURRENT": missions.current,
+            "HOME_POSITION": bridge.home_position,
+            "GPS_GLOBAL_ORIGIN": lambda: self._home.global_origin(microseconds(self._readings.t_ns)),
+            "AUTOPILOT_VERSION": identity.autopilot_version,
+            "AVAILABLE_MODES": identity.available_modes,
             "CURRENT_MODE": self._current_mode,
             "NAMED_VALUE_FLOAT": self._named_values,
         }
@@ -91,6 +115,11 @@ class Telemetry:
             return ()
         return (fields,) if isinstance(fields, Mapping) else fields
 
+    def announce(self, name: str) -> None:
+        """A message to all, now."""
+        for fields in self.build(name):
+            self._bridge.send(name, fields)
+
     @property
     def _state(self) -> State:
         return self._readings.state()
@@ -105,10 +134,10 @@ class Telemetry:
         state = self._state
         mode = shown(state.mode)
         base = CUSTOM | STABILIZED | MANUAL | (GUIDED if mode.is_guided else 0) | (ARMED if state.armed else 0)
-        failed = state.failsafe or self._vehicle.failsafes.active
+        failed = state.failsafe or self._failsafes.is_active
         status = CRITICAL if failed else ACTIVE if state.armed else STANDBY
         return {
-            "type": self._vehicle.identity.type,
+            "type": self.identity.type,
             "autopilot": 3,
             "base_mode": base,
             "custom_mode": mode.number,
@@ -142,7 +171,7 @@ class Telemetry:
         }
 
     def _system_time(self) -> Fields:
-        unix = self._vehicle.epoch_ns + self._readings.t_ns
+        unix = self._epoch_ns + self._readings.t_ns
         return {"time_unix_usec": unix // 1000, "time_boot_ms": self._boot_ms}
 
     # -- attitude and position --------------------------------------------------------------------------------------------------------
@@ -179,7 +208,7 @@ class Telemetry:
     def _lat_lon(self) -> tuple[float, float]:
         """1e-7 degrees; zeros, as ArduPilot has it, where they are not known."""
         state = self._state
-        place = None if state.p_N is None else self._vehicle.home.place(state.p_N)
+        place = None if state.p_N is None else self._home.place(state.p_N)
         return (0.0, 0.0) if place is None else (degrees_e7(place.latitude), degrees_e7(place.longitude))
 
     def _ahrs2(self) -> Fields | None:
@@ -191,7 +220,7 @@ class Telemetry:
 
     def _global_position(self) -> Fields:
         lat, lon = self._lat_lon()
-        altitude, home, yaw = self._altitude(), self._vehicle.home.home, self._yaw()
+        altitude, home, yaw = self._altitude(), self._home.home, self._yaw()
         v = self._state.v_N or (0.0, 0.0, self._state.sink)
         return {
             "time_boot_ms": self._boot_ms,
@@ -216,7 +245,7 @@ class Telemetry:
     def _vfr_hud(self) -> Fields:
         state, yaw = self._state, self._yaw()
         v = state.v_N or (0.0, 0.0, 0.0)
-        throttle = 50.0 * (1.0 - self._vehicle.pilot.deflections[2])
+        throttle = 50.0 * (1.0 - self._pilot.deflections[2])
         speed = math.hypot(v[0], v[1])
         return {
             "airspeed": 0.0,
@@ -248,7 +277,7 @@ class Telemetry:
 
     def _position_target_global(self) -> Fields | None:
         p = self._state.p_ref_N
-        place = None if p is None else self._vehicle.home.place(p)
+        place = None if p is None else self._home.place(p)
         if place is None:
             return None
         lat, lon = degrees_e7(place.latitude), degrees_e7(place.longitude)
@@ -261,7 +290,7 @@ class Telemetry:
         flags = 0 if state.q_NB is None else 0x1
         flags |= 0 if state.v_N is None else 0x6
         flags |= 0 if state.p_N is None else 0x8
-        flags |= 0x10 if state.p_N is not None and self._vehicle.home.origin is not None else 0
+        flags |= 0x10 if state.p_N is not None and self._home.origin is not None else 0
         flags |= 0 if state.depth is None else 0x20
         flags |= 0 if state.altitude is None else 0x40
         flags |= 0x80 if state.q_NB is not None and state.p_N is None else 0
@@ -270,36 +299,33 @@ class Telemetry:
     # -- control ----------------------------------------------------------------------------------------------------------------------
 
     def _rc_channels(self) -> Fields:
-        channels = self._vehicle.pilot.channels
+        channels = self._pilot.channels
         fields: dict[str, int] = {"time_boot_ms": self._boot_ms, "chancount": len(channels), "rssi": 0xFF}
         return fields | {f"chan{k}_raw": pulse_us for k, pulse_us in enumerate(channels, 1)}
 
     def _servo_output(self) -> Fields:
         state = self._state
-        servos = self._vehicle.outputs.pulses(state.outputs if state.armed else ())
+        servos = self._outputs.pulses(state.outputs if state.armed else ())
         fields: dict[str, int] = {"time_usec": microseconds(self._readings.t_ns) & 0xFFFF_FFFF}
         return fields | {f"servo{number}_raw": width for number, width in servos.items()}
 
     def _gimbal(self) -> Fields:
         """The camera's mount: level in roll and pitch, its yaw from the bow."""
-        payload = self._vehicle.payload
+        payload = self._payload
         q = quat_from_rpy(0.0, from_degrees(payload.tilt), from_degrees(payload.pan))
         return {"time_boot_ms": self._boot_ms, "flags": _LEVEL_FROM_BOW, "q": q}
 
-    def _mission_current(self) -> Fields:
-        return self._vehicle.missions.current()
-
     def _named_values(self) -> Sequence[Fields]:
-        vehicle = self._vehicle
+        payload, pilot = self._payload, self._pilot
         values = {
-            "CamTilt": 0.5 - 0.5 * vehicle.payload.tilt / TILT_LIMIT_DEG,
-            "CamPan": 0.5 - 0.5 * vehicle.payload.pan / TILT_LIMIT_DEG,
-            "TetherTrn": vehicle.tether_turns,
-            "Lights1": vehicle.payload.lights[0],
-            "Lights2": vehicle.payload.lights[1],
-            "PilotGain": vehicle.pilot.gain,
-            "InputHold": float(vehicle.pilot.is_held),
-            "RollPitch": float(vehicle.pilot.steers_attitude),
-            "RFTarget": vehicle.altitude_target,
+            "CamTilt": 0.5 - 0.5 * payload.tilt / TILT_LIMIT_DEG,
+            "CamPan": 0.5 - 0.5 * payload.pan / TILT_LIMIT_DEG,
+            "TetherTrn": self._readings.turns,
+            "Lights1": payload.lights[0],
+            "Lights2": payload.lights[1],
+            "PilotGain": pilot.gain,
+            "InputHold": float(pilot.is_held),
+            "RollPitch": float(pilot.steers_attitude),
+            "RFTarget": self._state.altitude_target,
         }
         return [{"time_boot_ms": self._boot_ms, "name": name, "value": value} for name, value in values.items()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 
 from uwserver.adapter import AdapterContext
 from uwserver_adapters.moos.client.adapter import server_warp
@@ -12,9 +11,6 @@ from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.guests import Batch, Guest
 from uwserver_adapters.moos.db.local import OWN_NAME, LocalClient, cannot_listen
-from uwserver_adapters.moos.wire import Message
-
-_log = logging.getLogger(__name__)
 
 TELL_S = 1.0
 """Wall time between two rounds of DB_ variables."""
@@ -107,10 +103,6 @@ class MoosDbAdapter:
         self.context.stats.peers = len(self._names)
         self.database.join(guest.name, guest.deliver)
 
-    def take(self, guest: Guest, message: Message) -> None:
-        """A message of a client."""
-        self.database.take(guest.name, message)
-
     def has_mail(self, guest: Guest) -> None:
         """It wants to send, with all others, at the end of this turn of the loop."""
         self._with_mail.append(guest)
@@ -123,7 +115,3 @@ class MoosDbAdapter:
         batch = Batch([])
         for guest in guests:
             batch = guest.send_mail(batch)
-
-    def note(self, name: str, text: str) -> None:
-        """A client was disconnected."""
-        _log.warning("%s disconnects %s: %s", self.context.name, name, text)

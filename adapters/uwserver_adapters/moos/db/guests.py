@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, cast
+from typing import Protocol, cast
 
+from uwserver.adapter import AdapterContext
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.db.database import Letter
+from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.config import MoosDbConfig
+from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.wire import Malformed, Message, Packet
 
-if TYPE_CHECKING:
-    from uwserver_adapters.moos.db.adapter import MoosDbAdapter
+_log = logging.getLogger(__name__)
 
 NAME_S = 5.0
 """Wall time in which a client must have said its name."""
@@ -36,21 +39,48 @@ class Batch:
         ]
 
 
+class Host(Protocol):
+    """Whose guests they are: it has the database, room and names."""
+
+    config: MoosDbConfig
+    context: AdapterContext
+    clock: MoosClock
+    database: Database
+
+    def enter(self, guest: Guest) -> bool:
+        """Whether there is room for one more connection."""
+
+    def exit(self, guest: Guest) -> None:
+        """A connection is gone."""
+
+    def is_free(self, name: str) -> bool:
+        """Whether no other client has this name."""
+
+    def joined(self, guest: Guest) -> None:
+        """A client has said its name."""
+
+    def has_mail(self, guest: Guest) -> None:
+        """It wants to send, with all others, at the end of this turn of the loop."""
+
+
 class Guest(asyncio.Protocol):
     """One client of our database; all its methods run on the loop.
+
+    Args:
+        host: of the database.
 
     Attributes:
         name: "" before it has said it.
         heard: wall time (of the loop) of its last packet.
     """
 
-    def __init__(self, adapter: MoosDbAdapter) -> None:
+    def __init__(self, host: Host) -> None:
         self.name = ""
-        self._adapter = adapter
-        self._stats = adapter.context.stats
+        self._host = host
+        self._stats = host.context.stats
         self._loop = asyncio.get_running_loop()
         self.heard = self._loop.time()
-        self._decoder = wire.Decoder(expects_hello=True, limit=adapter.config.packet_bytes)
+        self._decoder = wire.Decoder(expects_hello=True, limit=host.config.packet_bytes)
         self._transport: asyncio.Transport
         self._is_asynchronous = True
         self._mail: list[Letter] = []
@@ -65,14 +95,14 @@ class Guest(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin; one too many is told and sent away."""
         self._transport = cast(asyncio.Transport, transport)
-        if not self._adapter.enter(self):
-            most = self._adapter.config.max_clients
+        if not self._host.enter(self):
+            most = self._host.config.max_clients
             self._poison(f"{most} clients are connected: close some, or raise max_clients of the adapter")
 
     def connection_lost(self, error: Exception | None) -> None:
         """It went, or we closed."""
         self._close()
-        self._adapter.exit(self)
+        self._host.exit(self)
 
     def data_received(self, data: bytes) -> None:
         """Take bytes in pieces of any size."""
@@ -115,35 +145,35 @@ class Guest(asyncio.Protocol):
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
     def _greet(self, messages: tuple[Message, ...]) -> None:
-        adapter = self._adapter
+        host = self._host
         first = messages[0] if messages else Message(wire.NULL, "")
         name = first.text
         if first.type != wire.DATA or not 0 < len(name) <= CLIENT_NAME_LIMIT:
             self._poison(f"say your name, 1 to {CLIENT_NAME_LIMIT} characters, in the first message")
             return
-        if not adapter.is_free(name):
+        if not host.is_free(name):
             self._poison(f'A client of this name ("{name}") already exists')
             return
         self._is_asynchronous = first.key == wire.ASYNCHRONOUS
-        now = adapter.clock.now()
+        now = host.clock.now()
         welcome = Message(
             wire.WELCOME, "", now - first.time, wire.ASYNCHRONOUS.encode(), src_aux=f"hostname={socket.gethostname()}",
-            community=adapter.config.community, time=now,
+            community=host.config.community, time=now,
         )  # fmt: skip
         self._transport.write(wire.packet([wire.encode(welcome)]))
         self.name = name
-        adapter.joined(self)
+        host.joined(self)
 
     def _packet(self, messages: tuple[Message, ...]) -> Iterator[None]:
-        adapter = self._adapter
+        host = self._host
         if messages and messages[0].type == wire.TIMING:
             first = messages[0]
-            adapter.database.beat(self.name, first.time)
+            host.database.beat(self.name, first.time)
             if self._is_asynchronous:
-                echo = Message(wire.TIMING, first.key, adapter.clock.now(), src=first.src, time=first.time, number2=0.0)
+                echo = Message(wire.TIMING, first.key, host.clock.now(), src=first.src, time=first.time, number2=0.0)
                 self._write(wire.packet([wire.encode(echo)]), 1)
         for message in messages:
-            adapter.take(self, message)
+            host.database.take(self.name, message)
             if message.type != wire.NOTIFY:
                 yield
         if not self._is_asynchronous:
@@ -158,12 +188,12 @@ class Guest(asyncio.Protocol):
             self._hold(letter)
         elif not self._is_due:
             self._is_due = True
-            self._adapter.has_mail(self)
+            self._host.has_mail(self)
 
     def _hold(self, letter: Letter) -> None:
         """Keep mail until it is asked for, within bounds."""
         self._held += len(letter.message.data)
-        while len(self._mail) > HELD or self._held > self._adapter.config.queue_bytes:
+        while len(self._mail) > HELD or self._held > self._host.config.queue_bytes:
             self._held -= len(self._mail.pop(0).message.data)
             self._stats.dropped += 1
 
@@ -185,16 +215,16 @@ class Guest(asyncio.Protocol):
 
     def _answer(self) -> None:
         """The one packet that a synchronous client gets for each of its own."""
-        null = wire.encode(Message(wire.NULL, "", self._adapter.clock.now()))
+        null = wire.encode(Message(wire.NULL, "", self._host.clock.now()))
         mail, self._mail, self._held = self._mail, [], 0
         self._write(wire.packet([null, *(letter.data for letter in mail)]), 1 + len(mail))
 
     def _write(self, packet: bytes, messages: int) -> None:
         if self._is_closed:
             return
-        if self._transport.get_write_buffer_size() > self._adapter.config.queue_bytes:
+        if self._transport.get_write_buffer_size() > self._host.config.queue_bytes:
             self._stats.dropped += messages
-            self._fault(f"more than {self._adapter.config.queue_bytes} bytes waited for it: it must read faster")
+            self._fault(f"more than {self._host.config.queue_bytes} bytes waited for it: it must read faster")
             return
         self._stats.samples_sent += messages
         self._stats.bytes_sent += len(packet)
@@ -204,7 +234,7 @@ class Guest(asyncio.Protocol):
 
     def check(self, now: float) -> None:
         """End it when it has been silent for too long."""
-        limit = self._adapter.config.client_timeout_s if self.name else NAME_S
+        limit = self._host.config.client_timeout_s if self.name else NAME_S
         if not self._is_closed and now - self.heard > limit:
             self._fault(f"silent for {limit:g} s")
 
@@ -212,7 +242,7 @@ class Guest(asyncio.Protocol):
         self._stats.errors += 1
         name = wire.readable(self.name) or "a client"
         self._stats.last_error = f"{name}: {text}"
-        self._adapter.note(name, text)
+        _log.warning("%s disconnects %s: %s", self._host.context.name, name, text)
         self._close()
         self._transport.abort()
 
@@ -224,7 +254,7 @@ class Guest(asyncio.Protocol):
             "",
             data=reason.encode("utf-8", "surrogateescape"),
             kind=wire.STRING,
-            time=self._adapter.clock.now(),
+            time=self._host.clock.now(),
         )
         self._transport.write(wire.packet([wire.encode(poison)]))
         self._close()

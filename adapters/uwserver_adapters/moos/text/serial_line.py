@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
 
 from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder
-from uwserver_adapters.moos.text.session import TextSession
+from uwserver_adapters.moos.text.session import Host, TextSession
 from uwserver_adapters.serial_port import SerialPort
-
-if TYPE_CHECKING:
-    from uwserver_adapters.moos.text.adapter import MoosTextAdapter
 
 _log = logging.getLogger(__name__)
 
@@ -20,14 +16,14 @@ class SerialLine:
 
     Args:
         path: of the device; its speed stays as the system has set it (`stty`).
-        adapter: to which it belongs.
+        host: database and world.
     """
 
-    def __init__(self, path: str, adapter: MoosTextAdapter) -> None:
+    def __init__(self, path: str, host: Host) -> None:
         self._path = path
-        self._adapter = adapter
+        self._host = host
         self._session: TextSession | None = None
-        self._decoder = LineDecoder(adapter.config.line_bytes)
+        self._decoder = LineDecoder(host.config.line_bytes)
         self._told = ""
         self._port = SerialPort(path, opened=self._begin, received=self._take, closed=self._end, failed=self._fail)
 
@@ -41,8 +37,8 @@ class SerialLine:
 
     def _begin(self) -> None:
         self._told = ""
-        self._decoder = LineDecoder(self._adapter.config.line_bytes)
-        self._session = TextSession(self._adapter, f"serial {self._path}", self._send, self.close)
+        self._decoder = LineDecoder(self._host.config.line_bytes)
+        self._session = TextSession(self._host, f"serial {self._path}", self._send, self.close)
 
     def _end(self) -> None:
         session, self._session = self._session, None
@@ -50,9 +46,9 @@ class SerialLine:
             session.close()
 
     def _fail(self, text: str) -> None:
-        self._adapter.context.stats.last_error = text
+        self._host.context.stats.last_error = text
         if text != self._told:
-            _log.warning("%s: %s", self._adapter.context.name, text)
+            _log.warning("%s: %s", self._host.context.name, text)
             self._told = text
 
     def _take(self, data: bytes) -> None:
@@ -63,6 +59,6 @@ class SerialLine:
     def _send(self, line: str) -> None:
         data = line.encode("utf-8", "replace") + b"\r\n"
         if self._port.write(data):
-            self._adapter.context.stats.bytes_sent += len(data)
+            self._host.context.stats.bytes_sent += len(data)
         else:
-            self._adapter.context.stats.dropped += 1
+            self._host.context.stats.dropped += 1

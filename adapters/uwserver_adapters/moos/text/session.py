@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import msgspec
 
+from uwserver.adapter import AdapterContext
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.calls import Answer
+from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.codec import finite
-from uwserver_adapters.moos.db.database import Letter, glob
+from uwserver_adapters.moos.config import MoosTextConfig
+from uwserver_adapters.moos.db.database import Database, Letter, glob
 from uwserver_adapters.moos.text.lines import Malformed, Verb, Write, error_line, pair_line, reply_line
-
-if TYPE_CHECKING:
-    from uwserver_adapters.moos.text.adapter import MoosTextAdapter
 
 HELP = """\
 DESIRED_THRUST=40 DESIRED_RUDDER=-5   write variables; quote texts: USM_RESET="x=0,y=0"
@@ -27,22 +27,38 @@ QUIT                                  end the connection
 #7 GET NAV_DEPTH                      a tag comes back in the answer: #7 OK or #7 ERROR code text"""
 
 
+class Host(Protocol):
+    """Whose sessions they are: it has the database and the world."""
+
+    config: MoosTextConfig
+    context: AdapterContext
+    clock: MoosClock
+    database: Database
+
+    def joined(self, session: TextSession) -> None:
+        """A user is there."""
+
+    def left(self, session: TextSession) -> None:
+        """A user went."""
+
+    def call(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
+        """Begin a service call for a user."""
+
+
 class TextSession:
     """One user.
 
     Args:
-        adapter: database and world.
+        host: database and world.
         name: of this user as a client of the database.
         send: takes lines without their end.
         end: ends the connection.
     """
 
-    def __init__(
-        self, adapter: MoosTextAdapter, name: str, send: Callable[[str], None], end: Callable[[], None]
-    ) -> None:
+    def __init__(self, host: Host, name: str, send: Callable[[str], None], end: Callable[[], None]) -> None:
         self.name = name
-        self._adapter = adapter
-        self._database = adapter.database
+        self._host = host
+        self._database = host.database
         self._send = send
         self._end = end
         self._verbs: dict[str, Callable[[Verb], None]] = {
@@ -56,7 +72,7 @@ class TextSession:
         }
         self._heard: set[str] = set()
         self._unanswered = 0
-        adapter.joined(self)
+        host.joined(self)
 
     @property
     def is_owed(self) -> bool:
@@ -65,11 +81,11 @@ class TextSession:
 
     def close(self) -> None:
         """The user went."""
-        self._adapter.left(self)
+        self._host.left(self)
 
     def deliver(self, letter: Letter) -> None:
         """A variable that it hears."""
-        self._adapter.context.stats.samples_sent += 1
+        self._host.context.stats.samples_sent += 1
         self._send(pair_line(letter.message.key, letter.message.value))
 
     def take(self, event: Write | Verb | Malformed) -> None:
@@ -83,11 +99,11 @@ class TextSession:
 
     def refuse(self, code: str, text: str, tag: str = "") -> None:
         """Say what is wrong."""
-        self._adapter.context.stats.errors += 1
+        self._host.context.stats.errors += 1
         self._send(error_line(tag, code, text))
 
     def _write(self, event: Write) -> None:
-        now = self._adapter.clock.now()
+        now = self._host.clock.now()
         is_good = True
         for name, value in event.pairs:
             reason = self._database.write(wire.notify(name, value, now, self.name))
@@ -159,7 +175,7 @@ class TextSession:
             else:
                 self._send(reply_line(event.tag, msgspec.json.encode(said.get("value")).decode()))
 
-        self._adapter.call(event.rest, self.name, answer)
+        self._host.call(event.rest, self.name, answer)
 
     def _help(self, event: Verb) -> None:
         for line in HELP.splitlines():

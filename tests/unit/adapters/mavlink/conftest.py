@@ -290,7 +290,7 @@ class Bench:
 
     @property
     def counters(self) -> Any:
-        return self.hub.vehicle.counters
+        return self.hub.vehicle.bridge.counters
 
     def station(self, system: int = 255, component: int = 190) -> Station:
         return Station(self.hub, system, component)

@@ -122,7 +122,7 @@ async def test_asked_again_while_the_world_stands_still(bench):
 
 async def test_reposition(bench):
     station = bench.station()
-    place = bench.vehicle.home.origin.geodetic(30.0, -20.0)
+    place = bench.vehicle.bridge.home.origin.geodetic(30.0, -20.0)
     x, y = (round(math.degrees(angle) * 1e7) for angle in place)
     assert await station.command_int(192, (-1.0, 1.0, 0.0, 90.0), x, y, -12.0) == ACCEPTED
     assert bench.rov.state["mode"] == "guided"

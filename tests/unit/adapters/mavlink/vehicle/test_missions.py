@@ -36,7 +36,7 @@ async def upload(bench: Any, station: Any, items: list[tuple[Any, ...]], kind: i
 
 
 def place(bench: Any, north: float, east: float) -> tuple[int, int]:
-    return tuple(round(math.degrees(a) * 1e7) for a in bench.vehicle.home.origin.geodetic(north, east))  # type: ignore[return-value]
+    return tuple(round(math.degrees(a) * 1e7) for a in bench.vehicle.bridge.home.origin.geodetic(north, east))  # type: ignore[return-value]
 
 
 async def test_every_supported_item(bench):

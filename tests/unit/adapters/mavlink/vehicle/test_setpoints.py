@@ -64,7 +64,7 @@ def test_a_change_of_depth_as_ground_stations_send_it(guided):
     for mask in (0xFFF8, 0xFF8):
         local(station, mask, frame=7, p=(0.0, 0.0, 2.0))
     gone = [told["p_N"] for told in guided.rov.commanded("position")]
-    x, y, z = guided.vehicle.readings.state().p_N
+    x, y, z = guided.vehicle.bridge.readings.state().p_N
     assert gone == [pytest.approx((x, y, z + 2.0))] * 2
 
 
@@ -106,11 +106,14 @@ async def test_a_set_point_right_after_the_acknowledgement_of_its_mode(bench):
     local(station, POSITION, p=(3, 4, 6))
     assert len(bench.rov.commanded("position")) == 1
     assert await station.command(400, 1.0) == 0
-    assert bench.vehicle.readings.state().armed
+    assert bench.vehicle.bridge.readings.state().armed
     bench.rov.state |= {"mode": "manual", "armed": False}
     bench.rov.state_of = None
     bench.run(0.1)
-    assert (bench.vehicle.readings.state().mode, bench.vehicle.readings.state().armed) == ("manual", False)
+    assert (bench.vehicle.bridge.readings.state().mode, bench.vehicle.bridge.readings.state().armed) == (
+        "manual",
+        False,
+    )
     local(station, POSITION, p=(3, 4, 6))
     assert len(bench.rov.commanded("position")) == 1
 
@@ -126,7 +129,7 @@ def geodetic(station, mask, frame, lat, lon, alt):
 
 
 def test_geodetic_positions(guided):
-    home = guided.vehicle.home.origin
+    home = guided.vehicle.bridge.home.origin
     lat, lon = (round(math.degrees(a) * 1e7) for a in home.geodetic(100.0, -50.0))
     geodetic(guided.station(), POSITION, 6, lat, lon, -7.5)
     assert guided.rov.commanded("position")[-1]["p_N"] == pytest.approx((100.0, -50.0, 7.5), abs=0.02)

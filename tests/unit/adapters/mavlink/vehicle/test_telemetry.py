@@ -65,7 +65,7 @@ def test_units(told, name):
 
 
 def test_geodetic_place(bench, told):
-    latitude, longitude = bench.vehicle.home.origin.geodetic(1.0, 2.0)
+    latitude, longitude = bench.vehicle.bridge.home.origin.geodetic(1.0, 2.0)
     message = told.last("GLOBAL_POSITION_INT")
     assert (message.lat, message.lon) == (round(math.degrees(latitude) * 1e7), round(math.degrees(longitude) * 1e7))
     assert message.time_boot_ms <= 2000
@@ -82,7 +82,7 @@ def test_places_there_and_back(lat, lon):
 def test_the_place_is_that_of_the_world(bench):
     from uwserver.environment.geodesy import latitude_longitude
 
-    origin = bench.vehicle.home.origin
+    origin = bench.vehicle.bridge.home.origin
     there = latitude_longitude(5000.0, -3000.0, origin.latitude, origin.longitude)
     assert origin.geodetic(5000.0, -3000.0) == pytest.approx(there, abs=1e-14)
 
