@@ -65,7 +65,7 @@ class ArduSub:
         self._beat_at = -HEARTBEAT_S
         trial = context.ports.get(f"{name}/autopilot/test")
         motors, patience_s = (trial.fields[0].size, trial.timeout_s or 0.0) if trial is not None else (0, 0.0)
-        identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name))
+        identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name), dialect.numbers)
         given = {"MAV_SYSID": config.system, "FRAME_CONFIG": identity.frame, **wired(motors), **config.parameters}
         self.parameters = Parameters(given)
         self.bridge = bridge = Bridge(context, name, Home(config.origin_deg), dialect, send)

@@ -14,8 +14,8 @@ from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import microseconds
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields
 
-EMERGENCY, CRITICAL, ERROR, WARNING, NOTICE, INFO = 0, 2, 3, 4, 5, 6
-"""Severities of STATUSTEXT."""
+CRITICAL, ERROR, WARNING = "MAV_SEVERITY_CRITICAL", "MAV_SEVERITY_ERROR", "MAV_SEVERITY_WARNING"
+NOTICE, INFO = "MAV_SEVERITY_NOTICE", "MAV_SEVERITY_INFO"
 _TEXT = 50
 """Characters of one STATUSTEXT; a longer text comes in pieces."""
 _LONGEST_TEXT = 4 * _TEXT
@@ -53,7 +53,7 @@ class Bridge:
         self.counters: Counter[str] = Counter()
         self._text_id = 0
 
-    def tell(self, severity: int, text: str) -> None:
+    def tell(self, severity: str, text: str) -> None:
         """STATUSTEXT to all."""
         data = text.encode("ascii", "replace")[:_LONGEST_TEXT]
         pieces = [data[k : k + _TEXT] for k in range(0, len(data), _TEXT)] or [b""]

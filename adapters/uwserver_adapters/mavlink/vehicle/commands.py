@@ -5,49 +5,51 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from uwserver_adapters.mavlink.vehicle.arming import Arming
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, NOTICE, WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.home import Place, place_of_e7
 from uwserver_adapters.mavlink.vehicle.missions import Missions
-from uwserver_adapters.mavlink.vehicle.modes import BY_NUMBER, GUIDED, POSHOLD, SURFACE, Mode
+from uwserver_adapters.mavlink.vehicle.modes import BY_ENTRY, GUIDED, POSHOLD, SURFACE, Mode
 from uwserver_adapters.mavlink.vehicle.outputs import Outputs
 from uwserver_adapters.mavlink.vehicle.payload import Payload
-from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, SetPoints
+from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, RELATIVE_ALTITUDE, SetPoints
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
-from uwserver_adapters.mavlink.wire.dialect import Message
+from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, UNSUPPORTED_FRAME = 0, 2, 3, 4, 5, 8
-"""MAV_RESULT."""
+ACCEPTED, DENIED, FAILED = "MAV_RESULT_ACCEPTED", "MAV_RESULT_DENIED", "MAV_RESULT_FAILED"
+UNSUPPORTED, IN_PROGRESS = "MAV_RESULT_UNSUPPORTED", "MAV_RESULT_IN_PROGRESS"
+UNSUPPORTED_FRAME = 8
+"""Of MAV_RESULT; the dialect has no name that says so."""
 FORCE = 21196
 """Parameter 2 of ARM_DISARM."""
-_CUSTOM = 1
-_PERCENT, _PWM = 0, 1
-_BOARD_ORDER = 2
-"""Of DO_MOTOR_TEST: kinds of throttle, and motors counted as the outputs are."""
 _WAITING = 32
 """Commands that may wait for the world."""
+
+
+Result = int | str
+"""An entry of MAV_RESULT."""
 
 
 class Request(Struct, frozen=True):
     """A command.
 
     Attributes:
-        command: its number.
+        command: which.
         p: parameters 1 to 7 at 1 to 7; 5 and 6 are 1e-7 degrees in a COMMAND_INT.
         is_int: it came as COMMAND_INT.
-        frame: of its place.
+        frame: name of the frame of its place.
         channel: on which it came.
         peer: who sent it.
     """
 
-    command: int
+    command: Entry
     p: tuple[float, ...]
     is_int: bool
-    frame: int
+    frame: str
     channel: Channel
     peer: tuple[int, int]
 
@@ -88,31 +90,34 @@ class Commands:
         self._setpoints = setpoints
         self._outputs = outputs
         self._payload = payload
-        self._waiting: set[tuple[int, tuple[int, int]]] = set()
-        self._verbs: Mapping[int, Callable[[Request], int | None]] = {
-            400: self._arm,
-            176: self._set_mode,
-            511: self._set_interval,
-            510: self._get_interval,
-            512: self._request_message,
-            520: lambda request: self._give("AUTOPILOT_VERSION", request),
-            410: lambda request: self._give("HOME_POSITION", request),
-            179: self._set_home,
-            192: self._reposition,
-            178: self._change_speed,
-            115: self._turn,
-            209: self._motor_test,
-            183: self._set_servo,
-            17: lambda request: self._enter(POSHOLD, request),
-            21: lambda request: self._enter(SURFACE, request),
-            300: self._start_mission,
-            224: lambda request: ACCEPTED if missions.set_current(request.whole(1)) else FAILED,
-            185: self._terminate,
-            203: lambda _: ACCEPTED,  # a picture; there is no camera
-            205: self._point_camera,
-            241: self._calibrate,
-            246: self._reboot,
-            42428: self._banner,
+        self._numbers = bridge.dialect.numbers
+        self._waiting: set[tuple[Entry, tuple[int, int]]] = set()
+        self._verbs: Mapping[str, Callable[[Request], Result | None]] = {
+            "MAV_CMD_COMPONENT_ARM_DISARM": self._arm,
+            "MAV_CMD_DO_SET_MODE": self._set_mode,
+            "MAV_CMD_SET_MESSAGE_INTERVAL": self._set_interval,
+            "MAV_CMD_GET_MESSAGE_INTERVAL": self._get_interval,
+            "MAV_CMD_REQUEST_MESSAGE": self._request_message,
+            "MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES": lambda request: self._give("AUTOPILOT_VERSION", request),
+            "MAV_CMD_GET_HOME_POSITION": lambda request: self._give("HOME_POSITION", request),
+            "MAV_CMD_DO_SET_HOME": self._set_home,
+            "MAV_CMD_DO_REPOSITION": self._reposition,
+            "MAV_CMD_DO_CHANGE_SPEED": self._change_speed,
+            "MAV_CMD_CONDITION_YAW": self._turn,
+            "MAV_CMD_DO_MOTOR_TEST": self._motor_test,
+            "MAV_CMD_DO_SET_SERVO": self._set_servo,
+            "MAV_CMD_NAV_LOITER_UNLIM": lambda request: self._enter(POSHOLD, request),
+            "MAV_CMD_NAV_LAND": lambda request: self._enter(SURFACE, request),
+            "MAV_CMD_MISSION_START": self._start_mission,
+            "MAV_CMD_DO_SET_MISSION_CURRENT": lambda request: (
+                ACCEPTED if missions.set_current(request.whole(1)) else FAILED
+            ),
+            "MAV_CMD_DO_FLIGHTTERMINATION": self._terminate,
+            "MAV_CMD_DO_DIGICAM_CONTROL": lambda _: ACCEPTED,  # a picture; there is no camera
+            "MAV_CMD_DO_MOUNT_CONTROL": self._point_camera,
+            "MAV_CMD_PREFLIGHT_CALIBRATION": self._calibrate,
+            "MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN": self._reboot,
+            "MAV_CMD_DO_SEND_BANNER": self._banner,
         }
 
     def take(self, message: Message, channel: Channel) -> None:
@@ -126,17 +131,17 @@ class Commands:
             *(("x", "y", "z") if is_int else ("param5", "param6", "param7")),
         )
         request = Request(
-            message.whole("command"),
+            message.entry("command"),
             (math.nan, *(message.number(name) for name in names)),
             is_int,
-            message.whole("frame") if is_int else 3,
+            message.entry("frame").name if is_int else RELATIVE_ALTITUDE,
             channel,
             (message.system, message.component),
         )
-        verb = self._verbs.get(request.command)
+        verb = self._verbs.get(request.command.name)
         key = (request.command, request.peer)
         if verb is None:
-            result: int | None = UNSUPPORTED
+            result: Result | None = UNSUPPORTED
         elif key in self._waiting:
             result = IN_PROGRESS  # asked again before the world has answered
         elif len(self._waiting) >= _WAITING:
@@ -146,11 +151,16 @@ class Commands:
         if result is not None:
             self._acknowledge(request, result)
 
-    def _acknowledge(self, request: Request, result: int) -> None:
+    def _acknowledge(self, request: Request, result: Result) -> None:
         if result not in (ACCEPTED, IN_PROGRESS):
             self._bridge.counters["refused"] += 1
         system, component = request.peer
-        fields = {"command": request.command, "result": result, "target_system": system, "target_component": component}
+        fields: Fields = {
+            "command": request.command.number,
+            "result": result,
+            "target_system": system,
+            "target_component": component,
+        }
         self._bridge.send("COMMAND_ACK", fields, request.channel)
 
     def _later(self, request: Request, prefix: str) -> Callable[[str], None]:
@@ -168,7 +178,7 @@ class Commands:
 
     # -- state ------------------------------------------------------------------------------------------------------------------------
 
-    def _arm(self, request: Request) -> int | None:
+    def _arm(self, request: Request) -> Result | None:
         if request.p[1] == 1.0:
             self._arming.arm(request.p[2] == FORCE, self._later(request, "Arm"))
         elif request.p[1] == 0.0:
@@ -177,10 +187,10 @@ class Commands:
             return UNSUPPORTED
         return None
 
-    def _set_mode(self, request: Request) -> int | None:
-        if not request.whole(1) & _CUSTOM:
+    def _set_mode(self, request: Request) -> Result | None:
+        if not request.whole(1) & self._numbers["MAV_MODE_FLAG_CUSTOM_MODE_ENABLED"]:
             return DENIED
-        mode = BY_NUMBER.get(request.whole(2))
+        mode = BY_ENTRY.get(self._bridge.dialect.name("SUB_MODE", request.whole(2)))
         if mode is None:
             self._bridge.tell(WARNING, f"Mode {request.whole(2)} is not supported")
             return FAILED
@@ -191,29 +201,30 @@ class Commands:
         """SET_MODE, which is acknowledged by its own number."""
         peer = (message.system, message.component)
         values = (math.nan, message.number("base_mode"), message.number("custom_mode"), *(0.0,) * 5)
-        request = Request(11, values, False, 3, channel, peer)
+        command = Entry(self._bridge.dialect.by_name["SET_MODE"].id, "")
+        request = Request(command, values, False, RELATIVE_ALTITUDE, channel, peer)
         result = self._set_mode(request)
         if result is not None:
             self._acknowledge(request, result)
 
-    def _enter(self, mode: Mode, request: Request) -> int | None:
+    def _enter(self, mode: Mode, request: Request) -> Result | None:
         self._bridge.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
         return None
 
-    def _start_mission(self, request: Request) -> int | None:
+    def _start_mission(self, request: Request) -> Result | None:
         if not self._bridge.readings.state().armed:
             self._bridge.tell(WARNING, "Mission: arm first")
             return FAILED
         self._missions.start(self._later(request, "Mission"))
         return None
 
-    def _terminate(self, request: Request) -> int | None:
+    def _terminate(self, request: Request) -> Result | None:
         if request.p[1] <= 0.5 or math.isnan(request.p[1]):
             return FAILED
         self._arming.disarm(self._later(request, "Termination"))
         return None
 
-    def _reboot(self, request: Request) -> int:
+    def _reboot(self, request: Request) -> Result:
         """There is no board to start anew: nothing would change."""
         if request.whole(1) <= 0:
             return UNSUPPORTED
@@ -224,12 +235,8 @@ class Commands:
 
     # -- messages ---------------------------------------------------------------------------------------------------------------------
 
-    def _message_name(self, number: int) -> str:
-        layout = self._bridge.dialect.by_id.get(number)
-        return layout.name if layout is not None else ""
-
-    def _set_interval(self, request: Request) -> int:
-        name = self._message_name(request.whole(1))
+    def _set_interval(self, request: Request) -> Result:
+        name = self._bridge.dialect.message_name(request.whole(1))
         if name not in self._telemetry.names:
             return FAILED
         interval_us = request.p[2]
@@ -238,23 +245,23 @@ class Commands:
         request.channel.streams.set_interval(name, None if interval_us == 0.0 else interval_us * 1e-6)
         return ACCEPTED
 
-    def _get_interval(self, request: Request) -> int:
-        name = self._message_name(request.whole(1))
+    def _get_interval(self, request: Request) -> Result:
+        name = self._bridge.dialect.message_name(request.whole(1))
         interval = 0 if name not in self._telemetry.names else request.channel.streams.interval_ns(name) // 1000 or -1
         self._bridge.send(
             "MESSAGE_INTERVAL", {"message_id": request.whole(1), "interval_us": interval}, request.channel
         )
         return ACCEPTED if interval else FAILED
 
-    def _request_message(self, request: Request) -> int:
+    def _request_message(self, request: Request) -> Result:
         number = request.whole(1)
-        if number == 244:  # MESSAGE_INTERVAL, of the message in parameter 2
-            return self._get_interval(Request(510, (math.nan, request.p[2]), False, 0, request.channel, request.peer))
-        name = self._message_name(number)
+        name = self._bridge.dialect.message_name(number)
+        if name == "MESSAGE_INTERVAL":  # of the message in parameter 2
+            return self._get_interval(structs.replace(request, p=(math.nan, request.p[2])))
         # QGroundControl asks for one mode after the other, each when it has the last, and for ever when it is given all.
         return self._give(name, request, only=request.whole(2) if name == "AVAILABLE_MODES" else 0)
 
-    def _give(self, name: str, request: Request, only: int = 0) -> int:
+    def _give(self, name: str, request: Request, only: int = 0) -> Result:
         """Send a message; of several that belong together only one, counted from 1, or with 0 all."""
         if name not in self._telemetry.names:
             return FAILED
@@ -264,14 +271,14 @@ class Commands:
         request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
         return ACCEPTED if messages else FAILED
 
-    def _banner(self, _: Request) -> int:
+    def _banner(self, _: Request) -> Result:
         for line in self._telemetry.identity.banner:
             self._bridge.tell(INFO, line)
         return ACCEPTED
 
     # -- places and ways --------------------------------------------------------------------------------------------------------------
 
-    def _set_home(self, request: Request) -> int:
+    def _set_home(self, request: Request) -> Result:
         bridge, state = self._bridge, self._bridge.readings.state()
         place: Place | None
         if request.p[1] == 1.0:
@@ -286,7 +293,7 @@ class Commands:
         bridge.tell_home()
         return ACCEPTED
 
-    def _reposition(self, request: Request) -> int | None:
+    def _reposition(self, request: Request) -> Result | None:
         """Go there, in GUIDED; only as COMMAND_INT, as a float holds latitudes to a metre only."""
         if not request.is_int:
             return UNSUPPORTED
@@ -298,7 +305,10 @@ class Commands:
         if point is None or not math.isfinite(z):
             bridge.tell(WARNING, "Reposition: the origin is not known, or there is no such place")
             return DENIED
-        if not request.whole(2) & 1 and bridge.readings.state().mode != GUIDED.autopilot:
+        if (
+            not request.whole(2) & self._numbers["MAV_DO_REPOSITION_FLAGS_CHANGE_MODE"]
+            and bridge.readings.state().mode != GUIDED.autopilot
+        ):
             return DENIED  # the sender does not ask for the change of mode
         finish = self._later(request, "Reposition")
         value: dict[str, object] = {"p_N": list(point)}
@@ -314,14 +324,14 @@ class Commands:
         bridge.set_mode(GUIDED, go)
         return None
 
-    def _change_speed(self, request: Request) -> int | None:
+    def _change_speed(self, request: Request) -> Result | None:
         speed = request.p[2]
         if not math.isfinite(speed) or not 0.0 < speed <= 20.0:
             return FAILED
         self._bridge.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, self._later(request, "Speed"))
         return None
 
-    def _turn(self, request: Request) -> int | None:
+    def _turn(self, request: Request) -> Result | None:
         angle, direction, is_relative = from_degrees(request.p[1]), request.p[3], request.p[4] == 1.0
         if not math.isfinite(angle):
             return DENIED
@@ -331,16 +341,17 @@ class Commands:
 
     # -- hardware ---------------------------------------------------------------------------------------------------------------------
 
-    def _motor_test(self, request: Request) -> int:
+    def _motor_test(self, request: Request) -> Result:
         """As ArduSub: one motor more at each command, and without one for half a second the vehicle disarms."""
-        kind, throttle = request.whole(2), request.p[3]
+        kind, throttle, numbers = request.whole(2), request.p[3], self._numbers
+        percent, pwm = numbers["MOTOR_TEST_THROTTLE_PERCENT"], numbers["MOTOR_TEST_THROTTLE_PWM"]
         if not self._bridge.readings.state().armed:
             return self._refuse("Arm motors before testing motors.")
-        if request.p[6] != _BOARD_ORDER:
+        if request.p[6] != numbers["MOTOR_TEST_ORDER_BOARD"]:
             return self._refuse(f"Motor test: bad test type {request.p[6]:g}")
-        if kind not in (_PERCENT, _PWM) or not math.isfinite(throttle):
+        if kind not in (percent, pwm) or not math.isfinite(throttle):
             return self._refuse(f"Motor test: bad throttle type {kind}")
-        if kind == _PERCENT:
+        if kind == percent:
             throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
         deflections = self._outputs.test(request.whole(1), throttle, seconds(self._bridge.readings.t_ns))
         if deflections is None:
@@ -354,22 +365,22 @@ class Commands:
         self._bridge.autopilot.command("test", {"outputs": deflections}, done)
         return ACCEPTED
 
-    def _refuse(self, text: str) -> int:
+    def _refuse(self, text: str) -> Result:
         self._bridge.tell(WARNING, text)
         return FAILED
 
-    def _set_servo(self, request: Request) -> int:
+    def _set_servo(self, request: Request) -> Result:
         pulse_us = request.p[2]
         return ACCEPTED if math.isfinite(pulse_us) and self._outputs.set_servo(request.whole(1), pulse_us) else FAILED
 
-    def _point_camera(self, request: Request) -> int:
+    def _point_camera(self, request: Request) -> Result:
         tilt, pan = request.p[1], request.p[3]
         if not (math.isfinite(tilt) and math.isfinite(pan)):
             return DENIED
         self._payload.point(tilt, pan)
         return ACCEPTED
 
-    def _calibrate(self, _: Request) -> int:
+    def _calibrate(self, _: Request) -> Result:
         if self._bridge.readings.state().armed:
             self._bridge.tell(WARNING, "Disarm to allow calibration")
             return FAILED

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from uwserver_adapters.mavlink.vehicle.modes import MODES
 from uwserver_adapters.mavlink.wire.dialect import Fields
 
-SUBMARINE = 12
-"""MAV_TYPE."""
 VERSION = (4, 5, 0)
 """Of ArduSub, whose protocol this is."""
 _OFFICIAL = 255
-MISSION_FLOAT, PARAM_FLOAT, MISSION_INT, COMMAND_INT, FTP = 1, 2, 4, 8, 32
-SET_ATTITUDE, SET_LOCAL, SET_GLOBAL, TERMINATION, MAVLINK2 = 64, 128, 256, 2048, 8192
 FRAMES = {6: (1, "VECTORED"), 8: (2, "VECTORED_6DOF")}
 """FRAME_CONFIG and name of ArduSub's frame with so many thrusters."""
 CUSTOM_FRAME = (7, "CUSTOM")
 CAPABILITIES = (
-    MISSION_FLOAT | PARAM_FLOAT | MISSION_INT | COMMAND_INT | FTP | SET_ATTITUDE | SET_LOCAL | SET_GLOBAL | TERMINATION | MAVLINK2
+    "MISSION_FLOAT", "PARAM_FLOAT", "MISSION_INT", "COMMAND_INT", "FTP", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT", "FLIGHT_TERMINATION", "MAVLINK2",
 )  # fmt: skip
-"""Bits of MAV_PROTOCOL_CAPABILITY; neither fence nor rally points."""
+"""Of MAV_PROTOCOL_CAPABILITY; neither fence nor rally points."""
 
 
 class Identity:
@@ -29,16 +26,16 @@ class Identity:
     Args:
         server: name and version of the server, for the banner.
         thrusters: how many the vehicle has.
+        numbers: of the dialect's names.
 
     Attributes:
-        type: MAV_TYPE of the heartbeat.
         frame: FRAME_CONFIG.
     """
 
-    def __init__(self, server: str, thrusters: int) -> None:
-        self.type = SUBMARINE
+    def __init__(self, server: str, thrusters: int, numbers: Mapping[str, int]) -> None:
         self.frame, self._frame_name = FRAMES.get(thrusters, CUSTOM_FRAME)
         self._server = server
+        self._numbers = numbers
 
     @property
     def banner(self) -> Sequence[str]:
@@ -49,7 +46,7 @@ class Identity:
         """Fields of AUTOPILOT_VERSION."""
         major, minor, patch = VERSION
         return {
-            "capabilities": CAPABILITIES,
+            "capabilities": sum(self._numbers[f"MAV_PROTOCOL_CAPABILITY_{name}"] for name in CAPABILITIES),
             "flight_sw_version": major << 24 | minor << 16 | patch << 8 | _OFFICIAL,
             "flight_custom_version": tuple(b"uwserver"),
         }
@@ -61,7 +58,7 @@ class Identity:
             {
                 "number_modes": len(MODES),
                 "mode_index": index,
-                "custom_mode": mode.number,
+                "custom_mode": self._numbers[mode.entry],
                 "mode_name": mode.name,
             }
             for index, mode in enumerate(MODES, 1)

@@ -121,8 +121,8 @@ class Instruments:
             "min_distance": 0,
             "max_distance": 0xFFFF - 1,
             "current_distance": altitude * 1e2,
-            "type": 1,  # sound
-            "orientation": 25,  # down
+            "type": "MAV_DISTANCE_SENSOR_ULTRASOUND",
+            "orientation": "MAV_SENSOR_ROTATION_PITCH_270",  # down
             "signal_quality": 0 if confidence is None else 1 + 99 * confidence,
         }
 
@@ -140,5 +140,5 @@ class Instruments:
             "current_consumed": -1,
             "energy_consumed": -1 if energy is None else energy / 100.0,  # hJ
             "battery_remaining": -1 if charge is None else charge * 1e2,
-            "charge_state": 1,
+            "charge_state": "MAV_BATTERY_CHARGE_STATE_OK",
         }

@@ -29,11 +29,11 @@ from uwserver_adapters.mavlink.vehicle.mission_items import (
 from uwserver_adapters.mavlink.vehicle.modes import GUIDED
 from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
 from uwserver_adapters.mavlink.wire.channel import Channel
-from uwserver_adapters.mavlink.wire.dialect import Fields, Message
+from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
 
 ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
 """Wall time after which an item that does not come is asked for again, and the upload is given up."""
-FENCE, RALLY, ALL = 1, 2, 255
+MISSION, FENCE, RALLY = "MAV_MISSION_TYPE_MISSION", "MAV_MISSION_TYPE_FENCE", "MAV_MISSION_TYPE_RALLY"
 GO_THERE, GO_TO_HEIGHT = 2, 3
 """Values of `current` of items that belong to no mission."""
 
@@ -44,7 +44,7 @@ class Upload(Struct):
     channel: Channel
     peer: tuple[int, int]
     count: int
-    kind: int
+    kind: Entry
     items: list[Item]
     asked_at: float
     heard_at: float
@@ -73,11 +73,15 @@ class Missions:
         state = self._bridge.readings.state()
         total = max(0, len(self._items) - 1)
         if not total:
-            return {"seq": 0, "total": 0xFFFF, "mission_state": 1}
+            return {"seq": 0, "total": 0xFFFF, "mission_state": "MISSION_STATE_NO_MISSION"}
         is_on = state.mode == "mission" and state.mission_index >= 0
         is_done = state.mission_count > 0 and state.reached >= state.mission_count
-        mission_state = 3 if is_on else 5 if is_done else 2
-        return {"seq": self._number(state.mission_index), "total": total, "mission_state": mission_state}
+        mission_state = "ACTIVE" if is_on else "COMPLETE" if is_done else "NOT_STARTED"
+        return {
+            "seq": self._number(state.mission_index),
+            "total": total,
+            "mission_state": f"MISSION_STATE_{mission_state}",
+        }
 
     def _number(self, index: int) -> int:
         if 0 <= index < len(self._numbers):
@@ -106,11 +110,12 @@ class Missions:
 
     def begin_upload(self, message: Message, channel: Channel, now: float) -> None:
         """MISSION_COUNT: somebody wants to upload."""
-        peer, kind, count = (message.system, message.component), message.whole("mission_type"), message.whole("count")
+        peer, kind, count = (message.system, message.component), message.entry("mission_type"), message.whole("count")
         if self._upload is not None and self._upload.peer != peer:
             self._acknowledge(channel, peer, kind, DENIED)
-        elif kind in (FENCE, RALLY) or kind > RALLY:
-            self._acknowledge(channel, peer, kind, UNSUPPORTED if count or kind > RALLY else ACCEPTED)
+        elif kind.name != MISSION:
+            is_none = not count and kind.name in (FENCE, RALLY)
+            self._acknowledge(channel, peer, kind, ACCEPTED if is_none else UNSUPPORTED)
         elif count > LARGEST:
             self._bridge.tell(WARNING, f"Mission of {count} items: at most {LARGEST}")
             self._acknowledge(channel, peer, kind, NO_SPACE)
@@ -127,7 +132,7 @@ class Missions:
             return
         upload, peer = self._upload, (message.system, message.component)
         if upload is None or upload.peer != peer:
-            self._acknowledge(channel, peer, message.whole("mission_type"), INVALID_SEQUENCE if upload is None else DENIED)  # fmt: skip
+            self._acknowledge(channel, peer, message.entry("mission_type"), INVALID_SEQUENCE if upload is None else DENIED)  # fmt: skip
             return
         upload.heard_at = now
         seq = message.whole("seq")
@@ -151,14 +156,14 @@ class Missions:
     def _go(self, message: Message, channel: Channel) -> None:
         """Go there at once, in GUIDED, or keep the place and go to its height: ArduPilot's way, which QGroundControl takes with submarines."""
         bridge, peer = self._bridge, (message.system, message.component)
-        state = bridge.readings.state()
+        state, kind = bridge.readings.state(), bridge.dialect.entry(MISSION)
         try:
             item = item_of(message)
             point = place_of(item, bridge.home)
         except BadItem as reason:
             bridge.counters["refused"] += 1
             bridge.tell(WARNING, str(reason))
-            self._acknowledge(channel, peer, 0, reason.result)
+            self._acknowledge(channel, peer, kind, reason.result)
             return
         here = point if message.whole("current") == GO_THERE else state.p_ref_N or state.p_N
 
@@ -166,9 +171,9 @@ class Missions:
             if reason:
                 bridge.counters["refused"] += 1
                 bridge.tell(WARNING, f"Go there: {reason}")
-            self._acknowledge(channel, peer, 0, ERROR if reason else ACCEPTED)
+            self._acknowledge(channel, peer, kind, ERROR if reason else ACCEPTED)
 
-        if item.command != WAYPOINT or state.mode != GUIDED.autopilot:
+        if item.command.name != WAYPOINT or state.mode != GUIDED.autopilot:
             done("only in GUIDED, to a waypoint")
         elif here is None:
             done("the position is not known")
@@ -186,7 +191,7 @@ class Missions:
             if reason:
                 self._bridge.tell(WARNING, f"Mission refused: {reason}")
             else:
-                if any(item.command == TAKEOFF for item in upload.items):
+                if any(item.command.name == TAKEOFF for item in upload.items):
                     self._bridge.tell(INFO, "Mission: the take-off is left out")
                 self._items, self._numbers, self._known_count = upload.items, numbers, len(items)
                 self._reached, self._start_at = 0, 0
@@ -205,24 +210,24 @@ class Missions:
 
     def _ask(self, upload: Upload, now: float) -> None:
         upload.asked_at = now
-        fields = {**_to(upload.peer), "seq": len(upload.items), "mission_type": upload.kind}
+        fields = {**_to(upload.peer), "seq": len(upload.items), "mission_type": upload.kind.number}
         self._bridge.send("MISSION_REQUEST_INT", fields, upload.channel)
 
-    def _end(self, upload: Upload, result: int) -> None:
+    def _end(self, upload: Upload, result: str) -> None:
         if self._upload is upload:
             self._upload = None
         self._acknowledge(upload.channel, upload.peer, upload.kind, result)
 
-    def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: int, result: int) -> None:
-        self._bridge.send("MISSION_ACK", {**_to(peer), "type": result, "mission_type": kind}, channel)
+    def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: Entry, result: str) -> None:
+        self._bridge.send("MISSION_ACK", {**_to(peer), "type": result, "mission_type": kind.number}, channel)
 
     # -- download and the rest --------------------------------------------------------------------------------------------------------
 
     def tell_count(self, message: Message, channel: Channel) -> None:
         """MISSION_REQUEST_LIST: somebody wants to download."""
-        peer, kind = (message.system, message.component), message.whole("mission_type")
-        if kind != 0:
-            self._bridge.send("MISSION_COUNT", {**_to(peer), "count": 0, "mission_type": kind}, channel)
+        peer, kind = (message.system, message.component), message.entry("mission_type")
+        if kind.name != MISSION:
+            self._bridge.send("MISSION_COUNT", {**_to(peer), "count": 0, "mission_type": kind.number}, channel)
             return
 
         def tell(_: str) -> None:
@@ -237,14 +242,14 @@ class Missions:
         """The mission has been changed by somebody else."""
         items = result.get("items") if isinstance(result, dict) else None
         if isinstance(items, list):
-            self._items = untranslated(items, self._bridge.home) if items else []
+            self._items = untranslated(items, self._bridge.home, self._bridge.dialect.entry) if items else []
             self._numbers = [item.seq for item in self._items[1:]]
             self._known_count = len(items)
 
     def tell_item(self, message: Message, channel: Channel) -> None:
         """MISSION_REQUEST_INT or MISSION_REQUEST: one item, with a place in integers or, for the older, in floats."""
-        peer, kind, seq = (message.system, message.component), message.whole("mission_type"), message.whole("seq")
-        if kind != 0 or seq >= len(self._items):
+        peer, kind, seq = (message.system, message.component), message.entry("mission_type"), message.whole("seq")
+        if kind.name != MISSION or seq >= len(self._items):
             self._acknowledge(channel, peer, kind, INVALID_SEQUENCE)
             return
         fields: dict[str, int | float] = {**_to(peer), **self._items[seq].fields()}
@@ -252,19 +257,19 @@ class Missions:
         if message.name == "MISSION_REQUEST_INT":
             self._bridge.send("MISSION_ITEM_INT", {**fields, "current": int(is_current)}, channel)
             return
-        scale = 1e-4 if fields["frame"] == LOCAL_NED else 1e-7
+        scale = 1e-4 if self._items[seq].frame.name == LOCAL_NED else 1e-7
         fields |= {"x": fields["x"] * scale, "y": fields["y"] * scale, "current": int(is_current)}
         self._bridge.send("MISSION_ITEM", fields, channel)
 
     def clear(self, message: Message, channel: Channel) -> None:
         """MISSION_CLEAR_ALL."""
-        peer, kind = (message.system, message.component), message.whole("mission_type")
-        if kind in (FENCE, RALLY):
+        peer, kind = (message.system, message.component), message.entry("mission_type")
+        if kind.name in (FENCE, RALLY):
             self._acknowledge(channel, peer, kind, ACCEPTED)
         else:
             self._clear(channel, peer, kind)
 
-    def _clear(self, channel: Channel, peer: tuple[int, int], kind: int) -> None:
+    def _clear(self, channel: Channel, peer: tuple[int, int], kind: Entry) -> None:
         def done(reason: str) -> None:
             if not reason:
                 self._items, self._numbers, self._known_count, self._reached, self._start_at = [], [], 0, 0, 0

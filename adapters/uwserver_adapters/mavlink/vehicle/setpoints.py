@@ -12,10 +12,15 @@ from uwserver_adapters.mavlink.wire.dialect import Message
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, NO_YAW, NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x400, 0x800
 """Bits of the type mask: what is not meant. 0x200, that the acceleration is a force, means nothing without one, and ground stations set it."""
-LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD = 1, 7, 8, 9, 12
-_FROM_HERE = (LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD)
-_TURNED = (BODY_NED, BODY_OFFSET_NED, BODY_FRD)
-GLOBAL_FRAMES = {0: False, 5: False, 3: True, 6: True}
+LOCAL_NED, RELATIVE_ALTITUDE = "MAV_FRAME_LOCAL_NED", "MAV_FRAME_GLOBAL_RELATIVE_ALT"
+_TURNED = ("MAV_FRAME_BODY_NED", "MAV_FRAME_BODY_OFFSET_NED", "MAV_FRAME_BODY_FRD")
+_FROM_HERE = ("MAV_FRAME_LOCAL_OFFSET_NED", *_TURNED)
+GLOBAL_FRAMES = {
+    "MAV_FRAME_GLOBAL": False,
+    "MAV_FRAME_GLOBAL_INT": False,
+    RELATIVE_ALTITUDE: True,
+    "MAV_FRAME_GLOBAL_RELATIVE_ALT_INT": True,
+}
 """Frames with latitude and longitude -> whether the altitude is above home."""
 _NO_ATTITUDE, _NO_THROTTLE, _NO_RATES = 0x80, 0x40, 0x7
 
@@ -33,10 +38,10 @@ class SetPoints:
 
     def local(self, message: Message) -> None:
         """SET_POSITION_TARGET_LOCAL_NED, in GUIDED."""
-        frame, mask = message.whole("coordinate_frame"), message.whole("type_mask")
+        frame, mask = message.entry("coordinate_frame").name, message.whole("type_mask")
         state = self._bridge.readings.state()
         if frame != LOCAL_NED and frame not in _FROM_HERE:
-            return self._refuse(f"set point in frame {frame} is not supported")
+            return self._refuse(f"set point in frame {message.whole('coordinate_frame')} is not supported")
         yaw = rpy_from_quat(state.q_NB)[2] if state.q_NB is not None else 0.0
         p, v = _row(message, "x", "y", "z"), _row(message, "vx", "vy", "vz")
         if frame in _TURNED:
@@ -49,10 +54,10 @@ class SetPoints:
 
     def geodetic(self, message: Message) -> None:
         """SET_POSITION_TARGET_GLOBAL_INT, in GUIDED; in ALT_HOLD its altitude is the depth to hold."""
-        frame, mask = message.whole("coordinate_frame"), message.whole("type_mask")
+        frame, mask = message.entry("coordinate_frame").name, message.whole("type_mask")
         home, state = self._bridge.home, self._bridge.readings.state()
         if frame not in GLOBAL_FRAMES:
-            return self._refuse(f"set point in frame {frame} is not supported")
+            return self._refuse(f"set point in frame {message.whole('coordinate_frame')} is not supported")
         altitude = message.number("alt")
         if shown(state.mode) is ALT_HOLD and not mask & 0x4:
             if not math.isfinite(altitude):

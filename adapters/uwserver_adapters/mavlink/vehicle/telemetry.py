@@ -16,6 +16,7 @@ from uwserver_adapters.mavlink.vehicle.outputs import Outputs
 from uwserver_adapters.mavlink.vehicle.payload import TILT_LIMIT_DEG, Payload
 from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 from uwserver_adapters.mavlink.vehicle.readings import Readings, State
+from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
 from uwserver_adapters.mavlink.wire.codec import (
     compass_centidegrees,
     degrees,
@@ -31,7 +32,6 @@ Builder = Callable[[], "Fields | Sequence[Fields] | None"]
 
 ARMED, CUSTOM, STABILIZED, GUIDED, MANUAL = 128, 1, 16, 8, 64
 """Bits of base_mode."""
-STANDBY, ACTIVE, CRITICAL = 3, 4, 5
 GYRO, ACCELEROMETER, MAGNETOMETER, ABSOLUTE_PRESSURE, GPS = 1, 2, 4, 8, 32
 RATE_CONTROL, ATTITUDE_CONTROL, YAW_CONTROL, Z_CONTROL, XY_CONTROL = 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14
 OUTPUTS, AHRS, BATTERY, PREARM = 1 << 15, 1 << 21, 1 << 25, 1 << 28
@@ -73,6 +73,7 @@ class Telemetry:
         self._outputs = outputs
         self._payload = payload
         self._home = bridge.home
+        self._numbers = bridge.dialect.numbers
         self._readings: Readings = bridge.readings
         self._builders: Mapping[str, Builder] = {
             **Instruments(self._readings).builders,
@@ -135,19 +136,19 @@ class Telemetry:
         mode = shown(state.mode)
         base = CUSTOM | STABILIZED | MANUAL | (GUIDED if mode.is_guided else 0) | (ARMED if state.armed else 0)
         failed = state.failsafe or self._failsafes.is_active
-        status = CRITICAL if failed else ACTIVE if state.armed else STANDBY
+        status = "CRITICAL" if failed else "ACTIVE" if state.armed else "STANDBY"
         return {
-            "type": self.identity.type,
-            "autopilot": 3,
+            "type": "MAV_TYPE_SUBMARINE",
+            "autopilot": "MAV_AUTOPILOT_ARDUPILOTMEGA",
             "base_mode": base,
-            "custom_mode": mode.number,
-            "system_status": status,
+            "custom_mode": self._numbers[mode.entry],
+            "system_status": f"MAV_STATE_{status}",
             "mavlink_version": 3,
         }
 
     def _current_mode(self) -> Fields:
-        mode = shown(self._state.mode)
-        return {"custom_mode": mode.number, "intended_custom_mode": mode.number}
+        number = self._numbers[shown(self._state.mode).entry]
+        return {"custom_mode": number, "intended_custom_mode": number}
 
     def _sys_status(self) -> Fields:
         readings, state = self._readings, self._state
@@ -273,7 +274,7 @@ class Telemetry:
         p = self._state.p_ref_N
         if p is None:
             return None
-        return {"time_boot_ms": self._boot_ms, "coordinate_frame": 1, "type_mask": 0xDF8, "x": p[0], "y": p[1], "z": p[2]}  # fmt: skip
+        return {"time_boot_ms": self._boot_ms, "coordinate_frame": LOCAL_NED, "type_mask": 0xDF8, "x": p[0], "y": p[1], "z": p[2]}  # fmt: skip
 
     def _position_target_global(self) -> Fields | None:
         p = self._state.p_ref_N
@@ -281,7 +282,7 @@ class Telemetry:
         if place is None:
             return None
         lat, lon = degrees_e7(place.latitude), degrees_e7(place.longitude)
-        base = {"time_boot_ms": self._boot_ms, "coordinate_frame": 5, "type_mask": 0xDF8}
+        base: Fields = {"time_boot_ms": self._boot_ms, "coordinate_frame": "MAV_FRAME_GLOBAL_INT", "type_mask": 0xDF8}
         return {**base, "lat_int": lat, "lon_int": lon, "alt": place.altitude}
 
     def _ekf_status(self) -> Fields:

@@ -11,7 +11,7 @@ from typing import Any
 from msgspec import Struct
 
 Value = int | float | bytes | str | tuple[int, ...] | tuple[float, ...]
-"""One field: a number, text, or the components of an array."""
+"""One field: a number or its name in the dialect, text, or the components of an array."""
 Fields = Mapping[str, Value]
 """Those that are left out are zero, as MAVLink 2 has it."""
 
@@ -36,6 +36,13 @@ class CannotSpeak(Exception):
     """pymavlink is missing; the text says what to install."""
 
 
+class Entry(Struct, frozen=True):
+    """A number of an enumeration, and its name in the dialect; "" where it has none."""
+
+    number: int
+    name: str
+
+
 class Message(Struct, frozen=True):
     """A message that came.
 
@@ -43,12 +50,14 @@ class Message(Struct, frozen=True):
         name: as in the definition, HEARTBEAT.
         fields: all fields.
         system, component: who sent it.
+        names: of the numbers of an enumeration, by field.
     """
 
     name: str
     fields: Fields
     system: int
     component: int
+    names: Mapping[str, Mapping[int, str]]
 
     def number(self, field: str) -> float:
         """A number; may be NaN."""
@@ -59,6 +68,11 @@ class Message(Struct, frozen=True):
         """An integer."""
         value = self.fields[field]
         return value if isinstance(value, int) else 0
+
+    def entry(self, field: str) -> Entry:
+        """An entry of an enumeration."""
+        number = self.whole(field)
+        return Entry(number, self.names[field].get(number, ""))
 
     def text(self, field: str) -> str:
         """A text, up to its first NUL."""
@@ -80,6 +94,7 @@ class Part(Struct, frozen=True):
         is_text: of characters.
         low, high: limits of an integer; `low` is None for floats.
         enum: names of values; None where they have none.
+        numbers: of all names of the dialect.
         is_bits: a set of flags.
     """
 
@@ -89,6 +104,7 @@ class Part(Struct, frozen=True):
     low: int | None
     high: int
     enum: Mapping[int, str] | None
+    numbers: Mapping[str, int]
     is_bits: bool
 
 
@@ -103,7 +119,7 @@ class Layout:
         has_target: field names of the addressed system and component; "" where there is none.
     """
 
-    def __init__(self, definition: Any, enums: Mapping[str, Mapping[int, str]]) -> None:
+    def __init__(self, definition: Any, enums: Mapping[str, Mapping[int, str]], numbers: Mapping[str, int]) -> None:
         self.name: str = definition.msgname
         self.id: int = definition.id
         self.crc_extra: int = definition.crc_extra
@@ -114,8 +130,11 @@ class Layout:
             low, high = _RANGES.get(kind, (None, 0))
             enum = enums.get(definition.fieldenums_by_name.get(name, ""))
             is_bits = enum is not None and definition.fielddisplays_by_name.get(name) == "bitmask"
-            parts.append(Part(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, is_bits))
+            parts.append(
+                Part(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, numbers, is_bits)
+            )
         self.parts = tuple(parts)
+        self._enums = {part.name: part.enum for part in parts if part.enum is not None}
         names = self._names = frozenset(part.name for part in parts)
         system = "target_system" if "target_system" in names else "target" if self.name == "MANUAL_CONTROL" else ""
         self.has_target = (system, "target_component" if "target_component" in names else "")
@@ -125,7 +144,7 @@ class Layout:
         float's, and zero as an integer.
 
         Raises:
-            KeyError: a name that the message has not.
+            KeyError: a name that the message or the dialect has not.
         """
         if not fields.keys() <= self._names:
             raise KeyError(f"{self.name} has no {', '.join(sorted(fields.keys() - self._names))}")
@@ -158,12 +177,12 @@ class Layout:
             else:
                 fields[part.name] = row[at]
                 at += 1
-        return Message(self.name, fields, system, component)
+        return Message(self.name, fields, system, component, self._enums)
 
 
 def _kept(value: object, part: Part) -> int | float:
     if not isinstance(value, int | float):
-        return 0
+        return part.numbers[value] if isinstance(value, str) else 0
     if part.low is None:
         return value if not abs(value) > _F32_MAX else math.copysign(_F32_MAX, value)
     if isinstance(value, float):
@@ -178,6 +197,7 @@ class Dialect:
 
     Attributes:
         by_name, by_id: their layouts.
+        numbers: of all entries of enumerations, by their names.
         crc: CRC-16/MCRF4XX of bytes.
     """
 
@@ -195,7 +215,23 @@ class Dialect:
             name: {number: str(entry.name) for number, entry in entries.items() if not entry.name.endswith("_ENUM_END")}
             for name, entries in {**newer.enums, **vehicle.enums}.items()
         }
-        self.by_id = {id: Layout(definition, enums) for id, definition in definitions.items() if id >= 0}
+        enums["SUB_MODE"] = {21: "SUB_MODE_SURFTRAK", **enums["SUB_MODE"]}  # not in pymavlink 2.4.41 yet
+        self._names = enums
+        self.numbers = {name: number for entries in enums.values() for number, name in entries.items()}
+        self.by_id = {id: Layout(definition, enums, self.numbers) for id, definition in definitions.items() if id >= 0}
         self.by_name = {layout.name: layout for layout in self.by_id.values()}
         fast: Callable[[bytes], int] | None = getattr(vehicle, "mcrf4xx", None)
         self.crc: Callable[[bytes], int] = fast or (lambda data: int(vehicle.x25crc(data).crc))
+
+    def entry(self, name: str) -> Entry:
+        """An entry of an enumeration by its name. Raises KeyError when there is none."""
+        return Entry(self.numbers[name], name)
+
+    def name(self, enum: str, number: int) -> str:
+        """Name of a number of an enumeration; "" where it has none."""
+        return self._names[enum].get(number, "")
+
+    def message_name(self, number: int) -> str:
+        """Name of a message by its number; "" for one that there is not."""
+        layout = self.by_id.get(number)
+        return layout.name if layout is not None else ""
