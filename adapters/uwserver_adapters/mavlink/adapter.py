@@ -8,11 +8,11 @@ from collections.abc import Callable
 from datetime import datetime, timezone
 
 from uwserver.adapter import AdapterContext
-from uwserver_adapters.mavlink.config import MavlinkConfig
-from uwserver_adapters.mavlink.dialect import Dialect
-from uwserver_adapters.mavlink.endpoint import RETRY_S, Link
-from uwserver_adapters.mavlink.hub import Hub
-from uwserver_adapters.mavlink.links import make
+from uwserver_adapters.mavlink.links.endpoint import RETRY_S, Link
+from uwserver_adapters.mavlink.links.hub import Hub
+from uwserver_adapters.mavlink.links.parse import make
+from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
+from uwserver_adapters.mavlink.wire.dialect import Dialect
 
 TICK_S = 0.05
 """Wall time between two looks at time-outs and downloads."""

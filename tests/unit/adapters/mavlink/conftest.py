@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from adapter_rig import serving
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
-from uwserver_adapters.mavlink.config import MavlinkConfig
-from uwserver_adapters.mavlink.dialect import Dialect
-from uwserver_adapters.mavlink.hub import Hub
+from uwserver_adapters.mavlink.links.hub import Hub
+from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
+from uwserver_adapters.mavlink.wire.dialect import Dialect
 
 from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value
 from uwserver.testing import FakeContext
@@ -290,7 +290,7 @@ class Bench:
 
     @property
     def counters(self) -> Any:
-        return self.hub.vehicle.counters
+        return self.hub.vehicle.bridge.counters
 
     def station(self, system: int = 255, component: int = 190) -> Station:
         return Station(self.hub, system, component)

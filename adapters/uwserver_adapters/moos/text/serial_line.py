@@ -1,0 +1,64 @@
+"""The text bridge on a serial line or pseudo-terminal."""
+
+from __future__ import annotations
+
+import logging
+
+from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder
+from uwserver_adapters.moos.text.session import Host, TextSession
+from uwserver_adapters.serial_port import SerialPort
+
+_log = logging.getLogger(__name__)
+
+
+class SerialLine:
+    """One user on a device that may come and go: it is opened again when it can be.
+
+    Args:
+        path: of the device; its speed stays as the system has set it (`stty`).
+        host: database and world.
+    """
+
+    def __init__(self, path: str, host: Host) -> None:
+        self._path = path
+        self._host = host
+        self._session: TextSession | None = None
+        self._decoder = LineDecoder(host.config.line_bytes)
+        self._told = ""
+        self._port = SerialPort(path, opened=self._begin, received=self._take, closed=self._end, failed=self._fail)
+
+    def attend(self) -> None:
+        """Open the device if it is not; to be called now and then."""
+        self._port.attend()
+
+    def close(self) -> None:
+        """End session and file. QUIT does so too; the line itself stays, for a new session."""
+        self._port.close()
+
+    def _begin(self) -> None:
+        self._told = ""
+        self._decoder = LineDecoder(self._host.config.line_bytes)
+        self._session = TextSession(self._host, f"serial {self._path}", self._send, self.close)
+
+    def _end(self) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()
+
+    def _fail(self, text: str) -> None:
+        self._host.context.stats.last_error = text
+        if text != self._told:
+            _log.warning("%s: %s", self._host.context.name, text)
+            self._told = text
+
+    def _take(self, data: bytes) -> None:
+        self._decoder.receive(data)
+        while self._session is not None and (event := self._decoder.next_event()) is not NEED_DATA:
+            self._session.take(event)
+
+    def _send(self, line: str) -> None:
+        data = line.encode("utf-8", "replace") + b"\r\n"
+        if self._port.write(data):
+            self._host.context.stats.bytes_sent += len(data)
+        else:
+            self._host.context.stats.dropped += 1
