@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from uwserver.adapter import AdapterStats
+from uwserver.adapter import AdapterStats, SerialPort
 from uwserver_adapters.mavlink.channel import Channel
 from uwserver_adapters.mavlink.endpoint import READY, Address, BadLink, Link
 from uwserver_adapters.mavlink.hub import Hub
 from uwserver_adapters.mavlink.tcp import TcpIn, TcpOut
 from uwserver_adapters.mavlink.udp import UdpIn, UdpOut
 from uwserver_adapters.mavlink.zenoh_link import ZenohLink
-from uwserver_adapters.serial_port import SerialPort
 
 _log = logging.getLogger(__name__)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from uwserver.adapter import SerialPort
 from uwserver_adapters.moos.text import NEED_DATA, LineDecoder
 from uwserver_adapters.moos.text_session import TextSession
-from uwserver_adapters.serial_port import SerialPort
 
 if TYPE_CHECKING:
     from uwserver_adapters.moos.text_adapter import MoosTextAdapter

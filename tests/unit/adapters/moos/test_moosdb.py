@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from uwserver_adapters import log_file
 from uwserver_adapters.moos import MoosDbAdapter, guests, wire
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.database import Database
@@ -17,6 +16,7 @@ from uwserver_adapters.moos.local import CannotListen
 from uwserver_adapters.moos.mixing import CannotServe
 from uwserver_adapters.moos.wire import Message
 
+from uwserver.adapter import log_file
 from uwserver.ports import Sample
 
 POSE = Sample("auv/truth/pose", 0, 0, 0, True, ((10.0, 20.0, 5.0), (1.0, 0.0, 0.0, 0.0)))
