@@ -8,9 +8,9 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
+from uwserver.adapter import SampleForm, in_pieces
+from uwserver.adapter.nesting import json_fault, msgpack_fault
 from uwserver.ports import Fault, Refused, Sample
-from uwserver_adapters.nesting import json_fault, msgpack_fault
-from uwserver_adapters.values import SampleForm, in_pieces
 
 EncodingName = Literal["json", "msgpack"]
 

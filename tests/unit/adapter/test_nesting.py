@@ -5,7 +5,8 @@ import tracemalloc
 import msgpack
 import msgspec
 import pytest
-from uwserver_adapters.nesting import MAX_DEPTH, MAX_VALUES, json_fault, msgpack_fault
+
+from uwserver.adapter.nesting import MAX_DEPTH, MAX_VALUES, json_fault, msgpack_fault
 
 
 def nested(depth: int) -> object:
