@@ -76,7 +76,11 @@ def offer_state_services(world: World) -> None:
         digest, size, offset = str(args["sha256"]), _whole(args, "bytes"), _whole(args, "offset")
         piece = _decoded(str(args["data"]))
         if len(digest) != 64 or size == 0:
-            raise Refused("bad_argument", "give the size (bytes) and the sha256 of the whole state", "sha256")
+            raise Refused(
+                "bad_argument",
+                "nothing is no saved state: give the size (bytes) and the sha256 of the whole state",
+                "sha256",
+            )
         if size > MAX_BYTES:
             raise Refused("out_of_range", f"{size} bytes are no saved state: one has at most {MAX_BYTES}", "bytes")
         if offset == 0:

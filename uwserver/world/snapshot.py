@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from msgspec import MsgspecError, Raw, Struct, msgpack
+from msgspec import Raw, Struct, msgpack
 
 from uwserver.physics import PHYSICS
 from uwserver.ports import Refused
@@ -85,7 +85,7 @@ def from_bytes(world: World, data: bytes) -> None:
         raise _refused("this is no saved state, or it was damaged on its way: its check sum does not fit")
     try:
         file = msgpack.decode(body, type=_File)
-    except MsgspecError as error:
+    except (ValueError, RecursionError) as error:
         raise _refused(f"this is no saved state of this version: {error}") from None
     for name, theirs, ours in (("format", file.format, FORMAT), ("physics", file.physics, PHYSICS)):
         if theirs != ours:
@@ -110,7 +110,7 @@ def _restore(world: World, tick: int, states: dict[str, Any]) -> None:
         found = {part: _typed(part, states) for part in world.parts.values()}
         for part, state in found.items():
             part.check(state)
-    except (ValueError, Refused) as error:
+    except (ValueError, RecursionError, Refused) as error:
         world.hydro.go_back(undo)
         raise _refused(f"the state does not fit this world: {error}") from None
     finally:
