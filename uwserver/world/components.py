@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -120,7 +121,7 @@ class SensorSlot:
         """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
         twin.settings = self.sensor.settings
         if twin.paces:
-            twin.memory = list(self.sensor.memory)
+            twin.memory = copy(self.sensor.memory)
         reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
         return (False, blank(twin.fields)) if reading is None else (reading.valid, reading.values)
 

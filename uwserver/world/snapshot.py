@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import heapq
 from collections.abc import Iterable
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from msgspec import Struct
 
 from uwserver.autopilot.state import Saved as SavedPilot
 from uwserver.environment.currents import GaussMarkov
-from uwserver.modifiers import Modifier
+from uwserver.modifiers import Memory, Modifier
 from uwserver.physics.bodies import Saved
 from uwserver.ports import Refused, Sample, Value
 from uwserver.sensors import Settings
@@ -20,7 +21,7 @@ from uwserver.world.components import Member
 from uwserver.world.faults import Entry
 from uwserver.world.world import World
 
-Memories = tuple[tuple[Any, tuple[float, ...]], ...]
+Memories = tuple[tuple[Any, Memory], ...]
 """Random stream and memory of each modifier of a stream."""
 
 
@@ -34,7 +35,7 @@ class SensorState(Struct, frozen=True):
     held: tuple[bool, tuple[Value, ...]] | None
     held_ns: int
     modifiers: Memories
-    own: tuple[Any, tuple[float, ...], Settings]
+    own: tuple[Any, Memory, Settings]
     sides: tuple[tuple[tuple[bool, tuple[Value, ...]] | None, Memories], ...]
 
 
@@ -89,13 +90,13 @@ def _drifts(world: World) -> tuple[GaussMarkov, ...]:
 
 
 def _memories(modifiers: Iterable[Modifier]) -> Memories:
-    return tuple((m.stream.rng.bit_generator.state, tuple(m.memory)) for m in modifiers)
+    return tuple((m.stream.rng.bit_generator.state, copy(m.memory)) for m in modifiers)
 
 
 def _remember(modifiers: Iterable[Modifier], memories: Memories) -> None:
     for modifier, (stream, memory) in zip(modifiers, memories, strict=True):
         modifier.stream.rng.bit_generator.state = stream
-        modifier.memory = list(memory)
+        modifier.memory = copy(memory)
 
 
 def take(world: World) -> Snapshot:
@@ -114,7 +115,7 @@ def take(world: World) -> Snapshot:
                 slot.held,
                 slot.held_ns,
                 _memories(slot.modifiers),
-                (slot.sensor.rng.bit_generator.state, tuple(slot.sensor.memory), slot.sensor.settings),
+                (slot.sensor.rng.bit_generator.state, copy(slot.sensor.memory), slot.sensor.settings),
                 tuple((side.held, _memories(side.modifiers)) for side in slot.sides),
             )
             for path, slot in world.sensors.items()
@@ -167,7 +168,7 @@ def restore(world: World, snapshot: Snapshot) -> None:
             side.held = held
             _remember(side.modifiers, memories)
         slot.sensor.rng.bit_generator.state, kept, slot.sensor.settings = sensor.own
-        slot.sensor.memory = list(kept)
+        slot.sensor.memory = copy(kept)
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)

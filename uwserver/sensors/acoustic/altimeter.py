@@ -9,11 +9,11 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.rays.raycast import NOTHING, FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, blank
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
 
@@ -25,8 +25,6 @@ _SURE_DB = 20.0
 """So far above the threshold the device is sure."""
 _BEYOND = 1.2
 """Rays look so much farther than the device: a bottom at its largest range fills the cone."""
-_READY = 0
-"""Place in the memory: time of the next ping, s."""
 
 
 class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
@@ -76,9 +74,16 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
 class AltimeterSettings(Settings, frozen=True):
     """See `AltimeterConfig`; `sound_speed` 0 stands for the truth; a `gain` below 0 dB needs stronger echoes."""
 
-    range: float
-    gain: float
-    sound_speed: float
+    range: Distance
+    gain: Gain
+    sound_speed: SoundSpeed
+
+
+class AltimeterMemory(Memory):
+    """Attributes:
+    ready: time of the next ping, s."""
+
+    ready: Time = 0.0
 
 
 class Altimeter(Sensor):
@@ -91,6 +96,7 @@ class Altimeter(Sensor):
     )
     paces = True
     settings: AltimeterSettings
+    memory: AltimeterMemory
 
     def __init__(self, mount: Pose, config: AltimeterConfig) -> None:
         self._mount, self._config = mount, config
@@ -110,20 +116,20 @@ class Altimeter(Sensor):
         """Those of echoes."""
         load_kernels()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> AltimeterMemory:
         """Ready at once."""
-        return [0.0]
+        return AltimeterMemory()
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
         now = scope.t
-        if now < self.memory[_READY] - 1e-6:
+        if now < self.memory.ready - 1e-6:
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
         listening = 2.0 * self.settings.range / c
         found = self._echo(scope, p_NS) if submergence(scope, p_NS) > 0.0 else None
-        self.memory[_READY] = now + listening
+        self.memory.ready = now + listening
         wait = listening + self._config.processing_s
         if found is None:
             reading = Measurement(blank(self.fields), False)

@@ -9,17 +9,15 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.rays.raycast import FloatArray, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn
 from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, blank
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS, rad
 
-_READY, _INDEX, _SENSE = range(3)
-"""Places in the memory: time of the next ping (s), step of the head, and whether it turns back (-1) or on (1)."""
 _FLANKS = 2.0
 """The rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
 _BEYOND = 1.3
@@ -95,11 +93,22 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
 class SonarSettings(Settings, frozen=True):
     """See `ScanningSonarConfig`; angles in rad."""
 
-    range: float
-    gain: float
-    step: float
-    sector_center: float
-    sector_width: float
+    range: Distance
+    gain: Gain
+    step: Annotated[float, Meta(ge=1e-6, le=1)]
+    sector_center: Annotated[float, Meta(ge=-1e6, le=1e6)]
+    sector_width: Annotated[float, Meta(gt=0, le=7)]
+
+
+class SonarMemory(Memory):
+    """Attributes:
+    ready: time of the next ping, s.
+    index: step of the head, from 0.
+    sense: whether it turns back (-1) or on (1)."""
+
+    ready: Time = 0.0
+    index: Annotated[int, Meta(ge=0)] = 0
+    sense: Literal[-1, 1] = 1
 
 
 class ScanningSonar(Sensor):
@@ -108,6 +117,7 @@ class ScanningSonar(Sensor):
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
     paces = True
     settings: SonarSettings
+    memory: SonarMemory
 
     def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
         self._mount, self._config = mount, config
@@ -142,14 +152,14 @@ class ScanningSonar(Sensor):
         """Those of echoes."""
         load_kernels()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> SonarMemory:
         """Ready at once, at the first step."""
-        return [0.0, 0.0, 1.0]
+        return SonarMemory()
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
         now, reach = scope.t, self.settings.range
-        if now < self.memory[_READY] - 1e-6:
+        if now < self.memory.ready - 1e-6:
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
@@ -162,23 +172,22 @@ class ScanningSonar(Sensor):
             reading.valid = True
             reading.values[3] = self._picture(scope, p_NS, angle, believed / c)
         duration = 2.0 * reach / believed
-        self.memory[_READY] = now + duration + self._config.overhead_s
+        self.memory.ready = now + duration + self._config.overhead_s
         reading.delay_ns = round(duration * NANOSECONDS)
         return reading
 
     def _step(self) -> float:
         """Angle of this ping (rad); the head moves on to the next."""
-        s = self.settings
+        s, m = self.settings, self.memory
         whole = s.sector_width > 2.0 * math.pi - 1e-9
         count = max(1, round(s.sector_width / s.step) + (0 if whole else 1))
-        index, sense = min(int(self.memory[_INDEX]), count - 1), self.memory[_SENSE]
+        index = min(m.index, count - 1)
         first = s.sector_center - (0.0 if whole else 0.5 * (count - 1) * s.step)
         if whole:
-            following = (index + 1) % count
+            m.index = (index + 1) % count
         else:
-            sense = -1.0 if index >= count - 1 else 1.0 if index <= 0 else sense
-            following = min(max(index + int(sense), 0), count - 1)
-        self.memory[_INDEX], self.memory[_SENSE] = float(following), sense
+            m.sense = -1 if index >= count - 1 else 1 if index <= 0 else m.sense
+            m.index = min(max(index + m.sense, 0), count - 1)
         return math.remainder(first + index * s.step, 2.0 * math.pi)
 
     def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from msgspec import Meta
 from uwserver.frames import rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -46,7 +46,7 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
 class RangeSettings(Settings, frozen=True):
     """How far it looks."""
 
-    max_range_m: float
+    max_range_m: Distance
 
 
 class RangeArray(Sensor):

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from uwserver.modifiers.base import Measurement
+from msgspec import Meta
+
+from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Field
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, blank
 from uwserver.table import NonNegative
 
-_T, _C, _OFFSET_T, _OFFSET_C, _OFFSET_P, _WET = range(6)
-"""Places in the memory: lagged temperature and conductivity, three constant errors, and whether it was under water."""
 _DECIBAR = 1e4
 
 
@@ -39,6 +40,20 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
         return Ctd(mount, self)
 
 
+class CtdMemory(Memory):
+    """Attributes:
+    wet: it was under water at the last reading.
+    temperature, conductivity: as thermistor (degC) and cell (S/m) had them then.
+    temperature_offset, conductivity_offset, pressure_offset: constant errors, degC, S/m and Pa."""
+
+    wet: bool = False
+    temperature: Annotated[float, Meta(ge=-20, le=100)] = 0.0
+    conductivity: Annotated[float, Meta(ge=0, le=100)] = 0.0
+    temperature_offset: Number = 0.0
+    conductivity_offset: Number = 0.0
+    pressure_offset: Number = 0.0
+
+
 class Ctd(Sensor):
     """Water at the mount."""
 
@@ -50,18 +65,22 @@ class Ctd(Sensor):
         Field("salinity", "1", "practical salinity (PSS-78)"),
     )
 
+    memory: CtdMemory
+
     def __init__(self, mount: Pose, config: CtdConfig) -> None:
         self._mount = mount
         self._config = CtdConfig(rate_hz=config.rate_hz) if config.ideal else config
         super().__init__()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> CtdMemory:
         """Constant errors; no water yet."""
         c = self._config
         t, s, p = self.rng.standard_normal(3).tolist()
-        return [
-            0.0, 0.0, c.temperature_accuracy_degc * t, c.conductivity_accuracy_Spm * s, c.pressure_accuracy_Pa * p, 0.0,
-        ]  # fmt: skip
+        return CtdMemory(
+            temperature_offset=c.temperature_accuracy_degc * t,
+            conductivity_offset=c.conductivity_accuracy_Spm * s,
+            pressure_offset=c.pressure_accuracy_Pa * p,
+        )
 
     def sense(self, scope: Scope) -> Measurement:
         """Invalid in air."""
@@ -70,17 +89,17 @@ class Ctd(Sensor):
         draws = self.rng.standard_normal(3).tolist()
         depth = p_NS[2]
         if depth + water.elevation(p_NS[0], p_NS[1], scope.t) < 0.0:
-            m[_WET] = 0.0
+            m.wet = False
             return Measurement(blank(self.fields), False)
         t, truth = water.temperature_at(depth), water.pressure(p_NS, scope.t)
         conductivity = conductivity_of(water.salinity_at(depth), t, (truth - water.atmospheric_pressure) / _DECIBAR)
-        if m[_WET]:
-            t = m[_T] + (t - m[_T]) * _share(self.dt, c.temperature_lag_s)
-            conductivity = m[_C] + (conductivity - m[_C]) * _share(self.dt, c.conductivity_lag_s)
-        m[_T], m[_C], m[_WET] = t, conductivity, 1.0
-        t += m[_OFFSET_T] + c.temperature_sigma_degc * draws[0]
-        conductivity += m[_OFFSET_C] + c.conductivity_sigma_Spm * draws[1]
-        pressure = truth + m[_OFFSET_P] + c.pressure_sigma_Pa * draws[2]
+        if m.wet:
+            t = m.temperature + (t - m.temperature) * _share(self.dt, c.temperature_lag_s)
+            conductivity = m.conductivity + (conductivity - m.conductivity) * _share(self.dt, c.conductivity_lag_s)
+        m.temperature, m.conductivity, m.wet = t, conductivity, True
+        t += m.temperature_offset + c.temperature_sigma_degc * draws[0]
+        conductivity += m.conductivity_offset + c.conductivity_sigma_Spm * draws[1]
+        pressure = truth + m.pressure_offset + c.pressure_sigma_Pa * draws[2]
         sea = (pressure - water.atmospheric_pressure) / _DECIBAR
         return Measurement([conductivity, t, pressure, practical_salinity(conductivity, t, sea)], True)
 

@@ -20,7 +20,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import LblConfig, Pose, UsblConfig
-from uwserver.sensors.acoustic.interrogation import READY, Beacon
+from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.sensors.truth import Truth
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
@@ -53,7 +53,7 @@ class Carrier:
 
 def exchange(device, instant):
     """Validity and values of an exchange in a world that stands still, but for beacons that drift."""
-    device.memory[READY] = 0.0
+    device.memory.ready = 0.0
     return device.measure(instant)
 
 
