@@ -184,7 +184,7 @@ class Settings(Struct, frozen=True):
 
 Gain = Annotated[float, Meta(ge=-1000, le=1000)]
 """dB, as a setting."""
-Distance = Annotated[float, Meta(gt=0, le=1e7)]
+Distance = Annotated[float, Meta(ge=1e-3, le=1e7)]
 """m, as a setting."""
 SoundSpeed = Annotated[float, Meta(ge=0, le=1e5)]
 """m/s, as a setting: what the device believes; 0 stands for the truth."""

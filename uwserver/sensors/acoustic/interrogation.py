@@ -35,6 +35,7 @@ _STALE_S = 0.25
 """A device that was silent for longer has missed the sound."""
 _EXACT_S = 1e-12
 _LATER_NS = NANOSECONDS // 50
+_Normal = Annotated[float, Meta(ge=-100, le=100)]
 
 
 class Beacon(Table, kw_only=True, frozen=True):
@@ -142,8 +143,8 @@ class Exchange(Memory):
     p: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
     first: Number = 0.0
     away: Number = 0.0
-    snr_db: Gain = 0.0
-    draws: tuple[Number, Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    snr_db: Annotated[float, Meta(ge=-100, le=1000)] = 0.0
+    draws: tuple[_Normal, _Normal, _Normal, _Normal, _Normal] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Answer(NamedTuple):
