@@ -20,7 +20,6 @@ class Delay(ModifierTable, tag="delay", kw_only=True, frozen=True):
     jitter_s: NonNegative = 0.0
 
     def build(self, stream: Stream) -> _Delay:
-        """The modifier."""
         return _Delay(self, stream)
 
 
@@ -43,7 +42,6 @@ class Dropout(ModifierTable, tag="dropout", kw_only=True, frozen=True):
     probability: Probability
 
     def build(self, stream: Stream) -> _Dropout:
-        """The modifier."""
         return _Dropout(self, stream)
 
 
@@ -65,7 +63,6 @@ class Reorder(ModifierTable, tag="reorder", kw_only=True, frozen=True):
     behind: Annotated[int, Meta(ge=1, le=1000)] = 1
 
     def build(self, stream: Stream) -> _Reorder:
-        """The modifier."""
         return _Reorder(self, stream)
 
 
@@ -110,7 +107,6 @@ class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
     walk_sqrts: NonNegative = 0.0
 
     def build(self, stream: Stream) -> _ClockDrift:
-        """The modifier."""
         return _ClockDrift(self, stream)
 
 

@@ -8,11 +8,11 @@ from typing import Annotated
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3
+from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.rays.raycast import NOTHING, FloatArray, Hits
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
@@ -67,7 +67,6 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
             raise ValueError("range_m must lie between min_range_m and max_range_m")
 
     def build(self, mount: Pose) -> Altimeter:
-        """The instrument."""
         return Altimeter(mount, self)
 
 
@@ -113,7 +112,6 @@ class Altimeter(Sensor):
         super().__init__(AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
 
     def load_kernels(self) -> None:
-        """Those of echoes."""
         load_kernels()
 
     def turn_on(self) -> AltimeterMemory:
@@ -136,11 +134,11 @@ class Altimeter(Sensor):
         else:
             reach, confidence = found
             wait = 2.0 * reach / c + self._config.processing_s
-            reading = Measurement([self._told(reach, c), confidence], True)
+            reading = Measurement([self._believed(reach, c), confidence], True)
         reading.delay_ns = round(wait * NANOSECONDS)
         return reading
 
-    def _told(self, reach: float, c: float) -> float:
+    def _believed(self, reach: float, c: float) -> float:
         """What the device makes of a range."""
         config = self._config
         if config.ideal:
@@ -154,7 +152,7 @@ class Altimeter(Sensor):
     def _echo(self, scope: Scope, p_NS: Vec3) -> tuple[float, float] | None:
         """Range (m) of the echo that is taken for the first, and the confidence."""
         config, high = self._config, self.settings.range
-        R = turn(scope.attitude(self._mount.q))
+        R = np.array(matrix(scope.attitude(self._mount.q)))
         direction = self._cone @ R.T
         hits = cast(scope, p_NS, direction, _BEYOND * config.max_range_m)
         bodies = sorted({*hits.body.tolist()} - {NOTHING})

@@ -9,11 +9,11 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
+from uwserver.frames import Vec3, conjugate, matrix, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number, Time
 from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence
 from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
@@ -85,7 +85,6 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
             raise ValueError("each of range_modes needs a least altitude less than its largest")
 
     def build(self, mount: Pose) -> Dvl:
-        """The instrument."""
         return Dvl(mount, self)
 
 
@@ -130,7 +129,7 @@ class Dvl(Sensor):
             [(math.sin(angle) * math.cos(a), math.sin(angle) * math.sin(a), self._cosine) for a in azimuths]
         )
         roll, pitch, yaw = (0.0, 0.0, 0.0) if config.ideal else config.misalignment_rpy_deg
-        self._beams: FloatArray = self._believed @ turn(quat_from_rpy(rad(roll), rad(pitch), rad(yaw))).T
+        self._beams: FloatArray = self._believed @ np.array(matrix(quat_from_rpy(rad(roll), rad(pitch), rad(yaw)))).T
         self._listed: list[list[float]] = self._beams.tolist()
         self._all = tuple(range(n))
         self._to_S = conjugate(mount.q)
@@ -143,7 +142,6 @@ class Dvl(Sensor):
         super().__init__(DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
 
     def load_kernels(self) -> None:
-        """Those of echoes."""
         load_kernels()
 
     def turn_on(self) -> DvlMemory:
@@ -208,7 +206,7 @@ class Dvl(Sensor):
     def _ping(self, scope: Scope, p_NS: Vec3, c: float, low: float, high: float, reading: Measurement) -> float:
         """Fill in a reading; returns the longest range (m) of a beam in lock."""
         config, ideal, cosine = self._config, self._config.ideal, self._cosine
-        direction = self._beams @ turn(scope.attitude(self._mount.q)).T
+        direction = self._beams @ np.array(matrix(scope.attitude(self._mount.q))).T
         hits = cast(scope, p_NS, direction, 1.05 * high / cosine)
         ranges: list[float] = hits.distance.tolist()
         v_S, v_water_S = self._velocities(scope, p_NS)
@@ -243,9 +241,7 @@ class Dvl(Sensor):
 
     def _velocities(self, scope: Scope, p_NS: Vec3) -> tuple[Vec3, Vec3]:
         """Of the mount over ground and relative to the water, in S."""
-        (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = scope.v_NB_B, scope.w_NB_B, self._mount.p
-        v_B = (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
-        v_S = rotate(self._to_S, v_B)
+        v_S = rotate(self._to_S, scope.velocity_of(self._mount.p))
         current_S = rotate(self._to_S, rotate(conjugate(scope.q_NB), scope.water.velocity(p_NS, scope.t)))
         return v_S, (v_S[0] - current_S[0], v_S[1] - current_S[1], v_S[2] - current_S[2])
 

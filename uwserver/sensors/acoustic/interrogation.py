@@ -217,7 +217,6 @@ class Interrogator(Sensor):
 
     @property
     def wake(self) -> float | None:
-        """See `Sensor`."""
         return None if self.memory.leg == IDLE else self.memory.wake
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:

@@ -13,7 +13,6 @@ class LblConfig(InterrogationTable, tag="lbl", kw_only=True, frozen=True):
     """An interrogator of beacons, one a reading."""
 
     def build(self, mount: Pose) -> Lbl:
-        """The instrument."""
         return Lbl(mount, self)
 
 

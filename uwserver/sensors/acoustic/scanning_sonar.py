@@ -8,11 +8,11 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3
+from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.rays.raycast import FloatArray, Hits
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn
+from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence
 from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
@@ -86,7 +86,6 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
             raise ValueError("sector_width_deg is more than a turn: leave it out for a head that turns on and on")
 
     def build(self, mount: Pose) -> ScanningSonar:
-        """The instrument."""
         return ScanningSonar(mount, self)
 
 
@@ -149,7 +148,6 @@ class ScanningSonar(Sensor):
         )
 
     def load_kernels(self) -> None:
-        """Those of echoes."""
         load_kernels()
 
     def turn_on(self) -> SonarMemory:
@@ -193,7 +191,7 @@ class ScanningSonar(Sensor):
     def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:
         """The bins of a ping."""
         config, reach = self._config, self.settings.range
-        R = turn(scope.attitude(self._mount.q)) @ _about_z(angle)
+        R = np.array(matrix(scope.attitude(self._mount.q))) @ _about_z(angle)
         hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
         if config.model == "paper":
             picture = dot_products(self._fan, hits, R, reach, config.bins)

@@ -48,7 +48,6 @@ class UsblConfig(InterrogationTable, tag="usbl", kw_only=True, frozen=True):
             )
 
     def build(self, mount: Pose) -> Usbl:
-        """The instrument."""
         return Usbl(mount, self)
 
 

@@ -45,7 +45,6 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
         return self.secant_latitude or self.north == "magnetic"
 
     def build(self, mount: Pose) -> Attitude:
-        """The instrument."""
         return Attitude(mount, self)
 
 

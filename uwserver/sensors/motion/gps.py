@@ -47,7 +47,6 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
     satellites: Annotated[int, Meta(ge=0, le=64)] = 12
 
     def build(self, mount: Pose) -> Gps:
-        """The instrument."""
         return Gps(mount, self)
 
 

@@ -23,7 +23,6 @@ class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
     accelerometer: TriadErrors = TriadErrors()
 
     def build(self, mount: Pose) -> Imu:
-        """The instrument."""
         return Imu(mount, self)
 
 
@@ -57,7 +56,6 @@ class Imu(Sensor):
         super().__init__()
 
     def turn_on(self) -> ImuMemory:
-        """Both triads."""
         return ImuMemory(self._gyroscope.turn_on(self.rng), self._accelerometer.turn_on(self.rng))
 
     def sense(self, scope: Scope) -> Measurement:

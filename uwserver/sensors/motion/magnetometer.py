@@ -32,7 +32,6 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
     errors: TriadErrors = TriadErrors()
 
     def build(self, mount: Pose) -> Magnetometer:
-        """The instrument."""
         return Magnetometer(mount, self)
 
 
@@ -57,7 +56,6 @@ class Magnetometer(Sensor):
         super().__init__()
 
     def turn_on(self) -> MagnetometerMemory:
-        """The triad's."""
         return MagnetometerMemory(self._triad.turn_on(self.rng))
 
     def sense(self, scope: Scope) -> Measurement:

@@ -39,7 +39,6 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
     medium: Literal["water", "any"] = "water"
 
     def build(self, mount: Pose) -> RangeArray:
-        """The instrument."""
         return RangeArray(mount, self)
 
 

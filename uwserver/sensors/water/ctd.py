@@ -37,7 +37,6 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
     conductivity_lag_s: NonNegative = 0.0
 
     def build(self, mount: Pose) -> Ctd:
-        """The instrument."""
         return Ctd(mount, self)
 
 

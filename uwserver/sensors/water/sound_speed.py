@@ -22,7 +22,6 @@ class SoundSpeedConfig(SensorTable, tag="sound_speed", kw_only=True, frozen=True
     sigma_mps: NonNegative = 0.0
 
     def build(self, mount: Pose) -> SoundSpeed:
-        """The instrument."""
         return SoundSpeed(mount, self)
 
 
