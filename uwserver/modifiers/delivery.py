@@ -56,8 +56,8 @@ class _Dropout(Modifier):
 
 
 class Reorder(ModifierTable, tag="reorder", kw_only=True, frozen=True):
-    """Each sample comes with `probability` too late, behind the next `behind` samples, as over a network with several ways. The sequence number
-    shows it."""
+    """With `probability` a sample arrives too late, behind the next `behind` samples, as over a network with several routes. The sequence
+    number shows it."""
 
     probability: Probability
     behind: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -90,7 +90,7 @@ class _Reorder(Modifier):
 
 
 class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
-    """The device writes the time of its own clock on its samples (`t_ns`); when they come (`t_sent_ns`) stays true.
+    """The device writes the time of its own clock on its samples (`t_ns`); the time of delivery (`t_sent_ns`) stays true.
 
     Attributes:
         offset_s: by which the clock is ahead at t = 0.

@@ -10,7 +10,7 @@ from uwserver.units import NANOSECONDS
 
 
 class Drift(ModifierTable, tag="drift", kw_only=True, frozen=True):
-    """Error that leaves zero at the start of the run and never comes back: straight, and at random.
+    """Error that starts at zero and grows: a straight drift and a random walk.
 
     Attributes:
         rate: straight drift, field's unit a second; one number for all components, or one a component.

@@ -14,7 +14,7 @@ from uwserver.units import rad
 
 
 class Misalignment(ModifierTable, tag="misalignment", kw_only=True, frozen=True):
-    """The real axes of the device are those of its table turned by `rpy_deg`; all named fields are told in the real ones.
+    """The real axes of the device are those of its table turned by `rpy_deg`; all named fields are given in the real ones.
 
     A vector v becomes R(rpy)^T v; a rotation q_NS becomes q_NS q(rpy). Vectors in N (`p_NS`, `v_NS`) stand for a whole frame that is askew.
 

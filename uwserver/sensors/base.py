@@ -39,7 +39,7 @@ class StreamTable(Table, kw_only=True, frozen=True):
 
 
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What the table of any sensor may hold.
+    """What the table of any sensor may hold; each has ``build(mount) -> Sensor``.
 
     Attributes:
         rate_hz: samples a second; divides the physics rate.

@@ -105,7 +105,7 @@ class Altimeter(Sensor):
         low, high = config.min_range_m, config.max_range_m
         self.arguments = (
             Argument("range", "float", "how far it listens", "m", False, minimum=low, maximum=high),
-            Argument("gain", "float", "sensitivity; less needs stronger echoes", "dB", False, minimum=-60, maximum=0),
+            Argument("gain", "float", "sensitivity; a lower one needs stronger echoes", "dB", False, minimum=-60, maximum=0),
             Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps

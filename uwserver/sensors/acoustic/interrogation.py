@@ -76,7 +76,7 @@ class Beacon(Table, kw_only=True, frozen=True):
 
 
 class InterrogationTable(SensorTable, kw_only=True, frozen=True):
-    """What asking beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
+    """What an interrogator of beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
 
     Attributes:
         ideal: exact ranges of all beacons in sight.
@@ -194,7 +194,7 @@ class Interrogator(Sensor):
         self._names = tuple(config.beacons)
         self._absorption = Absorption(config.frequency_hz)
         self.arguments = (
-            Argument("max_range", "float", "from how far answers are waited for", "m", False, minimum=1, maximum=config.max_range_m),
+            Argument("max_range", "float", "largest distance of a beacon", "m", False, minimum=1, maximum=config.max_range_m),
             Argument("gain", "float", "added to the source level of both sides", "dB", False, minimum=-60, maximum=0),
             Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip

@@ -40,7 +40,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         range_m: at the start; changed by the service `set`.
         min_range_m, max_range_m: limits of the range.
         step_deg: of the head.
-        sector_center_deg, sector_width_deg: what the head covers, to and fro; without a width it turns on and on.
+        sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; without a width it rotates continuously.
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
         tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
@@ -83,7 +83,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         if not self.min_range_m <= self.range_m <= self.max_range_m:
             raise ValueError("range_m must lie between min_range_m and max_range_m")
         if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
-            raise ValueError("sector_width_deg is more than a turn: leave it out for a head that turns on and on")
+            raise ValueError("sector_width_deg is more than a full turn: leave it out for continuous rotation")
 
     def build(self, mount: Pose) -> ScanningSonar:
         return ScanningSonar(mount, self)
@@ -243,7 +243,7 @@ def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
     return (
         Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
         Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
-        Argument("step", "float", "of the head", "rad", False, minimum=1e-3, maximum=0.6),
-        Argument("sector_center", "float", "middle of what the head covers", "rad", False, minimum=-pi, maximum=pi),
-        Argument("sector_width", "float", "what the head covers; 2 pi turns on and on", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
+        Argument("step", "float", "angle from ping to ping", "rad", False, minimum=1e-3, maximum=0.6),
+        Argument("sector_center", "float", "middle of the sector", "rad", False, minimum=-pi, maximum=pi),
+        Argument("sector_width", "float", "sector that the head covers; 2 pi for continuous rotation", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
     )  # fmt: skip

@@ -68,7 +68,7 @@ class Attitude(Sensor):
     doc = "Attitude and heading, as an AHRS or gyrocompass computes them; invalid while it settles."
     fields = (
         Field("q_NS", "1", "attitude of the sensor frame, w x y z", "NS", (4,)),
-        Field("heading", "rad", "of the sensor's x axis from north, 0 to 2 pi, clockwise"),
+        Field("heading", "rad", "of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
 
     memory: AttitudeMemory

@@ -71,7 +71,7 @@ class Gps(Sensor):
     """Position fixes; with fewer than four satellites there is none."""
 
     doc = (
-        "GPS: position (WGS 84) and velocity of the antenna; nothing while it is under water, nor for some time after."
+        "GPS: position (WGS 84) and velocity of the antenna; no values under water, nor for some time after surfacing."
     )
     fields = (
         Field("latitude", "rad", "geodetic latitude, positive north"),
@@ -81,7 +81,7 @@ class Gps(Sensor):
         Field("horizontal_accuracy", "m", "standard deviation of each horizontal axis, as the receiver believes"),
         Field("vertical_accuracy", "m", "standard deviation of the height, as the receiver believes"),
         Field("velocity_accuracy", "m/s", "standard deviation of each axis of the velocity, as the receiver believes"),
-        Field("satellites", "1", "used; 0 under water", type="int"),
+        Field("satellites", "1", "number used; 0 under water", type="int"),
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
     settings: GpsSettings

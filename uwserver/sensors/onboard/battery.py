@@ -67,13 +67,13 @@ class BatteryMemory(Memory):
 class Battery(Sensor):
     """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
 
-    doc = "Battery: voltage under load, current, power, and what is left. It sets the supply of the thrusters, and empty it stops them."
+    doc = "Battery: voltage under load, current, power, and what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
     fields = (
         Field("voltage", "V", "at the terminals"),
         Field("current", "A", "drawn from the battery"),
         Field("power", "W", "drawn from the battery"),
         Field("energy", "J", "delivered since the start"),
-        Field("charge", "1", "what is left, part of the capacity"),
+        Field("charge", "1", "part of the capacity that is left"),
     )
     paces = True
     settings: BatterySettings
@@ -87,7 +87,12 @@ class Battery(Sensor):
         self._capacity = config.capacity_Ah * 3600.0
         self.arguments = (
             Argument(
-                "hotel_load_W", "float", "what everything but the thrusters draws", "W", required=False, minimum=0.0
+                "hotel_load_W",
+                "float",
+                "power that everything but the thrusters draws",
+                "W",
+                required=False,
+                minimum=0.0,
             ),
         )
         super().__init__(BatterySettings(config.hotel_load_W))

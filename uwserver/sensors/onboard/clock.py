@@ -50,7 +50,7 @@ class ClockSensor(Sensor):
     doc = "UTC and running time by the clock of the vehicle."
     fields = (
         Field("utc_ns", "ns", "nanoseconds since 1970-01-01, UTC without leap seconds", type="int"),
-        Field("elapsed", "s", "since the start of the scenario, by this clock"),
+        Field("elapsed", "s", "time since the start of the scenario, by this clock"),
     )
 
     memory: ClockMemory

@@ -48,14 +48,14 @@ _DISCHARGE = 0.6
 class Leak(Sensor):
     """Water counted in its memory, m3."""
 
-    doc = "Leak probe in the hull. A leak is made with the service `set`, `area_m2`; a reset of the world dries it."
+    doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)
     settings: LeakSettings
     memory: LeakMemory
 
     def __init__(self, mount: Pose, config: LeakConfig) -> None:
         self._mount, self._threshold = mount, config.threshold_m3
-        self.arguments = (Argument("area_m2", "float", "of the hole", "m^2", required=False, minimum=0.0),)
+        self.arguments = (Argument("area_m2", "float", "area of the hole", "m^2", required=False, minimum=0.0),)
         super().__init__(LeakSettings(config.area_m2))
 
     def turn_on(self) -> LeakMemory:

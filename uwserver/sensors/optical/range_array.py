@@ -51,7 +51,7 @@ class RangeSettings(Settings, frozen=True):
 class RangeArray(Sensor):
     """Distances to the first solid thing."""
 
-    doc = "Distances along thin rays, from port to starboard; nothing where a ray meets nothing. Invalid with the sensor in air."
+    doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
     settings: RangeSettings
 
     def __init__(self, mount: Pose, config: RangeArrayConfig) -> None:

@@ -57,7 +57,7 @@ class CtdMemory(Memory):
 class Ctd(Sensor):
     """Water at the mount."""
 
-    doc = "Conductivity, temperature and pressure of the water, and the practical salinity computed from them; nothing in air."
+    doc = "Conductivity, temperature and pressure of the water, and the practical salinity computed from them; no values in air."
     fields = (
         Field("conductivity", "S/m", "electrical conductivity"),
         Field("temperature", "degC", "in situ"),

@@ -35,7 +35,7 @@ class SoundSpeedMemory(Memory):
 class SoundSpeed(Sensor):
     """Speed of sound at the mount."""
 
-    doc = "Speed of sound in the water at the mount; nothing in air."
+    doc = "Speed of sound in the water at the mount; no value in air."
     fields = (Field("sound_speed", "m/s", "speed of sound"),)
 
     memory: SoundSpeedMemory
