@@ -245,5 +245,5 @@ def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
         Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
         Argument("step", "float", "angle from ping to ping", "rad", False, minimum=1e-3, maximum=0.6),
         Argument("sector_center", "float", "middle of the sector", "rad", False, minimum=-pi, maximum=pi),
-        Argument("sector_width", "float", "sector that the head covers; 2 pi for continuous rotation", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
+        Argument("sector_width", "float", "what the head covers; 2 pi for continuous rotation", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
     )  # fmt: skip

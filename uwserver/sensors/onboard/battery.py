@@ -67,7 +67,7 @@ class BatteryMemory(Memory):
 class Battery(Sensor):
     """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
 
-    doc = "Battery: voltage under load, current, power, and what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
+    doc = "Battery: voltage under load, current, power, what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
     fields = (
         Field("voltage", "V", "at the terminals"),
         Field("current", "A", "drawn from the battery"),
