@@ -451,15 +451,16 @@ def _public(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef
             for member in node.body:
                 if isinstance(member, ast.FunctionDef | ast.AsyncFunctionDef) and not member.name.startswith("_"):
                     setter = any(isinstance(d, ast.Attribute) and d.attr == "setter" for d in member.decorator_list)
-                    if not setter and not _inherited(node):
+                    if not setter and not _inherited(node, member.name):
                         yield member
 
 
-def _inherited(owner: ast.ClassDef) -> bool:
-    """Whether a class fills in what another declares and documents (a subclass, or an adapter's subscriber)."""
-    return bool(owner.bases) and not any(
-        ast.unparse(base).endswith(("Protocol", "Table", "Struct")) for base in owner.bases
-    )
+def _inherited(owner: ast.ClassDef, name: str) -> bool:
+    """Whether a class fills in what another declares and documents (a subclass, `build` of a table, or an adapter's subscriber)."""
+    bases = [ast.unparse(base) for base in owner.bases]
+    if name == "build" and any(base.endswith("Table") for base in bases):
+        return True
+    return bool(bases) and not any(base.endswith(("Protocol", "Table", "Struct")) for base in bases)
 
 
 # -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
@@ -152,7 +153,7 @@ def altimeter(geometry: Geometry) -> Figure:
 
 def sounded(sounder: Sensor, geometry: Geometry, x: float) -> float:
     """Range (m) over a place of the flight; NaN without echo."""
-    sounder.memory[0] = 0.0
+    sounder.memory = structs.replace(sounder.memory, ready=0.0)
     valid, values = sounder.measure(instant(geometry, (x, 11.0, DEPTH - 8.0)))
     return float(values[0]) if valid and isinstance(values[0], float) else math.nan
 
@@ -164,7 +165,7 @@ def dvl(geometry: Geometry) -> Figure:
         log = device(name)
         v = []
         for _ in range(1500):
-            log.memory[0] = 0.0
+            log.memory = structs.replace(log.memory, ready=0.0)
             v.append(log.measure(instant(geometry, (0.0, 0.0, DEPTH - 10.0)))[1][0])
         east = np.array([[a, b] for a, b, _ in (x for x in v if x[0] is not None)], dtype=float)
         left.plot(1e3 * east[:, 0], 1e3 * east[:, 1], ".", ms=2, label=name)

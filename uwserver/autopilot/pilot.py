@@ -64,7 +64,7 @@ class Autopilot:
 
     def take(self, sample: Sample, now_ns: int) -> None:
         """A sample of one of its sensors was delivered."""
-        self.craft.estimator.take(self.estimate, sample, now_ns)
+        self.craft.estimator.update(self.estimate, sample, now_ns)
 
     def step(self, t_ns: int) -> None:
         """One step: estimate, fail-safes, guidance, control, allocation, commands."""

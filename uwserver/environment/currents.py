@@ -26,7 +26,7 @@ class UniformConfig(CurrentTable, tag="uniform", kw_only=True, frozen=True):
 
 
 class ProfileConfig(CurrentTable, tag="profile", kw_only=True, frozen=True):
-    """Velocity by depth, steady; above the first and below the last depth that of the first and last.
+    """Steady velocity by depth; constant above the first depth and below the last.
 
     Attributes:
         depth_m: rising, below the still water level.

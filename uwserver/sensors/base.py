@@ -7,17 +7,18 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Meta, Struct, structs
 
 from uwserver.environment.earth import Earth
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
 from uwserver.modifiers import Measurement, ModifierConfig
+from uwserver.modifiers.base import NOTHING, Memory, check_lengths
 from uwserver.physics.rays.raycast import FloatArray, Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.wiring import Wiring
@@ -38,7 +39,7 @@ class StreamTable(Table, kw_only=True, frozen=True):
 
 
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What the table of any sensor may hold.
+    """What the table of any sensor may hold; each has ``build(mount) -> Sensor``.
 
     Attributes:
         rate_hz: samples a second; divides the physics rate.
@@ -175,7 +176,18 @@ def earlier(p: Vec3, q: Quat, nu: Sequence[float], ago: float) -> tuple[Vec3, Qu
 
 
 class Settings(Struct, frozen=True):
-    """What can be changed of a sensor while it runs. SI; the names of its fields are the service's arguments."""
+    """What can be changed of a sensor while it runs. SI; the names of its fields are the service's arguments.
+
+    The limits of the types are those within which any value is harmless; the arguments' may be narrower.
+    """
+
+
+Gain = Annotated[float, Meta(ge=-1000, le=1000)]
+"""dB, as a setting."""
+Distance = Annotated[float, Meta(ge=1e-3, le=1e7)]
+"""m, as a setting."""
+SoundSpeed = Annotated[float, Meta(ge=0, le=1e5)]
+"""m/s, as a setting: what the device believes; 0 stands for the truth."""
 
 
 class Latest(Protocol):
@@ -205,7 +217,7 @@ class Sensor(ABC):
         needs_rates: whether `Scope.nu_dot` and `Scope.tau` must be filled in.
         settings: changed by `change` alone.
         arguments: of the service ``set``, beside `rate_hz`: one for each setting, with its limits.
-        memory: plain numbers that it keeps from reading to reading.
+        memory: what it keeps from reading to reading.
         rng: random numbers of its own path; from `start` on.
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
@@ -218,7 +230,7 @@ class Sensor(ABC):
     needs_rates = False
     settings: Settings = Settings()
     arguments: tuple[Argument, ...] = ()
-    memory: list[float]
+    memory: Memory = NOTHING
     rng: np.random.Generator
     dt = 1.0
     paces = False
@@ -236,9 +248,9 @@ class Sensor(ABC):
         self.rng = rng
         self.memory = self.turn_on()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> Memory:
         """The memory at the start of a run."""
-        return []
+        return NOTHING
 
     def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats others needs them
         """Get to know the other sensors of the vehicle, by name; before anything is read."""
@@ -276,6 +288,16 @@ class Sensor(ABC):
 
     def check(self, settings: Settings) -> None:  # noqa: B027 - most have nothing to check
         """Raise Refused where single limits do not say it all."""
+
+    def valid(self, record: Memory | Settings) -> None:
+        """Raise ValueError where a record of another run, though of the right types, cannot be the memory or the settings of this sensor."""
+        if isinstance(record, Memory):
+            check_lengths(record, self.memory)
+            return
+        try:
+            self.check(record)
+        except Refused as refused:
+            raise ValueError(str(refused)) from None
 
 
 class IdealSensor(Sensor):

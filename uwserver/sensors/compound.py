@@ -13,7 +13,7 @@ from uwserver.sensors.base import Latest, Pose, Scope, Sensor, SensorTable
 from uwserver.table import Name
 from uwserver.units import NANOSECONDS
 
-_AGE = Field("age", "s", "of the oldest reading in the message")
+_AGE = Field("age", "s", "age of the oldest reading in the message")
 
 
 class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Annotated, Any, Literal
@@ -161,7 +162,7 @@ class SensorSlot(Part):
         """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
         twin.settings = self.sensor.settings
         if twin.paces:
-            twin.memory = list(self.sensor.memory)
+            twin.memory = copy(self.sensor.memory)
         reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
         return (False, blank(twin.fields)) if reading is None else (reading.valid, reading.values)
 
@@ -180,13 +181,15 @@ class SensorSlot(Part):
 
     def check(self, state: Any) -> None:
         """The records are of its kinds, and readings fit their fields."""
-        self.sensor.check(read_record(state.settings, self.sensor.settings))
+        settings = read_record(state.settings, self.sensor.settings)
+        self.sensor.valid(settings)
+        self.sensor.check(settings)
         owners = list(self._remembering())
         if len(state.memories) != len(owners) or len(state.sides) != len(self.sides):
             raise ValueError("other modifiers or streams than this sensor has")
         for (owner, _), (stream, memory) in zip(owners, state.memories, strict=True):
             check_stream(stream)
-            read_record(memory, owner.memory)
+            owner.valid(read_record(memory, owner.memory))
         for stream, held in zip(self.streams(), (state.held, *state.sides), strict=True):
             if held is not None:
                 check_values(stream.port.fields, held[1])

@@ -171,7 +171,7 @@ def gps(world):
 def battery(world):
     voltage, current, power = (last(world, "battery", name) for name in ("voltage", "current", "power"))
     sensor = world.sensors["heavy/battery"].sensor
-    electromotive = sensor.open_circuit(sensor.memory[0] / sensor._capacity)
+    electromotive = sensor.open_circuit(sensor.memory.charge / sensor._capacity)
     # The charge went down by this reading's own current after its voltage was found.
     assert voltage == pytest.approx(electromotive - sensor._config.resistance_ohm * current, abs=1e-3)
     assert power == pytest.approx(voltage * current, rel=1e-9)
@@ -194,7 +194,7 @@ def contact(world):
 
 def leak(world):
     sensor = world.sensors["heavy/leak"].sensor
-    assert last(world, "leak", "leak") is (sensor.memory[0] >= sensor._threshold) is True
+    assert last(world, "leak", "leak") is (sensor.memory.volume >= sensor._threshold) is True
 
 
 def compound(world):

@@ -86,6 +86,7 @@ def build_autopilot(
     name: str,
     row: int,
     mounts: Mapping[str, Pose],
+    ports: Mapping[str, Port],
     actuators: Mapping[str, ActuatorSlot],
 ) -> Piloted | None:
     """The autopilot of a vehicle of a checked scenario; None if it has none.
@@ -95,6 +96,7 @@ def build_autopilot(
         name: its first level of paths.
         row: of its body.
         mounts: X_BS of its sensors.
+        ports: theirs, by path.
         actuators: by their names in the vehicle file.
     """
     config = resolved.entry.autopilot
@@ -108,7 +110,7 @@ def build_autopilot(
     allocation, helm = _controls(file, params, actuators, hands, dt)
     craft = Craft(
         path=path,
-        estimator=Estimator(_sources(world, file, name, mounts), _surroundings(world, file, config), 1.0 / dt),
+        estimator=Estimator(_sources(world, file, name, mounts, ports), _surroundings(world, file, config), 1.0 / dt),
         allocation=allocation,
         helm=helm,
         held=hands.held,
@@ -171,7 +173,9 @@ def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConf
 # -- what it hears --------------------------------------------------------------------------------------------------------------------------
 
 
-def _sources(world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose]) -> dict[str, Source]:
+def _sources(
+    world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose], ports: Mapping[str, Port]
+) -> dict[str, Source]:
     found: dict[str, Source] = {}
     taken: set[type] = set()
     for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
@@ -184,6 +188,7 @@ def _sources(world: World, file: VehicleFile, name: str, mounts: Mapping[str, Po
             density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
         found[f"{name}/{key}"] = Source(
             kind=str(sensor.__struct_config__.tag),
+            fields=ports[f"{name}/{key}"].fields,
             p=mount.p,
             q=mount.q,
             sigma=_sigma(sensor),

@@ -73,7 +73,8 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
     actuators = {key: _actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items()}
-    piloted = build_autopilot(world, resolved, params, name, row, mounts, actuators)
+    ports = {slot.port.path: slot.port for slot in built.values()}
+    piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
     slots = list(actuators.values())
     if piloted is not None:
         sensors.append(piloted.state)

@@ -12,7 +12,7 @@ from msgspec import UNSET, Struct
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
 from uwserver.logs import place_of
-from uwserver.modifiers import ModifierConfig, Stream
+from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.ports import Field
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.documents import label_of
@@ -277,7 +277,8 @@ def _check_modifier(
         report((*path, "field"), str(error))
         return
     try:
-        modifier.build(stream)
+        if not isinstance(modifier.build(stream), Modifier):
+            raise TypeError("it must derive from uwserver.modifiers.Modifier")
     except ValueError as error:
         report(path, str(error))
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way

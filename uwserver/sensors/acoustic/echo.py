@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
-from uwserver.frames import Quat, Vec3
+from uwserver.frames import Vec3
 from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
 from uwserver.sensors.base import Scope
 
@@ -32,18 +32,6 @@ def load_kernels() -> None:
     from uwserver.physics.warm import echo_kernels
 
     echo_kernels()
-
-
-def turn(q_NS: Quat) -> FloatArray:
-    """R_NS (3, 3) of a unit quaternion."""
-    w, x, y, z = q_NS
-    return np.array(
-        (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-        )
-    )
 
 
 def submergence(scope: Scope, p: Vec3) -> float:

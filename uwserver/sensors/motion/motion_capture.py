@@ -10,7 +10,6 @@ class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, froze
     """A camera system without errors of its own: add them as modifiers of `p_NS`."""
 
     def build(self, mount: Pose) -> MotionCapture:
-        """The ideal sensor."""
         return MotionCapture(mount)
 
 

@@ -16,7 +16,7 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
     """Reports the contacts of the tick at which it measures; at a rate below that of the physics a short blow can fall between two samples.
 
     Attributes:
-        points: how many contacts it tells, the strongest first.
+        points: how many contacts it reports, the strongest first.
         threshold_Ns: a weaker impulse is not felt.
     """
 
@@ -41,7 +41,7 @@ class Contact(IdealSensor):
             Field("count", "1", "number of contacts", type="int"),
             Field("impulse_B", "N s", "sum over all contacts, on this vehicle", "B", (3,)),
             Field("body", "1", "row of the body touched hardest; -1 for what does not move", type="int"),
-            Field("points_B", "m", "where, the strongest first; x y z of each", "B", (n, 3)),
+            Field("points_B", "m", "contact points, the strongest first; x y z of each", "B", (n, 3)),
             Field("impulses_B", "N s", "on this vehicle at each point", "B", (n, 3)),
         )
 

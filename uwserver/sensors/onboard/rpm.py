@@ -35,7 +35,7 @@ class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
 class Rpm(Sensor):
     """Speeds from the thrust that the shafts give at rest."""
 
-    doc = "Shaft speed of thrusters; nothing where the device file does not tell it."
+    doc = "Shaft speed of thrusters; no value where the device file does not give it."
 
     def __init__(self, config: RpmConfig) -> None:
         self._config = config

@@ -11,7 +11,7 @@ from msgspec import Meta
 from uwserver.frames import rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -39,20 +39,19 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
     medium: Literal["water", "any"] = "water"
 
     def build(self, mount: Pose) -> RangeArray:
-        """The instrument."""
         return RangeArray(mount, self)
 
 
 class RangeSettings(Settings, frozen=True):
     """How far it looks."""
 
-    max_range_m: float
+    max_range_m: Distance
 
 
 class RangeArray(Sensor):
     """Distances to the first solid thing."""
 
-    doc = "Distances along thin rays, from port to starboard; nothing where a ray meets nothing. Invalid with the sensor in air."
+    doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
     settings: RangeSettings
 
     def __init__(self, mount: Pose, config: RangeArrayConfig) -> None:

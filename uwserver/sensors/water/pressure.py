@@ -25,7 +25,6 @@ class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
     assumed_atmosphere_pa: NonNegative | msgspec.UnsetType = msgspec.UNSET
 
     def build(self, mount: Pose) -> Pressure | Depth:
-        """The ideal sensor."""
         return Pressure(mount) if self.output == "pressure" else Depth(mount, self)
 
 

@@ -134,6 +134,7 @@ def test_a_sensor_is_converted_once_and_built_once_for_its_fields(tank):
         ("    def build(self, mount", "    def made(self, mount", "turbidity.py:11:1: SENSORS: TurbidityConfig has no build()"),
         ("return Turbidity(mount, self)", "return Turbidity(mount)", "cannot be built (turbidity.py:25): TypeError"),
         ("return Fouling(self, stream)", "return Fouling(stream)", "cannot be built (turbidity.py:50): TypeError"),
+        ("return Fouling(self, stream)", "return stream", "it must derive from uwserver.modifiers.Modifier"),
         ("class Turbidity(IdealSensor)", "class Turbidity", "it must derive from uwserver.sensors.Sensor or IdealSensor"),
         ("fields = (Field(", "fields = ((", "its fields must be a tuple of uwserver.ports.Field"),
     ],
