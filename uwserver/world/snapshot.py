@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, msgpack
 
 from uwserver.autopilot.state import Saved as SavedPilot
-from uwserver.environment.currents import GaussMarkov
+from uwserver.environment.currents import Drift
 from uwserver.modifiers import Modifier
 from uwserver.physics.bodies import Saved
 from uwserver.ports import Refused, Sample, Value
@@ -49,6 +49,7 @@ class ActuatorState(Struct, frozen=True):
     other_tick: int
     conflicts: int
     timeouts: int
+    memory: bytes
 
 
 class Snapshot(Struct, frozen=True):
@@ -75,7 +76,9 @@ class Snapshot(Struct, frozen=True):
         digest = hashlib.sha256()
         for bits in self.rows.bits():
             digest.update(bits)
-        actuators = {path: (a.active, a.timeout_ticks, a.last_tick, a.last_value) for path, a in self.actuators.items()}
+        actuators = {
+            path: (a.active, a.timeout_ticks, a.last_tick, a.last_value, a.memory) for path, a in self.actuators.items()
+        }
         water = (self.current, self.drifts)
         rest = (self.tick, water, self.sensors, actuators, self.pending, self.pending_order, self.watch, self.faults)
         digest.update(repr(rest).encode())
@@ -84,7 +87,7 @@ class Snapshot(Struct, frozen=True):
         return digest.hexdigest()
 
 
-def _drifts(world: World) -> tuple[GaussMarkov, ...]:
+def _drifts(world: World) -> tuple[Drift, ...]:
     return () if world.water.sea is None else world.water.sea.drifts
 
 
@@ -131,6 +134,7 @@ def take(world: World) -> Snapshot:
                 slot.other_tick,
                 slot.conflicts,
                 slot.timeouts,
+                msgpack.encode(getattr(slot.actuator, "memory", None)),
             )
             for path, slot in world.actuators.items()
         },
@@ -174,8 +178,11 @@ def restore(world: World, snapshot: Snapshot) -> None:
     for path, saved_slot in snapshot.actuators.items():
         actuator = world.actuators[path]
         world.set_timeout(actuator, saved_slot.timeout_ticks)
-        for name in ActuatorState.__struct_fields__:
+        for name in ActuatorState.__struct_fields__[:-1]:
             setattr(actuator, name, getattr(saved_slot, name))
+        memory = getattr(actuator.actuator, "memory", None)
+        if memory is not None:
+            actuator.actuator.memory = msgpack.decode(saved_slot.memory, type=type(memory))  # type: ignore[attr-defined]
     world.pending = list(snapshot.pending)
     heapq.heapify(world.pending)
     world.pending_order = snapshot.pending_order

@@ -17,6 +17,7 @@ from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
 from uwserver.sensors import MagnetometerConfig
 from uwserver.units import rad
+from uwserver.world.faults import effects
 from uwserver.world.services import offer_world_services
 from uwserver.world.world import World
 
@@ -43,7 +44,8 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
-        world.faults.set(name, fault, world.tick)
+        for part, effect in effects(name, fault, world.faults.targets(), stream_of(seed, f"faults/{name}")).items():
+            world.faults.set(part, effect, world.tick)
     offer_world_services(world)
     return world
 

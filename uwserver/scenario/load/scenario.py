@@ -21,6 +21,7 @@ from uwserver.scenario.load.fault_checks import check_faults
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.actuator_checks import check_actuators
 from uwserver.scenario.vehicle.assembly import Draft, MergedFile, drafted, merged_file
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
@@ -135,6 +136,7 @@ class _Load:
         tree = self._converter(merged).tree(merged.raw, Vehicle)
         devices = self._thruster_devices(merged)
         draft = drafted(tree, devices)
+        before = self._errors()
         self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         autopilot: AutopilotConfig | None = self._tree.at("vehicles", name, "autopilot").value
@@ -143,6 +145,12 @@ class _Load:
             check_autopilot(autopilot, draft, place, self._world, self._report(document))
         self._solids.read_vehicle(name, merged, tree, self._report(merged), self._warn(merged))
         self._vehicles[name] = tree.value, devices
+        whole = tree.value is not None and all(key in devices for key in tree.value.thrusters)
+        if whole and self._environment is not None and self._errors() == before:
+            check_actuators(_without_disabled(tree.value), devices, self._environment, self._report(merged))
+
+    def _errors(self) -> int:
+        return sum(problem.severity == "error" for problem in self._problems)
 
     def _check_carriers(self, draft: Draft, merged: MergedFile) -> None:
         """Beacons sit on vehicles that there are."""

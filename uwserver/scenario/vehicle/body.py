@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from uwserver.actuators import ActuatorConfig, Body
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import (
     BodyParams,
@@ -83,7 +85,30 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
         displaced=environment.density * vehicle.buoyancy.volume_m3,
         thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
         appendages=appendages(vehicle, environment),
+        wrenches=1 + len(own_actuators(vehicle)),
     )
+
+
+def own_actuators(vehicle: Vehicle) -> dict[str, ActuatorConfig]:
+    """Its actuators of kinds of an extension, by name."""
+    shipped = get_args(ActuatorConfig)
+    return {name: config for name, config in vehicle.actuators.items() if type(config) not in shipped}
+
+
+def add_body(hydro: Hydrodynamics, vehicle: Vehicle, params: BodyParams) -> dict[str, Body]:
+    """Append a vehicle's body. Gives the rows that its actuators may write: one `Body` for the shipped kinds, under "", and for each actuator
+    of an extension one with a wrench of its own, under its name.
+
+    Args:
+        hydro: arrays of the world.
+        vehicle, params: a checked vehicle, and what `body_params` makes of it.
+    """
+    first, wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
+    row = hydro.add(params)
+    thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}
+    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    names = ("", *own_actuators(vehicle))
+    return {name: Body(hydro, row, thrusters, wrench + k, servos) for k, name in enumerate(names)}
 
 
 def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice) -> ThrusterParams:
