@@ -16,7 +16,7 @@ from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import add_body
-from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring

@@ -32,7 +32,7 @@ _LISTS: Mapping[str, tuple[type, Any]] = {
 
 
 def extension_kinds(
-    names: object, beside: Path, report: Callable[[KeyPath, str], None], take: Callable[[Problem], None]
+    names: object, beside: Path, report: Callable[[KeyPath, str], None], add: Callable[[Problem], None]
 ) -> More:
     """Kinds of all extensions of a scenario. Runs their files.
 
@@ -40,7 +40,7 @@ def extension_kinds(
         names: what the key `extensions` holds; anything but a list of names is told elsewhere.
         beside: folder that they start from.
         report: takes in faults of the scenario file.
-        take: takes in faults of the Python files, with their own places.
+        add: takes in faults of the Python files, with their own places.
     """
     more: dict[type, dict[str, Any]] = {base: {} for base, _ in _LISTS.values()}
     for k, name in enumerate(names if isinstance(names, (list, tuple)) else ()):
@@ -50,12 +50,12 @@ def extension_kinds(
         if path.suffix != ".py" or not path.is_file():
             report(("extensions", k), f'there is no Python file "{label_of(path)}"')
             continue
-        for problem in _gather(path.resolve(), more):
-            take(problem)
+        for problem in _run_and_list(path.resolve(), more):
+            add(problem)
     return more
 
 
-def _gather(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
+def _run_and_list(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
     """Run a file and add the kinds that it lists; yields its faults."""
     label = label_of(path)
     try:

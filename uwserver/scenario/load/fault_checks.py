@@ -12,14 +12,14 @@ from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.vehicle.body import matrices
 from uwserver.scenario.vehicle.copies import starts
-from uwserver.scenario.vehicle.tables import Vehicle
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.truth import TRUTH
 from uwserver.world.faults import FaultConfig, Hull, Targets, effects, refusals
 from uwserver.world.faults.timeline import MAX_FAULTS
 
 
-def check_faults(scenario: Node, vehicles: Mapping[str, Vehicle], environment: Environment, report: Report) -> None:
+def check_faults(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment, report: Report) -> None:
     """Targets, members and sizes of the faults of a scenario whose vehicles could all be read; `vehicles` by table."""
     targets = _targets(scenario, vehicles, environment)
     before: list[FaultConfig] = []
@@ -42,7 +42,7 @@ def check_faults(scenario: Node, vehicles: Mapping[str, Vehicle], environment: E
             return
 
 
-def _targets(scenario: Node, vehicles: Mapping[str, Vehicle], environment: Environment) -> Targets:
+def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment) -> Targets:
     thrusters: dict[str, tuple[str, ...]] = {}
     sensors: list[str] = []
     hulls: dict[str, Hull] = {}

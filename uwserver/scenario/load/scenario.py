@@ -28,7 +28,7 @@ from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.copies import check_names, entries
 from uwserver.scenario.vehicle.device_checks import check_device
 from uwserver.scenario.vehicle.profiles import check_profile, expanded
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
@@ -90,7 +90,7 @@ class _Load:
         self._tree = scenario_tree(document.raw, adapters, self._converter(document))
         self._world: WorldTable | None = self._tree.at("world").value
         self._environment: Environment | None = self._tree.at("environment").value
-        self._vehicles: dict[str, tuple[Vehicle | None, Mapping[str, ThrusterDevice]]] = {}
+        self._vehicles: dict[str, tuple[VehicleFile | None, Mapping[str, ThrusterDevice]]] = {}
         self._solids = SolidFiles(document, self._tree, self._report(document), self._warn(document))
 
     def result(self) -> Resolved:
@@ -133,7 +133,7 @@ class _Load:
         if file is None:
             return
         merged = merged_file(document, name, entry, file)
-        tree = self._converter(merged).tree(merged.raw, Vehicle)
+        tree = self._converter(merged).tree(merged.raw, VehicleFile)
         devices = self._thruster_devices(merged)
         draft = drafted(tree, devices)
         before = self._errors()
@@ -242,8 +242,8 @@ class _Load:
         return warn
 
 
-def _without_disabled(vehicle: Vehicle) -> Vehicle:
-    enabled: Vehicle = msgspec.structs.replace(
+def _without_disabled(vehicle: VehicleFile) -> VehicleFile:
+    enabled: VehicleFile = msgspec.structs.replace(
         vehicle,
         sensors={name: sensor for name, sensor in vehicle.sensors.items() if sensor.enabled},
         actuators={name: actuator for name, actuator in vehicle.actuators.items() if actuator.enabled},

@@ -11,12 +11,12 @@ from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.vehicle.body import add_body, body_params, own_actuators
 from uwserver.scenario.vehicle.sensor_checks import check_fields
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 
 
 def check_actuators(
-    vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environment: Environment, report: Report
+    vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment, report: Report
 ) -> None:
     """That they can be built, go to neutral, and can be saved.
 

@@ -32,7 +32,7 @@ from uwserver.scenario.vehicle.tables import (
     SphereShape,
     Thruster,
     ThrusterDevice,
-    Vehicle,
+    VehicleFile,
 )
 from uwserver.scenario.water.tables import Environment
 
@@ -47,7 +47,7 @@ class Matrices(NamedTuple):
     D_S: FloatArray
 
 
-def matrices(vehicle: Vehicle) -> Matrices:
+def matrices(vehicle: VehicleFile) -> Matrices:
     """The matrices as the file has them; M_A is not made symmetric here."""
     damping = vehicle.damping
     return Matrices(
@@ -59,13 +59,13 @@ def matrices(vehicle: Vehicle) -> Matrices:
     )
 
 
-def buoyancy_and_weight(vehicle: Vehicle, environment: Environment) -> tuple[float, float]:
+def buoyancy_and_weight(vehicle: VehicleFile, environment: Environment) -> tuple[float, float]:
     """Buoyancy fully submerged, and weight, N."""
     g = environment.gravity_mps2
     return environment.density * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
 
 
-def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
+def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
     """Kernel parameters of a checked vehicle: M_A and damping scaled to the water's density, M_A made symmetric where the file says so."""
     M = matrices(vehicle)
     M_A = 0.5 * (M.M_A + M.M_A.T) * (environment.density / vehicle.added_mass.reference_density_kgpm3)
@@ -89,13 +89,13 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
     )
 
 
-def own_actuators(vehicle: Vehicle) -> dict[str, ActuatorConfig]:
+def own_actuators(vehicle: VehicleFile) -> dict[str, ActuatorConfig]:
     """Its actuators of kinds of an extension, by name."""
     shipped = get_args(ActuatorConfig)
     return {name: config for name, config in vehicle.actuators.items() if type(config) not in shipped}
 
 
-def add_body(hydro: Hydrodynamics, vehicle: Vehicle, params: BodyParams) -> dict[str, Body]:
+def add_body(hydro: Hydrodynamics, vehicle: VehicleFile, params: BodyParams) -> dict[str, Body]:
     """Append a vehicle's body. Gives the rows that its actuators may write: one `Body` for the shipped kinds, under "", and for each actuator
     of an extension one with a wrench of its own, under its name.
 

@@ -13,7 +13,7 @@ from uwserver.scenario.vehicle.appendage_checks import check_appendages, check_m
 from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.vehicle.body import buoyancy_and_weight, matrices
 from uwserver.scenario.vehicle.sensor_checks import check_sensor
-from uwserver.scenario.vehicle.tables import Damping, Vehicle
+from uwserver.scenario.vehicle.tables import Damping, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 
@@ -76,7 +76,7 @@ def _check_forms(draft: Draft, report: Report) -> bool:
 def _check_matrices(draft: Draft, environment: Environment | None, report: Report, warn: Report) -> None:
     if draft.rigid_body is None or draft.buoyancy is None or draft.added_mass is None:
         return
-    body = Vehicle(
+    body = VehicleFile(
         schema=1, name="", description="", rigid_body=draft.rigid_body, buoyancy=draft.buoyancy, added_mass=draft.added_mass,
         damping=Damping(),
     )  # fmt: skip
@@ -105,7 +105,7 @@ def _check_matrices(draft: Draft, environment: Environment | None, report: Repor
         _check_trim(body, environment, warn)
 
 
-def _check_trim(body: Vehicle, environment: Environment, warn: Report) -> None:
+def _check_trim(body: VehicleFile, environment: Environment, warn: Report) -> None:
     buoyancy, weight = buoyancy_and_weight(body, environment)
     excess = buoyancy - weight
     if abs(excess) > _TRIM * weight:
