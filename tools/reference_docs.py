@@ -163,7 +163,7 @@ def scenario_page() -> str:
         "",
         *_tables(scenario_tables, world_tables, water_tables, entry, first=scenario_tables.Scenario),
     ]
-    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, first=vehicle_tables.Vehicle)]
+    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, first=vehicle_tables.VehicleFile)]
     lines += ["## Solid things", "", *_tables(solid_tables)]
     lines += ["## Autopilot", "", *_table("vehicles.*.autopilot", AutopilotConfig), *_table("Gains", Gains)]
     lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Protocol
 
 from msgspec import Meta
@@ -38,7 +38,7 @@ class Body:
         hydro: arrays of the world.
         row: the vehicle's body row.
         thrusters: thruster rows by name.
-        wrench: the vehicle's wrench row.
+        wrench: a wrench row: the vehicle's, or one of its own for an actuator of an extension.
         servos: servo rows by table and name (``fins.rudder``).
     """
 
@@ -56,9 +56,17 @@ class Body:
         self.wrench = wrench
         self.servos = servos or {}
 
+    def push(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Hold a force (N) and a moment (N m) about the body origin, in B, from now on; each replaces the last."""
+        self.hydro.wrenches["bias"][self.wrench] = (*force, *moment)
+
 
 class Actuator(Protocol):
-    """One actuator; runs on the simulation thread. All its state lies in the kernel's arrays."""
+    """One actuator; runs on the simulation thread.
+
+    Its state lies in the kernel's arrays, which `Body` gives it. One that remembers more has an attribute `memory`, a msgspec Struct of plain
+    typed values, and nothing beside it: it is saved with the world, and another of its type is put in its place when the world is restored.
+    """
 
     @property
     def fields(self) -> tuple[Field, ...]:

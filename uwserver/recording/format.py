@@ -30,7 +30,7 @@ from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVe
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
 from uwserver.scenario.solids.objects import object_params
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
@@ -163,14 +163,14 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         whole = msgspec.json.decode(record["scenario"])
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
-            raise ValueError(f"its sensors come from {names}: give the file by --extension, if you trust it")
+            raise ValueError(f"its components come from {names}: give the file by --extension, if you trust it")
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         vehicles = {
             name: ResolvedVehicle(
                 name,
                 scenario.vehicles[name],
-                _typed(parts["vehicle"], Vehicle, more),
+                _typed(parts["vehicle"], VehicleFile, more),
                 msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
                 solids.get(f"vehicles/{name}"),
             )

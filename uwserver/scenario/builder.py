@@ -48,7 +48,7 @@ class ScenarioBuilder:
         self.world(rate_hz=rate_hz)
 
     def extension(self, file: str | Path) -> ScenarioBuilder:
-        """A Python file with further kinds of sensor and modifier for the verbs that follow; it is run."""
+        """A Python file with further kinds of component for the verbs that follow; it is run."""
         path = str(Path(file).resolve())
         files, problems = [*self._raw.get("extensions", []), path], list[Problem]()
         label = self._raw["title"] or "scenario"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -97,6 +98,7 @@ port = 7600
 """
 
 
+PAGE = Path(__file__).parents[3] / "docs/how-to/extend.md"
 ADAPTERS: dict[str, type] = installed_adapters()
 Write = Callable[..., Path]
 
@@ -123,3 +125,22 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 def files() -> dict[str, str]:
     """Text of the three good files."""
     return {"tank": SCENARIO, "tiny": VEHICLE, "motor": DEVICE}
+
+
+@pytest.fixture(scope="session")
+def listings() -> dict[str, str]:
+    """The files of docs/how-to/extend.md by name, and its tests under "tests"."""
+    text = PAGE.read_text(encoding="utf-8")
+    named = dict(re.findall(r"^`([\w.]+)`:\n```\w+\n(.*?)^```", text, re.S | re.M))
+    (named["tests"],) = re.findall(r"^## Test it\n```python\n(.*?)^```", text, re.S | re.M)
+    return named
+
+
+@pytest.fixture
+def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listings: dict[str, str]) -> Path:
+    """A working folder with all files of the page."""
+    monkeypatch.chdir(tmp_path)
+    for name, code in listings.items():
+        if name != "tests":
+            (tmp_path / name).write_text(code, encoding="utf-8")
+    return tmp_path

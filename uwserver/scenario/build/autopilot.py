@@ -38,7 +38,7 @@ from uwserver.modifiers import WhiteNoise
 from uwserver.physics.dynamics.params import BodyParams, FloatArray, ThrusterParams
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
-from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
     AltimeterConfig,
     AttitudeConfig,
@@ -229,7 +229,7 @@ class _Hands:
     holds: list[Hold] = field(default_factory=list)
     blocked: list[Held] = field(default_factory=list)
 
-    def take(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
+    def hold(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
         """Hold an actuator. A field without a largest value has `strongest` as its full command."""
         full = tuple((field.maximum or strongest,) * field.size for field in slot.port.fields)
         self.held.append(slot)
@@ -250,7 +250,7 @@ def _controls(
         allocation = _thrusters(file, params, actuators, hands)
     else:
         key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
-        hands.take(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
+        hands.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
         allocation = Wrench(_wrench_limits(file, params))
     drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
     return allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
@@ -277,7 +277,7 @@ def _devices(
             hands.blocked.append(actuators[key])
             continue
         seen.update(names)
-        hands.take(actuators[key], [f"{table}.{name}" for name in names], strongest)
+        hands.hold(actuators[key], [f"{table}.{name}" for name in names], strongest)
         yield file.actuators[key], names
 
 
@@ -320,7 +320,7 @@ def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, Actuato
     ]
     propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
     for key, member in propellers.items():
-        hands.take(actuators[key], (f"propellers.{member}",))
+        hands.hold(actuators[key], (f"propellers.{member}",))
     shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
     return FinsAndShaft(groups, shaft, len(propellers))

@@ -15,7 +15,8 @@ from uwserver.physics.dynamics.params import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
-from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
+from uwserver.scenario.vehicle.body import add_body
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
@@ -56,12 +57,10 @@ def object_member(world: World, resolved: ResolvedObject, name: str) -> Member:
 def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, name: str) -> Member:
     """A vehicle with its components as a body of the world, at rest at the origin."""
     file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
-    first_thruster, first_wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
-    row = hydro.add(params)
-    thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
-    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
-    body = Body(hydro, row, thrusters, first_wrench, servos)
-    wiring = Wiring(hydro, row, thrusters, _electrics(resolved))
+    bodies = add_body(hydro, file, params)
+    body = bodies[""]
+    row = body.row
+    wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
     mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
     built: dict[str, SensorSlot] = {}
     made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}
@@ -72,7 +71,9 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
-    actuators = {key: _actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items()}
+    actuators = {
+        key: _actuator(world, f"{name}/{key}", config, bodies.get(key, body)) for key, config in file.actuators.items()
+    }
     ports = {slot.port.path: slot.port for slot in built.values()}
     piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
     slots = list(actuators.values())

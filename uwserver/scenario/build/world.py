@@ -18,7 +18,7 @@ from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
 from uwserver.sensors import MagnetometerConfig
 from uwserver.units import rad
-from uwserver.world.faults import Faults
+from uwserver.world.faults import Faults, effects
 from uwserver.world.saving import offer_state_services
 from uwserver.world.services import offer_world_services
 from uwserver.world.world import World
@@ -54,7 +54,8 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
-        faults.set(name, fault)
+        for part, effect in effects(name, fault, faults.targets(), stream_of(seed, f"faults/{name}")).items():
+            faults.set(part, effect)
     offer_world_services(world)
     offer_state_services(world)
     return world

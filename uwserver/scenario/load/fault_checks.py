@@ -4,27 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
 from uwserver.scenario.files.convert import Node, Report
+from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.vehicle.body import matrices
 from uwserver.scenario.vehicle.copies import starts
-from uwserver.scenario.vehicle.tables import Vehicle
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.truth import TRUTH
-from uwserver.world.faults import FaultConfig, Hull, Targets, refusals
+from uwserver.world.faults import FaultConfig, Hull, Targets, effects, refusals
+from uwserver.world.faults.timeline import MAX_FAULTS
 
 
-def check_faults(scenario: Node, vehicles: Mapping[str, Vehicle], environment: Environment, report: Report) -> None:
+def check_faults(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment, report: Report) -> None:
     """Targets, members and sizes of the faults of a scenario whose vehicles could all be read; `vehicles` by table."""
     targets = _targets(scenario, vehicles, environment)
     before: list[FaultConfig] = []
     for name, fault in scenario.values("faults").items():
-        for key, text in refusals(fault, targets, before):
-            report(("faults", name, key), text)
-        before.append(fault)
+        path: KeyPath = ("faults", name)
+        try:
+            parts = effects(name, fault, targets, np.random.default_rng(0))
+        except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+            report(path, not_built(fault, error))
+            continue
+        for part in parts.values():
+            for key, text in refusals(part, targets, before):
+                if part is fault:
+                    report((*path, key), text)
+                else:
+                    report(path, f'it comes to a "{part.__struct_config__.tag}" that cannot be: {key}: {text}')
+            before.append(part)
+        if len(before) > MAX_FAULTS:
+            report(path, f"with it there are more than the {MAX_FAULTS} faults that a world can have: leave some out")
+            return
 
 
-def _targets(scenario: Node, vehicles: Mapping[str, Vehicle], environment: Environment) -> Targets:
+def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment) -> Targets:
     thrusters: dict[str, tuple[str, ...]] = {}
     sensors: list[str] = []
     hulls: dict[str, Hull] = {}

@@ -21,13 +21,14 @@ from uwserver.scenario.load.fault_checks import check_faults
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.actuator_checks import check_actuators
 from uwserver.scenario.vehicle.assembly import Draft, MergedFile, drafted, merged_file
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.copies import check_names, entries
 from uwserver.scenario.vehicle.device_checks import check_device
 from uwserver.scenario.vehicle.profiles import check_profile, expanded
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
@@ -89,7 +90,7 @@ class _Load:
         self._tree = scenario_tree(document.raw, adapters, self._converter(document))
         self._world: WorldTable | None = self._tree.at("world").value
         self._environment: Environment | None = self._tree.at("environment").value
-        self._vehicles: dict[str, tuple[Vehicle | None, Mapping[str, ThrusterDevice]]] = {}
+        self._vehicles: dict[str, tuple[VehicleFile | None, Mapping[str, ThrusterDevice]]] = {}
         self._solids = SolidFiles(document, self._tree, self._report(document), self._warn(document))
 
     def result(self) -> Resolved:
@@ -132,9 +133,10 @@ class _Load:
         if file is None:
             return
         merged = merged_file(document, name, entry, file)
-        tree = self._converter(merged).tree(merged.raw, Vehicle)
+        tree = self._converter(merged).tree(merged.raw, VehicleFile)
         devices = self._thruster_devices(merged)
         draft = drafted(tree, devices)
+        before = self._errors()
         self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         autopilot: AutopilotConfig | None = self._tree.at("vehicles", name, "autopilot").value
@@ -143,6 +145,12 @@ class _Load:
             check_autopilot(autopilot, draft, place, self._world, self._report(document))
         self._solids.read_vehicle(name, merged, tree, self._report(merged), self._warn(merged))
         self._vehicles[name] = tree.value, devices
+        whole = tree.value is not None and all(key in devices for key in tree.value.thrusters)
+        if whole and self._environment is not None and self._errors() == before:
+            check_actuators(_without_disabled(tree.value), devices, self._environment, self._report(merged))
+
+    def _errors(self) -> int:
+        return sum(problem.severity == "error" for problem in self._problems)
 
     def _check_carriers(self, draft: Draft, merged: MergedFile) -> None:
         """Beacons sit on vehicles that there are."""
@@ -234,8 +242,8 @@ class _Load:
         return warn
 
 
-def _without_disabled(vehicle: Vehicle) -> Vehicle:
-    enabled: Vehicle = msgspec.structs.replace(
+def _without_disabled(vehicle: VehicleFile) -> VehicleFile:
+    enabled: VehicleFile = msgspec.structs.replace(
         vehicle,
         sensors={name: sensor for name, sensor in vehicle.sensors.items() if sensor.enabled},
         actuators={name: actuator for name, actuator in vehicle.actuators.items() if actuator.enabled},

@@ -65,7 +65,7 @@ class SolidFiles:
         self.materials = Materials()
         self._scenario, self._report, self._warn = scenario, report, warn
         self._folder = document.path.parent if document.path else Path.cwd()
-        self._told = False
+        self._reported = False
         self._read_seabed(scenario.at("world").value)
         for name, node in scenario.at("structures").parts.items():
             table: Structure | None = node.value
@@ -73,10 +73,10 @@ class SolidFiles:
             if name == "seabed":
                 report(path, '"seabed" is the table [seabed]: choose another name')
             elif table is not None and self._engines(path, report):
-                self._try(
+                self._add_static(
                     path,
                     name,
-                    lambda n, t=table, p=path: structure_solid(n, t, self._folder, self.materials, self._say(p)),
+                    lambda n, t=table, p=path: structure_solid(n, t, self._folder, self.materials, self._warning(p)),
                 )
         for name, node in scenario.at("objects").parts.items():
             self._read_object(name, node.value, scenario.at("environment").value)
@@ -123,7 +123,7 @@ class SolidFiles:
                 origin = float(world.origin_lat_deg), float(world.origin_lon_deg)  # type: ignore[arg-type]
         table: Seabed | None = self._scenario.at("seabed").value
         if table is not None and world is not None and self._engines(("seabed",), self._report):
-            self._try(("seabed",), "seabed", lambda _: seabed_solid(table, self._folder, origin, self.materials))
+            self._add_static(("seabed",), "seabed", lambda _: seabed_solid(table, self._folder, origin, self.materials))
 
     def _read_object(self, name: str, table: ObjectEntry | None, environment: Environment | None) -> None:
         path: KeyPath = ("objects", name)
@@ -141,20 +141,20 @@ class SolidFiles:
         solid = object_solid(name, table, self.materials)
         self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid)
 
-    def _try(self, path: KeyPath, name: str, make: Any) -> None:
+    def _add_static(self, path: KeyPath, name: str, make: Any) -> None:
         try:
             self.static[name] = make(name)
         except BadSolid as error:
             self._report(path, str(error))
 
-    def _say(self, path: KeyPath) -> Any:
+    def _warning(self, path: KeyPath) -> Any:
         return lambda text: self._warn(path, text)
 
     def _engines(self, path: KeyPath, report: Report) -> bool:
         """Whether all that solids need is installed; says so once."""
         missing = missing_engines()
-        if missing is not None and not self._told:
-            self._told = True
+        if missing is not None and not self._reported:
+            self._reported = True
             report(path, missing)
         return missing is None
 

@@ -53,6 +53,11 @@ class Draft:
         """Names in a table of tables, faulty ones too."""
         return tuple(self.tree.at(table).parts)
 
+    def enabled(self, table: str) -> tuple[str, ...]:
+        """As `names`, without those that are taken out."""
+        parts = self.tree.at(table).parts.items()
+        return tuple(name for name, part in parts if part.at("enabled").value is not False)
+
 
 @dataclass(frozen=True)
 class MergedFile:

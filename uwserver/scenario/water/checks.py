@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numpy as np
 from msgspec import UnsetType
 
 from uwserver.environment.column import WaterColumn
-from uwserver.environment.currents import ProfileConfig
+from uwserver.environment.currents import CurrentConfig, ProfileConfig, UniformConfig, flow_of
 from uwserver.environment.waves import WavesConfig
 from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.water.tables import Environment
 
 WRONG = 0.005
@@ -57,8 +60,7 @@ def check_density(scenario: Node, report: Report, warn: Report) -> None:
 def check_environment(environment: Node, report: Report, warn: Report) -> None:
     """Depths of profiles; waves that cannot be, or that linear theory does not describe."""
     for name, current in environment.values("currents").items():
-        if isinstance(current, ProfileConfig):
-            _check_profile(current, ("environment", "currents", name), report)
+        _check_current(current, ("environment", "currents", name), report)
     waves: WavesConfig | None = environment.at("waves").value
     gravity = environment.parts.get("gravity_mps2", _EARTHLY).value
     if waves is None or gravity is None:
@@ -71,6 +73,23 @@ def check_environment(environment: Node, report: Report, warn: Report) -> None:
         if waves.significant_height_m > BREAKING * length:
             text = f"{waves.significant_height_m:g} m in waves of {length:.3g} m is steeper than 1/16: a real sea would break"
             warn((*path, "significant_height_m"), text)
+
+
+def _check_current(current: CurrentConfig, path: KeyPath, report: Report) -> None:
+    try:
+        flow = flow_of(current)
+        if not isinstance(flow, UniformConfig | ProfileConfig):
+            _check_velocity(flow.velocity(0.0, flow.interval_s, None, np.random.default_rng(0)))
+    except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+        report(path, not_built(current, error))
+        return
+    if isinstance(flow, ProfileConfig):
+        _check_profile(flow, path, report)
+
+
+def _check_velocity(velocity: Any) -> None:
+    if np.shape(velocity) != (3,) or not np.isfinite(velocity).all():
+        raise ValueError(f"velocity() must give three finite numbers, not {velocity!r}")
 
 
 def _check_profile(profile: ProfileConfig, path: KeyPath, report: Report) -> None:
