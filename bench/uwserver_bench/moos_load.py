@@ -35,7 +35,7 @@ def flow(task: Task) -> dict[str, object]:
                 writer.write((name, float(written)) for name in names)
                 written += TOGETHER
             heard += sum(key.startswith(b"FLOW_") for _, key, _ in reader.receive(0.1))
-        return {"per_s": heard / ((_clock.now_ns() - start) * 1e-9)}
+        return {"per_s": heard / ((_clock.now_ns() - start) * 1e-9), "count": heard}
 
 
 def navigation(task: Task) -> dict[str, object]:
