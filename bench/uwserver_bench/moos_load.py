@@ -82,7 +82,9 @@ def crowd(task: Task) -> dict[str, object]:
 @contextlib.contextmanager
 def _peers(task: Task, count: int) -> Any:
     with contextlib.ExitStack() as stack:
-        yield [stack.enter_context(contextlib.closing(MoosPeer(task["address"], f"bench{k}"))) for k in range(count)]
+        # The database may not have noticed yet that those of the task before are gone.
+        names = [f"bench{_clock.now_ns()}_{k}" for k in range(count)]
+        yield [stack.enter_context(contextlib.closing(MoosPeer(task["address"], name))) for name in names]
 
 
 _TASKS: Mapping[str, Callable[[Task], dict[str, object]]] = {"flow": flow, "navigation": navigation, "crowd": crowd}

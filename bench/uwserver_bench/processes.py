@@ -54,7 +54,10 @@ class Served:
 
 @contextlib.contextmanager
 def serving(
-    scenario: str | Path, python: str = sys.executable, environment: Mapping[str, str] = os.environ, place: Path | None = None
+    scenario: str | Path,
+    python: str = sys.executable,
+    environment: Mapping[str, str] = os.environ,
+    place: Path | None = None,
 ) -> Iterator[Served]:
     """Run a scenario on a free loopback port for as long as the context is open.
 

@@ -114,6 +114,8 @@ class Comparison:
         lines = [f"{side:6} {_version_line(facts)}" for side, facts in self.versions.items()]
         if len({facts["folder"] for facts in self.versions.values()}) == 1:
             lines.append("both sides are the same installation: what differs is the noise of the measurement")
+        if len({(facts["python"], str(facts["packages"])) for facts in self.versions.values()}) > 1:
+            lines.append("Python or a package differs between the sides: the ratios are of these too")
         if self.quick:
             lines.append("--quick: too short to judge speed by")
         width = max(len(figure.name) for figure in self.figures)
@@ -131,7 +133,8 @@ def _version_line(facts: Mapping[str, object]) -> str:
     packages = facts["packages"]
     assert isinstance(packages, Mapping)
     told = ", ".join(f"{name} {version}" for name, version in packages.items())
-    return f"{facts['folder']}, Python {facts['python']}, {told}"
+    # Each installed distribution is a folder more to look through at every start.
+    return f"{facts['folder']}, Python {facts['python']}, {told}, {facts['distributions']} distributions"
 
 
 def _line(figure: Figure, width: int) -> str:

@@ -18,8 +18,12 @@ import json, platform
 from importlib import metadata
 from pathlib import Path
 import uwserver
-packages = {name: metadata.version(name) for name in PACKAGES}
-print(json.dumps({"folder": str(Path(uwserver.__file__).parent), "python": platform.python_version(), "packages": packages}))
+print(json.dumps({
+    "folder": str(Path(uwserver.__file__).parent),
+    "python": platform.python_version(),
+    "packages": {name: metadata.version(name) for name in PACKAGES},
+    "distributions": len({distribution.name for distribution in metadata.distributions()}),
+}))
 """
 
 
@@ -38,7 +42,7 @@ class Installation:
     environment: Mapping[str, str]
 
     def facts(self, place: Path) -> Mapping[str, object]:
-        """Folder of the package, version of Python, versions of packages.
+        """Folder of the package, version of Python, versions of packages, and how many distributions are installed.
 
         Args:
             place: an empty folder to work in: Python would look for packages in any other.

@@ -149,9 +149,7 @@ def contact(count: int) -> str:
 
 def server(mavlink: bool, zenoh: bool) -> str:
     """One vehicle with truth at every tick, served by all adapters on free ports."""
-    return (
-        _HEAD + _BOTTOM.format(depth=20.0) + _SERVER + (_MAVLINK if mavlink else "") + (_ZENOH if zenoh else "")
-    )
+    return _HEAD + _BOTTOM.format(depth=20.0) + _SERVER + (_MAVLINK if mavlink else "") + (_ZENOH if zenoh else "")
 
 
 def write_survey(folder: Path) -> Path:

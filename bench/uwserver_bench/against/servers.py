@@ -21,7 +21,6 @@ from uwserver_bench import moos_load
 from uwserver_bench.against import scenarios
 from uwserver_bench.against.installation import Installation
 from uwserver_bench.against.pairs import Kind, Pairs, Unable, in_turns
-from uwserver_bench.load import SUBSCRIBE
 from uwserver_bench.mavlink_peer import MavlinkPeer
 from uwserver_bench.moos_peer import MoosPeer
 from uwserver_bench.net_processes import HAS_ZENOH
@@ -194,7 +193,7 @@ def _stations(server: Running) -> list[Listener]:
 
 
 def _navigation(server: Running) -> list[Listener]:
-    reader = _Database(server.addresses["moos"], "bench")
+    reader = _Database(server.addresses["moos"], f"bench{_clock.now_ns()}")
     reader.hear("NAV_*")
     return [reader]
 
@@ -253,9 +252,15 @@ class Servers:
 
     @staticmethod
     def _starts(turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
-        pairs.measure(Kind("start", "start to the first sample, processor time", "s"), turns, lambda side: servers[side].start_cpu_s)
+        pairs.measure(
+            Kind("start", "start to the first sample, processor time", "s"),
+            turns,
+            lambda side: servers[side].start_cpu_s,
+        )
         pairs.measure(Kind("start", "memory with a client", "MB"), turns, lambda side: servers[side].memory_mb)
-        pairs.measure(Kind("latencies", "start to the first sample", "s", START_BAR_S), turns, lambda side: servers[side].start_s)
+        pairs.measure(
+            Kind("latencies", "start to the first sample", "s", START_BAR_S), turns, lambda side: servers[side].start_s
+        )
 
     def _latencies(self, turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
         """In real time, one client."""
@@ -277,7 +282,7 @@ class Servers:
                     pairs.add(kind, side, found)
 
     @staticmethod
-    def _took_ms(server: Running, method: str, **params: object) -> float:
+    def _took_ms(server: Running, method: str, **params: Any) -> float:
         start = _clock.now_ns()
         ask(server.control, method, _PATIENCE_S, **params)
         return (_clock.now_ns() - start) * 1e-6
@@ -308,7 +313,7 @@ class Servers:
 
     def _requests(self, turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
         """One after the other, while time stands still."""
-        kinds: dict[str, tuple[str, str, dict[str, object]]] = {
+        kinds: dict[str, tuple[str, str, dict[str, Any]]] = {
             "a ping over TCP JSON": ("TCP JSON", "ping", {}),
             "a call of a sensor's properties, TCP JSON": ("TCP JSON", "call", {"service": "rov/imu/get"}),
             "a call of a sensor's properties, TCP msgpack": ("TCP msgpack", "call", {"service": "rov/imu/get"}),
@@ -316,7 +321,7 @@ class Servers:
         }
         for name, (wire, method, params) in kinds.items():
 
-            def cost(side: str, wire: str = wire, method: str = method, params: Mapping[str, object] = params) -> float:
+            def cost(side: str, wire: str = wire, method: str = method, params: Mapping[str, Any] = params) -> float:
                 server = servers[side]
                 with contextlib.closing(connect(wire, server.addresses["tcp"])) as peer:
                     ask(peer, method, _PATIENCE_S, **params)

@@ -22,6 +22,8 @@ from uwserver_bench.start import import_s
 
 PATIENCE_S = 900.0
 """The first task of a version may compile its kernels."""
+Calls = Sequence[tuple[str, Mapping[str, object]]]
+"""Services of a world and their arguments."""
 EVERY = 24
 """Ticks between commands: ten a second."""
 SLICE_S, QUICK_SLICE_S = 0.1, 0.003
@@ -87,7 +89,7 @@ class Ticks:
     name: str
     kind: Kind
     vehicles: Sequence[str] = ()
-    calls: Sequence[tuple[str, Mapping[str, object]]] = ()
+    calls: Calls = ()
     reset: bool = True
 
 
@@ -124,7 +126,7 @@ LOADS = {
     "survey": "load a seabed of 99 458 triangles and a vehicle",
 }
 QUICK_LOADS = {"open1"}
-CALLS = {
+CALLS: Mapping[str, tuple[str, Calls]] = {
     "snapshot and its hash, 20 with autopilots": ("navigation20", [("world/snapshot", {})]),
     "restore, 20 with autopilots": ("navigation20", [("world/restore", {})]),
     "state hash, 20 with autopilots": ("navigation20", [("world/state_hash", {})]),
@@ -171,9 +173,7 @@ class Worlds:
                         self._build(probe, ticks)
                         self._step(probe, ticks, 1)
                         seconds = self._step(probe, ticks, 2) / 2
-                        self._turns[ticks.name] = max(
-                            1, round((QUICK_SLICE_S if self._quick else SLICE_S) / seconds)
-                        )
+                        self._turns[ticks.name] = max(1, round((QUICK_SLICE_S if self._quick else SLICE_S) / seconds))
 
     def measure(self, pair: int, pairs: Pairs) -> None:
         """One pair of every figure, in fresh processes: where things lie in memory differs from one to the next and counts as chance."""
@@ -212,7 +212,7 @@ class Worlds:
         pairs.measure(ticks.kind, turns, cost)
 
     def _measure_calls(
-        self, kind: Kind, name: str, calls: Sequence[tuple[str, Mapping[str, object]]], turns: Sequence[str],
+        self, kind: Kind, name: str, calls: Calls, turns: Sequence[str],
         probes: Mapping[str, Probe], pairs: Pairs,
     ) -> None:  # fmt: skip
         times, ready = 1 if self._quick else 10, set[str]()
@@ -239,7 +239,9 @@ class Worlds:
         )
 
 
-def measure_fresh(versions: Mapping[str, Installation], files: Mapping[str, Path], place: Path, pair: int, pairs: Pairs) -> None:
+def measure_fresh(
+    versions: Mapping[str, Installation], files: Mapping[str, Path], place: Path, pair: int, pairs: Pairs
+) -> None:
     """Whole processes: `import uwserver` and commands of a person."""
     pairs.measure(
         Kind("loading", "`import uwserver`, beyond the bare interpreter", "ms"),
@@ -256,7 +258,9 @@ def measure_fresh(versions: Mapping[str, Installation], files: Mapping[str, Path
     for name, command in commands.items():
         kind = Kind("loading", name, "ms")
         pairs.measure(
-            kind, in_turns(pair)[:2], lambda side, command=command: 1e3 * _process_s(versions[side], command, place)
+            kind,
+            in_turns(pair)[:2],
+            lambda side, command=command: 1e3 * _process_s(versions[side], command, place),  # type: ignore[misc]
         )
 
 
