@@ -92,7 +92,7 @@ def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> s
 
 
 @contextlib.asynccontextmanager
-async def listening(
+async def serve_tcp(
     make: Callable[[], asyncio.Protocol], peers: Peers, bind: str, port: int, *, rival: str = ANOTHER
 ) -> AsyncIterator[asyncio.Server]:
     """A TCP server while the context is open; then all peers are closed, those that do not go are cut off.

@@ -16,8 +16,8 @@ from uwserver.adapter import (
     address_text,
     cannot_listen,
     is_loopback,
-    listening,
     port_of_server,
+    serve_tcp,
     serving,
     tls_context,
 )
@@ -63,7 +63,7 @@ class SocketsAdapter:
         """
         config = self.config
         tls = self._tls()
-        async with listening(lambda: self._greet(tls), self.peers, config.bind, config.port) as server:
+        async with serve_tcp(lambda: self._greet(tls), self.peers, config.bind, config.port) as server:
             port = port_of_server(server)
             datagrams: asyncio.DatagramTransport | None = None
             try:
