@@ -15,7 +15,8 @@
 All checks raise AssertionError with a text that says what the contract wants; none needs pytest.
 """
 
-from uwserver.testing.adapters import TcpPeer, check_adapter
+from uwserver.testing.adapter_kit import Requests, TcpPeer
+from uwserver.testing.adapters import check_adapter
 from uwserver.testing.codecs import CodecCase, check_codec
 from uwserver.testing.fake_context import FakeContext, sample_of
 from uwserver.testing.fake_geometry import FakeGeometry
@@ -25,6 +26,6 @@ from uwserver.testing.modifiers import check_modifier
 from uwserver.testing.sensors import check_sensor
 
 __all__ = [
-    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "TcpPeer",
+    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "Requests", "TcpPeer",
     "check_adapter", "check_codec", "check_modifier", "check_sensor", "sample_of",
 ]  # fmt: skip
