@@ -26,8 +26,8 @@ from uwserver.adapter.listening import (
     bound_socket,
     cannot_listen,
     is_loopback,
-    listening,
     port_of_server,
+    serve_tcp,
     serving,
 )
 from uwserver.adapter.log_file import LogFile
@@ -35,6 +35,7 @@ from uwserver.adapter.readings import Reading, Readings
 from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
 from uwserver.adapter.roles import field_of, port_of, port_of_kind, vehicle_of, vehicles_of
 from uwserver.adapter.serial_port import SerialPort
+from uwserver.adapter.threads import Inbox, Worker
 from uwserver.adapter.tls import tls_context
 from uwserver.adapter.values import SampleForm, in_pieces
 from uwserver.adapter.world import VehicleFacts, WorldFacts
@@ -42,9 +43,10 @@ from uwserver.adapter.world import VehicleFacts, WorldFacts
 __all__ = [
     "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "TURN_S", "UNANSWERED", "Adapter", "AdapterContext",
     "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection", "Conversation",
-    "Driver", "EncodingName", "Frames", "Lines", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers", "RateMeter",
-    "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "Undecodable", "VehicleFacts",
-    "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen", "decode", "did_you_mean",
-    "field_of", "frame", "in_pieces", "installed_adapters", "is_loopback", "line", "listening", "load_adapter",
-    "port_of", "port_of_kind", "port_of_server", "serving", "tls_context", "vehicle_of", "vehicles_of",
+    "Driver", "EncodingName", "Frames", "Inbox", "Lines", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers",
+    "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "Undecodable",
+    "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
+    "decode", "did_you_mean", "field_of", "frame", "in_pieces", "installed_adapters", "is_loopback", "line",
+    "load_adapter", "port_of", "port_of_kind", "port_of_server", "serve_tcp", "serving", "tls_context", "vehicle_of",
+    "vehicles_of",
 ]  # fmt: skip

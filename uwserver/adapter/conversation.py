@@ -17,6 +17,7 @@ UNANSWERED = 1024
 
 OnAnswer = Callable[[Reply], None]
 """Gets the one answer, on the loop."""
+OnProgress = Callable[[Progress], None]
 
 
 class Owed:
@@ -40,17 +41,6 @@ class Owed:
         if self.count >= self.most:
             raise Refused("overload", f"{self.count} commands and calls wait for their answer: wait for some of them")
         self.count += 1
-
-
-class _Running:
-    """A call under way."""
-
-    __slots__ = ("cancel", "is_done", "is_late", "is_long", "overdue")
-
-    def __init__(self) -> None:
-        self.cancel: Callable[[], bool] = _too_late
-        self.overdue: asyncio.TimerHandle | None = None
-        self.is_long = self.is_late = self.is_done = False
 
 
 class Conversation:
@@ -77,9 +67,7 @@ class Conversation:
         self._leave: Callable[[], None] | None = None
         self._running: dict[object, list[_Running]] = {}
 
-    def command(
-        self, port: str, value: Mapping[str, object], answer: OnAnswer | None = None, source: str | None = None
-    ) -> None:
+    def command(self, port: str, value: Mapping[str, object], answer: OnAnswer | None = None, source: str = "") -> None:
         """Command an actuator.
 
         Args:
@@ -105,7 +93,7 @@ class Conversation:
                     answer(outcome)
 
         try:
-            self._context.command(port, value, self.source if source is None else source, on_reply)
+            self._context.command(port, value, source or self.source, on_reply)
         except BaseException:
             self.owed.count -= not is_done
             raise
@@ -117,10 +105,10 @@ class Conversation:
         answer: OnAnswer,
         *,
         key: object = None,
-        progress: Callable[[Progress], None] | None = None,
+        progress: OnProgress | None = None,
         timeout_s: float | None = None,
         advice: str = "give a longer timeout_s",
-        source: str | None = None,
+        source: str = "",
     ) -> None:
         """Call a service.
 
@@ -137,54 +125,29 @@ class Conversation:
         Raises:
             Refused: see `AdapterContext.call`; or too many wait. `answer` is not called then.
         """
-        context, running = self._context, _Running()
-        key = running if key is None else key
+        context, running = self._context, _Running(self, key, answer, progress)
         context.stats.calls += 1
         self.owed.add()
-
-        def on_reply(outcome: Reply | Progress) -> None:
-            if running.is_done:
-                return  # it was too late to cancel it: its caller has been told
-            if isinstance(outcome, Progress):
-                if progress is not None and not self.is_closed:
-                    progress(outcome)
-                return
-            running.is_done = True
-            self._forget(key, running)
-            if running.overdue is not None:
-                running.overdue.cancel()
-            self.owed.count -= 1
-            if running.is_late and outcome.fault is not None:
-                text = f"not done within {timeout_s:g} s and therefore cancelled: {advice}"
-                outcome = Reply(outcome.tick, outcome.t_ns, fault=Fault("timeout", text, service))
-            if not self.is_closed:
-                answer(outcome)
-
-        def give_up() -> None:
-            running.is_late = True
-            if not running.cancel():
-                on_reply(Reply(0, 0, fault=Fault("timeout", "", service)))
-
+        self._running.setdefault(running.key, []).append(running)
         try:
-            running.cancel = context.call(
-                service, args, self.source if source is None else source, on_reply, self.client
-            )
+            running.cancel = context.call(service, args, source or self.source, running.on_reply, self.client)
         except BaseException:
-            self.owed.count -= not running.is_done
+            if not running.is_done:
+                running.end()
             raise
         if not running.is_done:
-            known = context.services.get(service)
-            running.is_long = known is not None and known.long_running
-            self._running.setdefault(key, []).append(running)
+            running.is_long = context.services[service].long_running
             if timeout_s is not None:
-                running.overdue = asyncio.get_running_loop().call_later(timeout_s, give_up)
+                text = f"not done within {timeout_s:g} s and therefore cancelled: {advice}"
+                running.limit(timeout_s, Fault("timeout", text, service))
 
-    def _forget(self, key: object, running: _Running) -> None:
-        alike = self._running.get(key, [])
-        if running in alike:
-            alike.remove(running)
-            if not alike:
-                del self._running[key]
+    def ended(self, running: _Running) -> None:
+        """A call has ended: called by it."""
+        self.owed.count -= 1
+        alike = self._running[running.key]
+        alike.remove(running)
+        if not alike:
+            del self._running[running.key]
 
     def is_running(self, key: object) -> bool:
         """Whether a call of this key waits for its answer."""
@@ -214,8 +177,7 @@ class Conversation:
     def end_calls(self) -> None:
         """Nobody waits for its long-running calls any more: cancel them. What it commanded stands."""
         for running in [running for alike in self._running.values() for running in alike]:
-            if running.overdue is not None:
-                running.overdue.cancel()
+            running.unlimit()
             if running.is_long:
                 running.cancel()
 
@@ -224,6 +186,55 @@ class Conversation:
         self.is_closed = True
         self.leave()
         self.end_calls()
+
+
+class _Running:
+    """A call under way: its one answer, also when that comes too late."""
+
+    def __init__(self, asked: Conversation, key: object, answer: OnAnswer, progress: OnProgress | None) -> None:
+        self.key = self if key is None else key
+        self.cancel: Callable[[], bool] = _too_late
+        self.is_done = self.is_long = False
+        self._asked = asked
+        self._answer = answer
+        self._progress = progress
+        self._overdue: Fault | None = None
+        self._timer: asyncio.TimerHandle | None = None
+
+    def limit(self, timeout_s: float, overdue: Fault) -> None:
+        """Cancel it after this wall time, and say so."""
+        self._timer = asyncio.get_running_loop().call_later(timeout_s, self._give_up, overdue)
+
+    def _give_up(self, overdue: Fault) -> None:
+        self._overdue = overdue
+        if not self.cancel():
+            # It cannot be taken back; its answer, when it comes, has nobody who waits for it.
+            self.on_reply(Reply(0, 0, fault=overdue))
+
+    def unlimit(self) -> None:
+        """It may take as long as it takes."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def on_reply(self, outcome: Reply | Progress) -> None:
+        """What the world says."""
+        if self.is_done:
+            return
+        if isinstance(outcome, Progress):
+            if self._progress is not None and not self._asked.is_closed:
+                self._progress(outcome)
+            return
+        self.end()
+        if outcome.fault is not None and self._overdue is not None:
+            outcome = Reply(outcome.tick, outcome.t_ns, fault=self._overdue)
+        if not self._asked.is_closed:
+            self._answer(outcome)
+
+    def end(self) -> None:
+        """It is not waited for any more."""
+        self.is_done = True
+        self.unlimit()
+        self._asked.ended(self)
 
 
 def _too_late() -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal
 
-from uwserver.adapter.refusals import CannotServe, did_you_mean
+from uwserver.adapter.refusals import CannotServe
 from uwserver.ports import Field, Port
 
 
@@ -23,7 +23,7 @@ def vehicle_of(name: str | None, ports: Mapping[str, Port]) -> str:
     names = vehicles_of(ports)
     there = ", ".join(names) or "none"
     if name is not None and name not in names:
-        raise CannotServe(f'no vehicle "{name}"{did_you_mean(name, names)}; there are: {there}')
+        raise CannotServe(f'no vehicle "{name}"; there are: {there}')
     if name is None and len(names) != 1:
         raise CannotServe(f"say which vehicle this is: vehicle = one of {there}")
     return name or names[0]
@@ -48,9 +48,7 @@ def port_of(
     port = ports.get(path)
     if port is None or port.direction != direction:
         there = sorted(path for path, port in ports.items() if port.direction == direction)
-        hint = did_you_mean(path, there)
-        if "/truth/" in path:
-            hint = "; set truth = true for this adapter, or name a sensor"
+        hint = "; set truth = true for this adapter, or name a sensor" if "/truth/" in path else ""
         raise CannotServe(f'{role}: no {direction} "{path}"{hint}; there are: {", ".join(there) or "none"}')
     return port
 
@@ -64,10 +62,8 @@ def field_of(role: str, port: Port, name: str) -> Field:
     for field in port.fields:
         if field.name == name:
             return field
-    names = [field.name for field in port.fields]
-    raise CannotServe(
-        f'{role}: "{port.path}" has no field "{name}"{did_you_mean(name, names)}, it has: {", ".join(names)}'
-    )
+    names = ", ".join(field.name for field in port.fields)
+    raise CannotServe(f'{role}: "{port.path}" has no field "{name}", it has: {names}')
 
 
 def port_of_kind(kind: str, ports: Mapping[str, Port], vehicle: str) -> Port | None:

@@ -12,12 +12,13 @@ import ssl
 from uwserver.adapter import (
     AdapterContext,
     CannotListen,
+    Peer,
     Peers,
     address_text,
     cannot_listen,
     is_loopback,
-    listening,
     port_of_server,
+    serve_tcp,
     serving,
     tls_context,
 )
@@ -52,7 +53,7 @@ class SocketsAdapter:
             token = secrets.token_urlsafe(24)
         allowance = Allowance(config.max_subscriptions, config.max_unanswered)
         self.service = NativeService(context, token, allowance, config.max_requests_per_s)
-        self.peers = Peers(config.max_clients, context.stats)
+        self.peers: Peers[Peer] = Peers(config.max_clients, context.stats)
         self._handshakes: set[asyncio.Task[None]] = set()
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -63,7 +64,7 @@ class SocketsAdapter:
         """
         config = self.config
         tls = self._tls()
-        async with listening(lambda: self._greet(tls), self.peers, config.bind, config.port) as server:
+        async with serve_tcp(lambda: self._greet(tls), self.peers, config.bind, config.port) as server:
             port = port_of_server(server)
             datagrams: asyncio.DatagramTransport | None = None
             try:

@@ -1,3 +1,5 @@
+"""Depth, claimed lengths and values of messages are checked before a decoder sees them, in linear time."""
+
 from __future__ import annotations
 
 import tracemalloc

@@ -1,3 +1,5 @@
+"""Each method of the native protocol: its answer, and every way to be refused."""
+
 from __future__ import annotations
 
 import asyncio
@@ -5,8 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.native.session import SUBSCRIPTIONS, UNANSWERED
+from uwserver_adapters.native.session import SUBSCRIPTIONS
 
+from uwserver.adapter import UNANSWERED
 from uwserver.ports import Event, Refused, Reply
 
 Stage = Callable[..., Any]
@@ -322,7 +325,7 @@ def test_a_fault_of_ours_is_told_and_logged(stage: Stage, encoding: str, caplog:
         theatre.context.scripts["world/status"] = lambda args: object()
         assert (await talker.fault("call", {"service": "world/status"}))[0] == "internal"
         assert await talker.result("ping", 5) == 5
-        assert talker.connection._session.unanswered == 0
+        assert talker.connection._session.conversation.owed.count == 0
 
     asyncio.run(scene())
     assert "our own fault" in caplog.text
