@@ -51,14 +51,8 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {
-    "uwserver_adapters.log_file",
-    "uwserver_adapters.nesting",
-    "uwserver_adapters.serial_port",
-    "uwserver_adapters.sil",
-    "uwserver_adapters.values",
-}
-"""What several protocols need; nothing that knows one of them."""
+SHARED_BY_ADAPTERS = {"uwserver_adapters.native", "uwserver_adapters.sil"}
+"""What several adapters need and no kit can hold: the protocol of uwserver's own, and the simulator interfaces of autopilots."""
 
 LOOP = {"server", "adapter", "cli", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from uwserver import __version__
-from uwserver.adapter import AdapterStats, Driver, Order, Subscriber
+from uwserver.adapter import AdapterStats, Driver, Order, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.simulation.bus import Bus, Mailbox
@@ -65,6 +65,21 @@ class Context:
         self._ports: dict[str, Port] = {}
         self._seen_services: Mapping[str, Service] | None = None
         self._services: dict[str, Service] = {}
+
+    @property
+    def world(self) -> WorldFacts:
+        """The world as it is now."""
+        simulation = self._hub.simulation
+        world = simulation.world
+        return WorldFacts(
+            server=self._hub.server,
+            scenario=world.name,
+            rate_hz=float(world.rate_hz),
+            epoch_utc=world.epoch_utc,
+            mode=simulation.timing.mode,
+            speed=simulation.pace.speed,
+            vehicles=tuple(VehicleFacts(vehicle.name, vehicle.model) for vehicle in world.vehicles.values()),
+        )
 
     @property
     def ports(self) -> Mapping[str, Port]:

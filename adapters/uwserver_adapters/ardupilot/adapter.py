@@ -11,14 +11,13 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterContext, AdapterTable
+from uwserver.adapter import AdapterContext, AdapterTable, CannotServe, Readings
 from uwserver.ports import Refused, Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
-from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
-from uwserver_adapters.sil.readings import Readings
+from uwserver_adapters.sil.channels import Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.world import Deaf, bound, failure, physics_hz, stand_by
 
 _log = logging.getLogger(__name__)

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterContext, AdapterTable
+from uwserver.adapter import AdapterContext, AdapterTable, CannotServe, Readings
 from uwserver.ports import Refused
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver_adapters.px4.senses import Roles, Senses
-from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
-from uwserver_adapters.sil.readings import Readings
+from uwserver_adapters.sil.channels import Outputs, OutputTable, vehicle_of
 from uwserver_adapters.sil.world import Deaf, bound, failure, physics_hz, stand_by
 
 if TYPE_CHECKING:

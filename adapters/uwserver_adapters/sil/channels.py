@@ -7,15 +7,12 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from uwserver.adapter import CannotServe
 from uwserver.ports import Field, Port
 from uwserver.table import Name, Table
 from uwserver_adapters.sil.codec import radians
 
 Channel = Annotated[int, Meta(ge=1, le=32)]
-
-
-class CannotServe(Exception):
-    """The adapter's table and the world do not fit; the text says what to change."""
 
 
 class OutputTable(Table, kw_only=True, frozen=True):

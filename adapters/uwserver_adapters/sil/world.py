@@ -8,10 +8,9 @@ import socket
 from collections.abc import Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, CannotServe
 from uwserver.frames import Quat, Vec3, conjugate, rotate
 from uwserver.ports import Event, OnReply, Progress, Reply, Sample
-from uwserver_adapters.sil.channels import CannotServe
 
 _log = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from uwserver.adapter import AdapterContext
-from uwserver_adapters.zenoh_bus.codec import Codec, EncodingName
+from uwserver.adapter import AdapterContext, EncodingName
+from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.publications import Publications

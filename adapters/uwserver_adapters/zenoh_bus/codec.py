@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import msgspec
 from msgspec import Struct
 
+from uwserver.adapter import EncodingName, SampleForm, Undecodable, decode, in_pieces
 from uwserver.ports import Fault, Refused, Sample
-from uwserver_adapters.nesting import json_fault, msgpack_fault
-from uwserver_adapters.values import SampleForm, in_pieces
-
-EncodingName = Literal["json", "msgpack"]
 
 PAYLOAD_LIMIT = 1 << 20
 """Longest payload of a command or call, bytes."""
@@ -143,13 +139,9 @@ def decode_caller(attachment: bytes | None) -> Caller:
 def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> object:
     if len(data) > limit:
         raise Refused("too_large", f"the {what} holds at most {limit} bytes, this one has {len(data)}", what)
-    reason = json_fault(data) if encoding == "json" else msgpack_fault(data)
-    if reason is not None:
-        raise Refused("invalid_request", f"the {what}: {reason}", what)
     try:
-        value: object = msgspec.json.decode(data) if encoding == "json" else msgspec.msgpack.decode(data)
-    except (
-        ValueError
-    ) as error:  # msgspec's own errors are ValueErrors; others: no UTF-8, or a number of thousands of digits
+        return decode(data, encoding)
+    except Undecodable as error:
+        if error.is_valid:
+            raise Refused("invalid_request", f"the {what}: {error}", what) from None
         raise Refused("parse_error", f"the {what} is no {encoding} ({error})", what) from None
-    return value

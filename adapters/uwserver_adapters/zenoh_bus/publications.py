@@ -6,9 +6,8 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, SampleForm
 from uwserver.ports import Event, Port, Sample
-from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.sender import Sender, direct

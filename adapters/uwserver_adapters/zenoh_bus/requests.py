@@ -9,13 +9,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, EncodingName, SampleForm
 from uwserver.ports import Fault, Progress, Refused, Reply, Sample
-from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import (
     Caller,
     Codec,
-    EncodingName,
     FaultText,
     decode_caller,
     decode_map,

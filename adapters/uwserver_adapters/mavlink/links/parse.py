@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from uwserver.adapter import AdapterStats
+from uwserver.adapter import AdapterStats, SerialPort
 from uwserver_adapters.mavlink.links.endpoint import READY, Address, BadLink, Link
 from uwserver_adapters.mavlink.links.hub import Hub
 from uwserver_adapters.mavlink.links.tcp import TcpIn, TcpOut
 from uwserver_adapters.mavlink.links.udp import UdpIn, UdpOut
 from uwserver_adapters.mavlink.links.zenoh import ZenohLink
 from uwserver_adapters.mavlink.wire.channel import Channel
-from uwserver_adapters.serial_port import SerialPort
 
 _log = logging.getLogger(__name__)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 
+from uwserver.adapter import SerialPort
 from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder
 from uwserver_adapters.moos.text.session import Host, TextSession
-from uwserver_adapters.serial_port import SerialPort
 
 _log = logging.getLogger(__name__)
 

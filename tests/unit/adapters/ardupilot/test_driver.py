@@ -15,9 +15,8 @@ import pytest
 from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.wire import Scale
 from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
-from uwserver_adapters.sil.readings import Readings
 
-from uwserver.adapter import AdapterStats, Order
+from uwserver.adapter import AdapterStats, Order, Readings
 from uwserver.frames import conjugate, rotate
 from uwserver.ports import Fault, Field, Port, Sample
 from uwserver.testing.ardupilot import ArduPilotPeer, read, servo_packet

@@ -15,10 +15,11 @@ from typing import Any
 
 import msgpack
 import pytest
-from uwserver_adapters.sockets import SocketsAdapter, connection
-from uwserver_adapters.sockets.adapter import SocketsConfig
+from uwserver_adapters.sockets import SocketsAdapter
+from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver_adapters.sockets.connection import Connection
 
+from uwserver.adapter import connection
 from uwserver.testing import FakeContext, Loopback
 
 
@@ -52,7 +53,7 @@ class Talker:
 
     def __init__(self, adapter: SocketsAdapter, encoding: str = "json") -> None:
         self.encoding = encoding
-        self.connection = Connection(adapter)
+        self.connection = Connection(adapter.service, adapter.config, adapter.peers)
         self.transport = Loopback(self.connection)
         self.ids = 0
 
@@ -92,7 +93,7 @@ class Stage:
     def __init__(self, **config: Any) -> None:
         self.context = FakeContext()
         self.adapter = SocketsAdapter(SocketsAdapter.Config(port=0, **config), self.context)
-        self.detach = self.context.attach(self.adapter.fanout)
+        self.detach = self.context.attach(self.adapter.service.fanout)
 
     def talker(self, encoding: str = "json") -> Talker:
         return Talker(self.adapter, encoding)

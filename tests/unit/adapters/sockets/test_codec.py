@@ -8,7 +8,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from uwserver_adapters.sockets.codec import (
+from uwserver_adapters.native.codec import (
     FRAME_LIMIT,
     LINE_LIMIT,
     NEED_DATA,
@@ -17,10 +17,10 @@ from uwserver_adapters.sockets.codec import (
     MsgpackCodec,
     choose_codec,
 )
-from uwserver_adapters.sockets.encoding import TEXT_LIMIT
-from uwserver_adapters.sockets.requests import EXAMPLE, ID_LIMIT, Malformed, Request
-from uwserver_adapters.values import SampleForm
+from uwserver_adapters.native.encoding import TEXT_LIMIT
+from uwserver_adapters.native.requests import EXAMPLE, ID_LIMIT, Malformed, Request
 
+from uwserver.adapter import SampleForm
 from uwserver.ports import ErrorCode, Event, Fault, Field, Port, Progress, Sample
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.sockets import fanout
-from uwserver_adapters.sockets.encoding import Encoding
-from uwserver_adapters.sockets.fanout import Share, Subscription
+from uwserver_adapters.native import fanout
+from uwserver_adapters.native.encoding import Encoding
+from uwserver_adapters.native.fanout import Share, Subscription
 
 from uwserver.ports import Event, Field, Port, Sample
 from uwserver.testing import sample_of
@@ -212,8 +212,8 @@ def test_caches_are_bounded_and_emptied(stage: Callable[..., Any]) -> None:
         for number in range(3 * fanout.CACHED_PATTERNS):
             await talker.result("describe", {"pattern": f"{number}/*"})
             await talker.result("subscribe", {"pattern": f"{number}/*"})
-        assert len(theatre.adapter.fanout._described) <= fanout.CACHED_PATTERNS
-        assert len(theatre.adapter.fanout._covered) <= fanout.CACHED_PATTERNS
+        assert len(theatre.adapter.service.fanout._described) <= fanout.CACHED_PATTERNS
+        assert len(theatre.adapter.service.fanout._covered) <= fanout.CACHED_PATTERNS
         assert len((await talker.result("describe"))["ports"]) == 3
         theatre.context.set_ports([DEPTH])
         assert [port["path"] for port in (await talker.result("describe"))["ports"]] == ["rov/depth"]
@@ -231,8 +231,8 @@ def test_a_client_that_leaves_leaves_no_route(stage: Callable[..., Any]) -> None
         for talker in talkers:
             talker.transport.die()
         await asyncio.sleep(0)
-        assert theatre.adapter.fanout._ports == {}
-        assert theatre.adapter.fanout.sessions == {}
+        assert theatre.adapter.service.fanout._ports == {}
+        assert theatre.adapter.service.fanout.sessions == {}
         assert theatre.context.stats.peers == 0
 
     asyncio.run(scene())

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from uwserver_adapters.sockets.outbox import BATCH_BYTES, QUEUE_BYTES, REPLIES, Outbox
+from uwserver_adapters.native.outbox import BATCH_BYTES, QUEUE_BYTES, REPLIES, Outbox
 
 from uwserver.adapter import AdapterStats
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.sockets.session import SUBSCRIPTIONS, UNANSWERED
+from uwserver_adapters.native.session import SUBSCRIPTIONS, UNANSWERED
 
 from uwserver.ports import Event, Refused, Reply
 
@@ -292,7 +292,7 @@ def test_refusals_say_what_is_wrong_and_change_nothing(
         found, text = await talker.fault(method, params)
         assert (found, phrase in text) == (code, True), text
         assert theatre.context.commands == []
-        assert theatre.adapter.fanout._ports == {}
+        assert theatre.adapter.service.fanout._ports == {}
         assert await talker.result("ping", 1) == 1
 
     asyncio.run(scene())
@@ -322,7 +322,7 @@ def test_a_fault_of_ours_is_told_and_logged(stage: Stage, encoding: str, caplog:
         theatre.context.scripts["world/status"] = lambda args: object()
         assert (await talker.fault("call", {"service": "world/status"}))[0] == "internal"
         assert await talker.result("ping", 5) == 5
-        assert talker.connection._session.unanswered == 0
+        assert talker.connection._session.conversation.owed.count == 0
 
     asyncio.run(scene())
     assert "our own fault" in caplog.text

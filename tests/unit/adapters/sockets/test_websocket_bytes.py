@@ -12,12 +12,12 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from uwserver_adapters.sockets import connection
-from uwserver_adapters.sockets.codec import NEED_DATA
-from uwserver_adapters.sockets.encoding import Encoding
-from uwserver_adapters.sockets.requests import Malformed, Request
-from uwserver_adapters.sockets.websocket import LOCAL_ORIGINS, Handshake, allows
+from uwserver_adapters.native.codec import NEED_DATA
+from uwserver_adapters.native.encoding import Encoding
+from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native.websocket import LOCAL_ORIGINS, Handshake, allows
 
+from uwserver.adapter import connection
 from uwserver.testing.codecs import read_all
 
 KEY = "dGhlIHNhbXBsZSBub25jZQ=="

@@ -6,7 +6,6 @@ import json
 
 import msgpack
 import pytest
-from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import (
     ATTACHMENT_LIMIT,
     PAYLOAD_LIMIT,
@@ -17,6 +16,7 @@ from uwserver_adapters.zenoh_bus.codec import (
     encoding_of,
 )
 
+from uwserver.adapter import SampleForm
 from uwserver.ports import Fault, Field, Port, Refused, Sample
 
 GRID = Field("grid", "m", "two by three", shape=(2, 3))

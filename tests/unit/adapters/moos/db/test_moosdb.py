@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from uwserver_adapters import log_file
 from uwserver_adapters.moos import MoosDbAdapter, wire
 from uwserver_adapters.moos.bridge.mixing import CannotServe
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
@@ -18,6 +17,7 @@ from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.local import CannotListen
 from uwserver_adapters.moos.wire import Message
 
+from uwserver.adapter import log_file
 from uwserver.ports import Sample
 
 POSE = Sample("auv/truth/pose", 0, 0, 0, True, ((10.0, 20.0, 5.0), (1.0, 0.0, 0.0, 0.0)))

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import msgspec
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, SampleForm
 from uwserver.ports import Event, Json, Port, Sample, matches
-from uwserver_adapters.sockets.codec import Codec
-from uwserver_adapters.sockets.encoding import Encoding
-from uwserver_adapters.sockets.outbox import Delivery, Outgoing
-from uwserver_adapters.values import SampleForm
-
-if TYPE_CHECKING:
-    from uwserver_adapters.sockets.session import Session
+from uwserver_adapters.native.codec import Codec
+from uwserver_adapters.native.encoding import Encoding
+from uwserver_adapters.native.outbox import Delivery, Outgoing
 
 _log = logging.getLogger(__name__)
 
@@ -44,6 +40,20 @@ class Subscription:
         self.fields = fields
         self.delivery = delivery
         self.paths: tuple[str, ...] = ()
+
+
+class Subscriber(Protocol):
+    """A client, as its routes know it.
+
+    Attributes:
+        codec: what it speaks.
+        outbox: where its samples wait.
+        subscriptions: by serial.
+    """
+
+    codec: Codec
+    outbox: Outgoing
+    subscriptions: dict[int, Subscription]
 
 
 class Share:
@@ -107,7 +117,7 @@ class _Selection:
     def __init__(self, encoding: Encoding, form: SampleForm) -> None:
         self.encoding = encoding
         self.form = form
-        self.routes: dict[Session, _Route] = {}
+        self.routes: dict[Subscriber, _Route] = {}
 
 
 _Key = tuple[str, tuple[str, ...] | None]
@@ -123,24 +133,24 @@ class Fanout:
 
     def __init__(self, context: AdapterContext) -> None:
         self.context = context
-        self.sessions: dict[Session, None] = {}
+        self.sessions: dict[Subscriber, None] = {}
         self._ports: dict[str, dict[_Key, _Selection]] = {}
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
 
     # -- clients --------------------------------------------------------------------------------------------------------------------
 
-    def admit(self, session: Session) -> None:
+    def admit(self, session: Subscriber) -> None:
         """A client may take part."""
         self.sessions[session] = None
 
-    def dismiss(self, session: Session) -> None:
+    def dismiss(self, session: Subscriber) -> None:
         """A client is gone."""
         self.sessions.pop(session, None)
         for subscription in session.subscriptions.values():
             self.remove(session, subscription)
 
-    def add(self, session: Session, subscription: Subscription) -> None:
+    def add(self, session: Subscriber, subscription: Subscription) -> None:
         """Route the samples of a subscription; sets its paths."""
         subscription.paths = self._served(subscription)
         key = (session.codec.encoding.name, subscription.fields)
@@ -153,7 +163,7 @@ class Fanout:
             route = selection.routes.setdefault(session, _Route(session.outbox, session.codec.frame))
             route.shares.append(Share(subscription))
 
-    def remove(self, session: Session, subscription: Subscription) -> None:
+    def remove(self, session: Subscriber, subscription: Subscription) -> None:
         """End what `add` began."""
         key = (session.codec.encoding.name, subscription.fields)
         for path in subscription.paths:

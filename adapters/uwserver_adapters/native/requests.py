@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import msgspec
 from msgspec import Struct
 
+from uwserver.adapter import Undecodable, decode
 from uwserver.ports import Fault
-from uwserver_adapters.nesting import json_fault, msgpack_fault
-from uwserver_adapters.sockets.encoding import RequestId
+from uwserver_adapters.native.encoding import RequestId
 
 ID_LIMIT = 256
 """Longest id, characters: it comes back with every progress."""
 EXAMPLE = '{"jsonrpc":"2.0","id":1,"method":"describe"}'
-
-_JSON = msgspec.json.Decoder()
-_MSGPACK = msgspec.msgpack.Decoder()
 
 
 class Request(Struct, frozen=True):
@@ -35,26 +31,22 @@ class Malformed(Struct, frozen=True):
 
 def parse_json(body: bytes) -> Request | Malformed:
     """One JSON object."""
-    reason = json_fault(body)
-    if reason is not None:
-        return Malformed(Fault("invalid_request", reason))
     try:
-        message = _JSON.decode(body)
-    except (msgspec.MsgspecError, ValueError) as error:  # ValueError: no UTF-8, or a number of thousands of digits
-        return Malformed(Fault("parse_error", f"this is no JSON ({error}); send one object at a time, like {EXAMPLE}"))
-    return _request(message)
+        return _request(decode(body, "json"))
+    except Undecodable as error:
+        return _undecodable(error, f"this is no JSON ({error}); send one object at a time, like {EXAMPLE}")
 
 
 def parse_msgpack(body: bytes) -> Request | Malformed:
     """One msgpack map, and nothing after it."""
-    reason = msgpack_fault(body)
-    if reason is not None:
-        return Malformed(Fault("invalid_request", reason))
     try:
-        message = _MSGPACK.decode(body)
-    except (msgspec.MsgspecError, ValueError) as error:  # ValueError: a text that is no UTF-8
-        return Malformed(Fault("parse_error", f"this is no msgpack ({error}); send one map at a time, like {EXAMPLE}"))
-    return _request(message)
+        return _request(decode(body, "msgpack"))
+    except Undecodable as error:
+        return _undecodable(error, f"this is no msgpack ({error}); send one map at a time, like {EXAMPLE}")
+
+
+def _undecodable(error: Undecodable, text: str) -> Malformed:
+    return Malformed(Fault("invalid_request", str(error)) if error.is_valid else Fault("parse_error", text))
 
 
 _MEMBERS = ("jsonrpc", "id", "method", "params")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
+from uwserver.adapter import did_you_mean
 from uwserver.ports import Refused
-from uwserver_adapters.sockets.requests import Request
+from uwserver_adapters.native.requests import Request
 
 NAME_LIMIT = 256
 """Longest port, service, pattern, field or client name, characters."""
@@ -65,9 +65,3 @@ def positive(params: Params, key: str, what: str) -> float | None:
         if math.isfinite(number) and number > 0.0:
             return number
     raise Refused("bad_argument", f'"{key}" must be {what}, a number above zero', key)
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """`` (did you mean "x"?)`` or nothing."""
-    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6) if len(word) <= NAME_LIMIT else []
-    return f' (did you mean "{near[0]}"?)' if near else ""

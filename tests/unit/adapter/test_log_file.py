@@ -7,9 +7,8 @@ import logging
 from pathlib import Path
 
 import pytest
-from uwserver_adapters import log_file
-from uwserver_adapters.log_file import LogFile
 
+from uwserver.adapter import LogFile, log_file
 from uwserver.testing.fake_context import FakeContext
 
 

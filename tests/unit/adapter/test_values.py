@@ -6,8 +6,9 @@ import math
 
 import msgspec
 import pytest
-from uwserver_adapters.values import LONG, SampleForm, in_pieces
 
+from uwserver.adapter import SampleForm, in_pieces
+from uwserver.adapter.values import LONG
 from uwserver.ports import Field, Port, Sample
 
 ENCODE = msgspec.json.Encoder().encode

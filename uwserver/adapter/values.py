@@ -1,4 +1,4 @@
-"""Samples as the maps that any self-describing encoding (JSON, msgpack) can write. Shared by adapters."""
+"""Samples as the maps that any self-describing encoding (JSON, msgpack) can write."""
 
 from __future__ import annotations
 

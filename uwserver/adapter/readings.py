@@ -1,12 +1,13 @@
-"""The newest readings of the ports that an autopilot's simulator interface carries. Touched by one thread, the driver's."""
+"""The newest good readings of the ports that an adapter's table names. Loop thread, or all of it on a driver's."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
+from uwserver.adapter.refusals import CannotServe
+from uwserver.adapter.roles import port_of
 from uwserver.ports import Port, Sample, Value
-from uwserver_adapters.sil.channels import CannotServe
 
 
 class Reading:
@@ -49,7 +50,12 @@ def _is_finite(value: Value) -> bool:
 
 
 class Readings:
-    """All ports that were asked for."""
+    """All ports that were asked for.
+
+    Args:
+        ports: those of the context.
+        vehicle: below which names are looked for.
+    """
 
     def __init__(self, ports: Mapping[str, Port], vehicle: str) -> None:
         self._ports = ports
@@ -68,18 +74,14 @@ class Readings:
         Raises:
             CannotServe: no such sensor, or without these fields.
         """
-        path = name if name in self._ports else f"{self._vehicle}/{name}"
-        port = self._ports.get(path)
-        if port is None or port.direction != "sensor":
-            there = ", ".join(sorted(path for path, port in self._ports.items() if port.direction == "sensor"))
-            raise CannotServe(f'{role}: no sensor "{path}"; there are: {there or "none"}')
+        port = port_of(role, name, self._ports, self._vehicle, "sensor")
         has = {field.name for field in port.fields}
         fields = next((fields for fields in choices if has.issuperset(fields)), None)
         if fields is None:
             needs = " or ".join(" and ".join(fields) for fields in choices)
-            raise CannotServe(f'{role}: "{path}" has the fields {", ".join(sorted(has))}; needed is {needs}')
+            raise CannotServe(f'{role}: "{port.path}" has the fields {", ".join(sorted(has))}; needed is {needs}')
         reading = Reading(port, fields, keeps)
-        self._wanted.setdefault(path, []).append(reading)
+        self._wanted.setdefault(port.path, []).append(reading)
         return reading
 
     def see(self, samples: Iterable[Sample]) -> None:

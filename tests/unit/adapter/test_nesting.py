@@ -1,3 +1,5 @@
+"""Depth, claimed lengths and values of messages are checked before a decoder sees them, in linear time."""
+
 from __future__ import annotations
 
 import tracemalloc
@@ -5,7 +7,8 @@ import tracemalloc
 import msgpack
 import msgspec
 import pytest
-from uwserver_adapters.nesting import MAX_DEPTH, MAX_VALUES, json_fault, msgpack_fault
+
+from uwserver.adapter.nesting import MAX_DEPTH, MAX_VALUES, json_fault, msgpack_fault
 
 
 def nested(depth: int) -> object:

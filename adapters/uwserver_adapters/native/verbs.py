@@ -8,11 +8,12 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Final
 
-from uwserver.ports import Fault, Json, Progress, Refused, Reply
-from uwserver_adapters.sockets import params as read
-from uwserver_adapters.sockets.fanout import Subscription, has_any
-from uwserver_adapters.sockets.requests import Request
-from uwserver_adapters.sockets.session import Session, Unfinished
+from uwserver.adapter import did_you_mean
+from uwserver.ports import Fault, Json, Refused, Reply
+from uwserver_adapters.native import params as read
+from uwserver_adapters.native.fanout import Subscription, has_any
+from uwserver_adapters.native.requests import Request
+from uwserver_adapters.native.session import Session
 
 _log = logging.getLogger(__name__)
 
@@ -46,7 +47,7 @@ def take(session: Session, request: Request, token: str | None) -> None:
     except Rejected:
         raise
     except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
-        _log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.source)
+        _log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.conversation.source)
         session.refuse(
             request.id, Fault("internal", "the server failed to carry this out: please report it with the server's log")
         )
@@ -63,7 +64,7 @@ def _carry_out(session: Session, request: Request, token: str | None) -> object:
     verb = _VERBS.get(request.method)
     if verb is None:
         known = ("hello", *_VERBS)
-        hint = read.did_you_mean(request.method, known)
+        hint = did_you_mean(request.method, known)
         raise Refused("unknown_method", f'no method "{request.method}"{hint}; there are: {", ".join(known)}', "method")
     return verb(session, request)
 
@@ -122,12 +123,12 @@ def _check_coverage(session: Session, pattern: str, fields: tuple[str, ...] | No
             raise Refused(
                 "bad_argument", f'"{pattern}" is an actuator: it gives no samples, send it a "command"', pattern
             )
-        hint = read.did_you_mean(pattern, ports)
+        hint = did_you_mean(pattern, ports)
         raise Refused("unknown_port", f'no port "{pattern}"{hint}; "describe" lists them all', pattern)
     for field in fields or ():
         if covered and not any(has_any(ports[path], (field,)) for path in covered):
             there = list(dict.fromkeys(known.name for path in covered for known in ports[path].fields))
-            hint = read.did_you_mean(field, there)
+            hint = did_you_mean(field, there)
             text = (
                 f'no port of "{pattern}" has a field "{field[: read.NAME_LIMIT]}"{hint}; there are: {", ".join(there)}'
             )
@@ -155,13 +156,12 @@ def _command(session: Session, request: Request) -> object:
     value = params.get("value")
     if not isinstance(value, dict):
         raise Refused("bad_argument", '"value" must be a map from field to number or list', "value")
-    session.context.stats.commands += 1
-    answer = session.expect(request, lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict})
-    try:
-        session.context.command(port, value, session.source, answer)
-    except BaseException:
-        session.unanswered -= 1
-        raise
+
+    def answer(reply: Reply) -> None:
+        result: dict[str, Json] = {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}
+        session.answer(request.id, reply, result)
+
+    session.conversation.command(port, value, answer)
     return LATER
 
 
@@ -171,62 +171,38 @@ def _call(session: Session, request: Request) -> object:
     args = params.get("args")
     if args is not None and not isinstance(args, dict):
         raise Refused("bad_argument", '"args" must be a map from argument to value', "args")
-    return _start(
-        session,
-        request,
-        service,
-        args or {},
-        lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result},
-    )
+
+    def answer(reply: Reply) -> None:
+        session.answer(request.id, reply, {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result})
+
+    return _start(session, request, service, args or {}, answer)
 
 
 def _step(session: Session, request: Request) -> object:
     params = read.taken(request, ("n",))
-    return _start(session, request, "world/step", params, lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns})
+
+    def answer(reply: Reply) -> None:
+        session.answer(request.id, reply, {"tick": reply.tick, "t_ns": reply.t_ns})
+
+    return _start(session, request, "world/step", params, answer)
 
 
 def _start(
-    session: Session,
-    request: Request,
-    service: str,
-    args: Mapping[str, object],
-    shape: Callable[[Reply], dict[str, Json]],
+    session: Session, request: Request, service: str, args: Mapping[str, object], answer: Callable[[Reply], None]
 ) -> object:
-    key = object() if request.id is None else request.id
-    if key in session.unfinished:
-        raise Refused(
-            "invalid_request", f'the id "{request.id}" belongs to an unfinished request: use another one', "id"
-        )
-    session.context.stats.calls += 1
-    answer = session.expect(request, shape)
-    finished = False
-
-    def on_reply(outcome: Reply | Progress) -> None:
-        nonlocal finished
-        if isinstance(outcome, Reply):
-            finished = True
-            session.unfinished.pop(key, None)
-        answer(outcome)
-
-    try:
-        cancel = session.context.call(service, args, session.source, on_reply, session.name)
-    except BaseException:
-        session.unanswered -= 1
-        raise
-    known = session.context.services.get(service)
-    if not finished:
-        session.unfinished[key] = Unfinished(cancel, known is not None and known.long_running)
+    key, conversation = request.id, session.conversation
+    if key is not None and conversation.is_running(key):
+        raise Refused("invalid_request", f'the id "{key}" belongs to an unfinished request: use another one', "id")
+    conversation.call(service, args, answer, key=key, progress=lambda progress: session.progress(key, progress))
     return LATER
 
 
 def _cancel(session: Session, request: Request) -> object:
     identity = read.taken(request, ("id",)).get("id")
-    call = (
-        session.unfinished.get(identity) if isinstance(identity, int | str) and not isinstance(identity, bool) else None
-    )
-    if call is None:
+    is_id = isinstance(identity, int | str) and not isinstance(identity, bool)
+    if not is_id or not session.conversation.is_running(identity):
         raise Refused("bad_argument", '"id" is not that of an unfinished call or step of this connection', "id")
-    return {"cancelled": call.cancel()}
+    return {"cancelled": session.conversation.cancel(identity)}
 
 
 def _ping(session: Session, request: Request) -> object:

@@ -8,8 +8,8 @@ from typing import Final
 import msgspec
 from msgspec import Struct
 
+from uwserver.adapter import SampleForm, in_pieces
 from uwserver.ports import ErrorCode, Event, Fault, Progress, Sample
-from uwserver_adapters.values import SampleForm, in_pieces
 
 TEXT_LIMIT = 2000
 """Longest text in an error, characters: what a peer sent must not come back at full length."""

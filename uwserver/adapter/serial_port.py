@@ -1,4 +1,4 @@
-"""A serial line or pseudo-terminal that may come and go. Shared by adapters."""
+"""A serial line or pseudo-terminal that may come and go."""
 
 from __future__ import annotations
 

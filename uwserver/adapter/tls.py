@@ -1,50 +1,11 @@
-"""Why an address or a certificate cannot be had, in words that say what to do."""
+"""TLS of an adapter that listens, from the files that its table names; errors say what to do."""
 
 from __future__ import annotations
 
-import errno
-import ipaddress
 import ssl
 from pathlib import Path
 
-
-class CannotListen(Exception):
-    """The address or the certificate cannot be had; the text says why and what to do."""
-
-
-def is_loopback(bind: str) -> bool:
-    """Whether only this machine reaches an address."""
-    try:
-        return ipaddress.ip_address(bind).is_loopback
-    except ValueError:
-        return bind == "localhost"
-
-
-def written(bind: str, port: int) -> str:
-    """``host:port`` as a user would type it."""
-    return f"[{bind}]:{port}" if ":" in bind else f"{bind}:{port}"
-
-
-def why(error: OSError, bind: str, port: int, kind: str) -> str:
-    """What is wrong with an address.
-
-    Args:
-        error: of the operating system.
-        bind, port: the address.
-        kind: "tcp" or "udp".
-    """
-    where = f"{bind} {kind.upper()} port {port}"
-    if error.errno == errno.EADDRINUSE:
-        key, options = ("port", "ltnp") if kind == "tcp" else ("udp_port", "lunp")
-        return (
-            f"{where} is in use, perhaps by another uwserver: stop it (`ss -{options} 'sport = :{port}'` names it), or give this adapter "
-            f"another port ({key} = 0 takes a free one)"
-        )
-    if error.errno == errno.EACCES:
-        return f"{where} needs rights that this process has not: take a port above 1023"
-    if error.errno == errno.EADDRNOTAVAIL:
-        return f"{where}: this machine has no such address; bind = 127.0.0.1 is always there, 0.0.0.0 means all"
-    return f"cannot listen at {where}: {error}"
+from uwserver.adapter.listening import CannotListen
 
 
 def tls_context(cert: str | None, key: str | None, client_ca: str | None) -> ssl.SSLContext | None:

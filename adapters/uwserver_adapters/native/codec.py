@@ -12,10 +12,10 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
-from uwserver.ports import Event, Fault, Progress, Sample
-from uwserver_adapters.sockets.encoding import JSON, MSGPACK, Encoding, RequestId
-from uwserver_adapters.sockets.requests import Malformed, Request, parse_json, parse_msgpack
-from uwserver_adapters.values import SampleForm
+from uwserver.adapter import Frames, Lines, SampleForm, frame, line
+from uwserver.ports import Event, Fault, Progress, Refused, Sample
+from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding, RequestId
+from uwserver_adapters.native.requests import Malformed, Request, parse_json, parse_msgpack
 
 LINE_LIMIT = 1 << 20
 """Longest JSON line or text, bytes."""
@@ -115,83 +115,36 @@ class Framed:
         return b""
 
 
-class JsonCodec(Framed):
+class JsonCodec(Lines, Framed):
     """JSON-RPC 2.0, one object a line. msgspec writes every float that is not finite as null."""
 
     def __init__(self) -> None:
-        super().__init__(JSON, _line)
-        self.limit = LINE_LIMIT
-        self._buffer = bytearray()
-        self._searched = 0
-        self._skipping = False
-
-    def receive(self, data: bytes) -> None:
-        """Store bytes; the rest of a line that is too long is thrown away here, so it takes no memory."""
-        if self._skipping:
-            end = data.find(b"\n")
-            if end < 0:
-                return
-            self._skipping = False
-            data = data[end + 1 :]
-        self._buffer += data
+        Lines.__init__(self, LINE_LIMIT)
+        Framed.__init__(self, JSON, line)
 
     def next_event(self) -> Request | Malformed | Waiting:
         """The next line; blank ones count for nothing."""
-        while True:
-            end = self._buffer.find(b"\n", self._searched)
-            if end < 0:
-                return self._unfinished()
-            line = bytes(self._buffer[:end])
-            del self._buffer[: end + 1]
-            self._searched = 0
-            if end > self.limit:
-                return self._too_large()
-            line = line.strip()
-            if line:
-                return parse_json(line)
-
-    def _unfinished(self) -> Malformed | Waiting:
-        self._searched = len(self._buffer)
-        if self._searched <= self.limit:
-            return NEED_DATA
-        self._buffer.clear()
-        self._searched = 0
-        self._skipping = True
-        return self._too_large()
-
-    def _too_large(self) -> Malformed:
-        return Malformed(Fault("too_large", f"a line holds at most {self.limit} bytes: the rest of it is skipped"))
+        try:
+            body = self.next_line()
+        except Refused as refused:
+            return Malformed(refused.fault)
+        return NEED_DATA if body is None else parse_json(body)
 
 
-class MsgpackCodec(Framed):
+class MsgpackCodec(Frames, Framed):
     """u32 big-endian length, then one msgpack map."""
 
     def __init__(self) -> None:
-        super().__init__(MSGPACK, _length_prefixed)
-        self.limit = FRAME_LIMIT
-        self._buffer = bytearray()
-        self._lost = False
-
-    def receive(self, data: bytes) -> None:
-        """Store bytes; after a frame that is too long nothing is taken any more."""
-        if not self._lost:
-            self._buffer += data
+        Frames.__init__(self, FRAME_LIMIT)
+        Framed.__init__(self, MSGPACK, frame)
 
     def next_event(self) -> Request | Malformed | Waiting:
-        """The next frame. Nothing is reserved for a length that was only claimed."""
-        if len(self._buffer) < 4:
-            return NEED_DATA
-        length = int.from_bytes(self._buffer[:4], "big")
-        if length > self.limit:
-            self._lost = True
-            self._buffer.clear()
-            text = f"a frame holds at most {self.limit} bytes, this one claims {length}; it begins with its length as u32 big-endian"
-            return Malformed(Fault("too_large", text), fatal=True)
-        if len(self._buffer) < 4 + length:
-            return NEED_DATA
-        frame = bytes(self._buffer[4 : 4 + length])
-        del self._buffer[: 4 + length]
-        return parse_msgpack(frame)
+        """The next frame."""
+        try:
+            body = self.next_frame()
+        except Refused as refused:
+            return Malformed(refused.fault, fatal=True)
+        return NEED_DATA if body is None else parse_msgpack(body)
 
 
 def choose_codec(head: bytes) -> Codec | Web | None:
@@ -203,11 +156,3 @@ def choose_codec(head: bytes) -> Codec | Web | None:
     if head[:4] == b"GET ":
         return WEB
     return None if b"GET ".startswith(head) else JsonCodec()
-
-
-def _line(body: bytes) -> bytes:
-    return body + b"\n"
-
-
-def _length_prefixed(body: bytes) -> bytes:
-    return len(body).to_bytes(4, "big") + body

@@ -17,9 +17,9 @@ from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
 from uwserver.ports import ErrorCode, Fault
-from uwserver_adapters.sockets.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Control, Framed, Waiting
-from uwserver_adapters.sockets.encoding import JSON, MSGPACK
-from uwserver_adapters.sockets.requests import EXAMPLE, Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Control, Framed, Waiting
+from uwserver_adapters.native.encoding import JSON, MSGPACK
+from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, parse_json, parse_msgpack
 
 LOCAL_ORIGINS = ("http://localhost", "http://localhost:*", "http://127.0.0.1", "http://127.0.0.1:*")
 """Pages that may connect unless the configuration says otherwise: those of this machine."""

@@ -8,9 +8,9 @@ import logging
 from pathlib import Path
 from typing import BinaryIO
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter.contract import AdapterContext
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 FLUSH_S = 1.0
 """Wall time after which what was written is in the file at the latest, so that a killed server loses no more."""
@@ -60,7 +60,7 @@ class LogFile:
         text = f"the log {self._path} ends: {error}"
         self._context.stats.errors += 1
         self._context.stats.last_error = text
-        _log.warning("%s: %s", self._context.name, text)
+        log.warning("%s: %s", self._context.name, text)
         file, self._file = self._file, None
         if file is not None:
             with contextlib.suppress(OSError):  # what it still holds cannot be written either

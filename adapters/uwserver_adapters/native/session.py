@@ -6,16 +6,15 @@ import logging
 from collections.abc import Callable
 from typing import NamedTuple
 
-from uwserver.ports import Fault, Progress, Refused, Reply
-from uwserver_adapters.sockets.codec import Codec
-from uwserver_adapters.sockets.encoding import RequestId
-from uwserver_adapters.sockets.fanout import Fanout, Subscription
-from uwserver_adapters.sockets.outbox import Outgoing
-from uwserver_adapters.sockets.requests import Request
+from uwserver.adapter import UNANSWERED, Conversation, Owed
+from uwserver.ports import Fault, Json, Progress, Reply
+from uwserver_adapters.native.codec import Codec
+from uwserver_adapters.native.encoding import RequestId
+from uwserver_adapters.native.fanout import Fanout, Subscription
+from uwserver_adapters.native.outbox import Outgoing
 
 _log = logging.getLogger(__name__)
 
-UNANSWERED = 1024
 SUBSCRIPTIONS = 256
 
 
@@ -31,13 +30,6 @@ class Allowance(NamedTuple):
     unanswered: int = UNANSWERED
 
 
-class Unfinished(NamedTuple):
-    """A call under way. `cancel` ends it, True when it was not too late."""
-
-    cancel: Callable[[], bool]
-    long_running: bool
-
-
 class Session:
     """One client, from its first bytes on.
 
@@ -48,12 +40,9 @@ class Session:
         wake: said after an answer that came later than its request.
 
     Attributes:
-        name: as the client called itself.
-        source: who it is among the clients of this adapter.
+        conversation: what it asked of the world.
         admitted: it may ask for more than `hello`.
         subscriptions: by serial.
-        leave: takes it out of the lockstep barrier.
-        unfinished: calls under way, by the id of their request (or an object of its own where that had none).
     """
 
     def __init__(
@@ -71,15 +60,11 @@ class Session:
         self.fanout = fanout
         self.allowance = allowance
         self.context = fanout.context
-        self.name = ""
-        self.source = str(serial)
+        self.conversation = Conversation(self.context, str(serial), Owed(allowance.unanswered))
         self.admitted = False
         self.greeted = False
         self.subscriptions: dict[int, Subscription] = {}
         self.subscribed = 0
-        self.leave: Callable[[], None] | None = None
-        self.unfinished: dict[object, Unfinished] = {}
-        self.unanswered = 0
         self.closed = False
         self._wake = wake
 
@@ -95,9 +80,8 @@ class Session:
             Refused: the barrier does not take that name.
         """
         if name is not None:
-            self.leave = self.context.join(name)
-            self.name = name
-            self.source = f"{self.serial} ({name})"
+            self.conversation.join(name)
+            self.conversation.source = f"{self.serial} ({name})"
         self.greeted = True
         if not self.admitted:
             self.admit()
@@ -105,7 +89,7 @@ class Session:
     @property
     def is_owed(self) -> bool:
         """Whether anything may still come for it without a further request."""
-        return self.unanswered > 0 or bool(self.subscriptions)
+        return self.conversation.owed.count > 0 or bool(self.subscriptions)
 
     # -- answers --------------------------------------------------------------------------------------------------------------------
 
@@ -135,43 +119,26 @@ class Session:
             self.context.stats.errors += 1
             self.outbox.put_reply(self.codec.error(request, fault))
 
-    def expect(self, request: Request, shape: Callable[[Reply], object]) -> Callable[[Reply | Progress], None]:
-        """Take note that the world owes an answer; the function returned receives it. `shape` makes the result of a Reply.
+    def answer(self, request: RequestId, reply: Reply, result: dict[str, Json]) -> None:
+        """Tell what the world says to a request, some time after it came."""
+        if reply.fault is not None:
+            self.refuse(request, reply.fault)
+        else:
+            self.reply(request, result)
+        self._wake()
 
-        Raises:
-            Refused: too many are unanswered already.
-        """
-        if self.unanswered >= self.allowance.unanswered:
-            raise Refused(
-                "overload", f"{self.unanswered} commands and calls wait for their answer: wait for some of them"
-            )
-        self.unanswered += 1
-
-        def answer(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Progress):
-                if request.id is not None and not self.closed:
-                    self.outbox.put_reply(self.codec.progress(request.id, outcome))
-            else:
-                self.unanswered -= 1
-                if outcome.fault is not None:
-                    self.refuse(request.id, outcome.fault)
-                else:
-                    self.reply(request.id, shape(outcome))
-            self._wake()
-
-        return answer
+    def progress(self, request: RequestId, progress: Progress) -> None:
+        """Tell how far a call is."""
+        if request is not None:
+            self.outbox.put_reply(self.codec.progress(request, progress))
+        self._wake()
 
     def close(self) -> None:
         """The client is gone. What it commanded stands; nobody waits for its long-running calls any more, so they end."""
         self.closed = True
         self.fanout.dismiss(self)
-        self.step_back()
-        for call in list(self.unfinished.values()):
-            if call.long_running:
-                call.cancel()
+        self.conversation.close()
 
     def step_back(self) -> None:
         """The client can grant no further tick: others must not wait for it."""
-        if self.leave is not None:
-            self.leave()
-            self.leave = None
+        self.conversation.leave()
