@@ -88,7 +88,8 @@ class Hub:
         """
         self._last_number += 1
         streams = Streams(self.vehicle.default_rates())
-        channel = Channel(self._last_number, name, self.dialect, write, is_ready, streams)
+        frames_per_s = self._config.frames_per_s
+        channel = Channel(self._last_number, name, self.dialect, write, is_ready, streams, frames_per_s)
         channel.has_peer, channel.heard_at = has_peer, self._steady()
         channel.allowance = _PARTS
         self.channels[channel.number] = channel
@@ -136,10 +137,7 @@ class Hub:
 
     def _take(self, channel: Channel, frame: Frame) -> None:
         now = self._steady()
-        if now - channel.counted_at >= 1.0:
-            channel.counted_at, channel.frames_in = now, 0
-        channel.frames_in += 1
-        if channel.frames_in > self._config.frames_per_s:
+        if not channel.meter.take(now):
             self._counters["flood"] += 1
             return
         layout = self.dialect.by_id[frame.id]

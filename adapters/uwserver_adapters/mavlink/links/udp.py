@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import Protocol, cast
 
-from uwserver.adapter import AdapterStats
-from uwserver_adapters.mavlink.links.endpoint import READY, WAITING, Address, cannot_listen, shown
+from uwserver.adapter import AdapterStats, cannot_listen
+from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RIVAL, WAITING, Address, shown
 from uwserver_adapters.mavlink.links.hub import Hub
 from uwserver_adapters.mavlink.wire.channel import Channel
 
@@ -25,15 +25,34 @@ class _Datagrams(Protocol):
     def abort(self) -> None: ...
 
 
-class UdpOut(asyncio.DatagramProtocol):
-    """Sends to one place, whether somebody listens or not, and hears its answers."""
+class _Socket(asyncio.DatagramProtocol):
+    """What both kinds share: how datagrams are written."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        self.address = shown("udpout", address)
-        self._to = address
+    def __init__(self, hub: Hub, stats: AdapterStats) -> None:
         self._hub = hub
         self._stats = stats
         self._transport: _Datagrams | None = None
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there, yet or any more: they may come, and silence tells who is gone."""
+
+    def _is_ready(self) -> bool:
+        return self._transport is not None and self._transport.get_write_buffer_size() < READY
+
+    def _write(self, data: bytes, addr: Address | None = None) -> bool:
+        if self._transport is None or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
+            return False
+        self._transport.sendto(data, addr)
+        return True
+
+
+class UdpOut(_Socket):
+    """Sends to one place, whether somebody listens or not, and hears its answers."""
+
+    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
+        super().__init__(hub, stats)
+        self.address = shown("udpout", address)
+        self._to = address
         self._channel: Channel | None = None
 
     async def open(self) -> None:
@@ -68,28 +87,14 @@ class UdpOut(asyncio.DatagramProtocol):
         if self._channel is not None:
             self._hub.receive(self._channel, data)
 
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet: they may come."""
 
-    def _is_ready(self) -> bool:
-        return self._transport is not None and self._transport.get_write_buffer_size() < READY
-
-    def _write(self, data: bytes) -> bool:
-        if self._transport is None or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
-            return False
-        self._transport.sendto(data)
-        return True
-
-
-class UdpIn(asyncio.DatagramProtocol):
+class UdpIn(_Socket):
     """Waits for peers; each address is a channel of its own."""
 
     def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
+        super().__init__(hub, stats)
         self.address = shown("udpin", address)
         self._at = address
-        self._hub = hub
-        self._stats = stats
-        self._transport: _Datagrams | None = None
         self._channels: dict[Address, Channel] = {}
 
     async def open(self) -> None:
@@ -97,7 +102,7 @@ class UdpIn(asyncio.DatagramProtocol):
         try:
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, local_addr=self._at)
         except OSError as error:
-            raise cannot_listen(error, "udpin", self._at) from error
+            raise cannot_listen(error, *self._at, "udp", key=PORT_KEY, rival=RIVAL) from error
         self._transport = cast(_Datagrams, transport)
         self.address = shown("udpin", transport.get_extra_info("sockname")[:2])
 
@@ -134,18 +139,6 @@ class UdpIn(asyncio.DatagramProtocol):
         ):  # what it said was no MAVLink: it hears nothing, so that nobody is flooded by a forged address
             self._hub.close(channel)
             del self._channels[peer]
-
-    def error_received(self, exc: Exception) -> None:
-        """A peer is gone: its silence tells."""
-
-    def _is_ready(self) -> bool:
-        return self._transport is not None and self._transport.get_write_buffer_size() < READY
-
-    def _write(self, data: bytes, addr: Address) -> bool:
-        if self._transport is None or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
-            return False
-        self._transport.sendto(data, addr)
-        return True
 
 
 def _is_silent(channel: Channel) -> bool:
