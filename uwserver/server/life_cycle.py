@@ -22,7 +22,8 @@ from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.server.context import Context, Hub
-from uwserver.server.status import Metrics, Monitor, serve_http
+from uwserver.server.http import serve_http
+from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation

@@ -1,12 +1,9 @@
-"""What a server tells of itself: `world/status`, ``/health`` and ``/metrics``."""
+"""What a server tells of itself: `world/status`, and the metrics of Prometheus."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
-import logging
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from uwserver.ports import Json
@@ -16,10 +13,6 @@ from uwserver.units import NANOSECONDS
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
-
-log = logging.getLogger(__name__)
-
-_REQUEST_TIMEOUT_S = 5.0
 
 
 class Monitor:
@@ -138,42 +131,3 @@ _ADAPTER_COUNTERS = {
     "dropped": "Samples dropped for slow peers.",
     "restarts": "Restarts after a failure.",
 }
-
-
-@contextlib.asynccontextmanager
-async def serve_http(
-    bind: str, port: int, status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]
-) -> AsyncIterator[int]:
-    """Serve ``/health`` (200, or 503 after a failure) and ``/metrics`` while the context is open; gives the bound port."""
-
-    async def respond(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(
-            OSError, asyncio.TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ValueError
-        ):
-            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _REQUEST_TIMEOUT_S)
-            writer.write(_response(head.split()[1:2], status, metrics))
-            await asyncio.wait_for(writer.drain(), _REQUEST_TIMEOUT_S)
-        writer.close()
-
-    server = await asyncio.start_server(respond, bind, port, limit=8192)
-    try:
-        yield server.sockets[0].getsockname()[1]
-    finally:
-        server.close()
-        await server.wait_closed()
-
-
-def _response(path: list[bytes], status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]) -> bytes:
-    if path == [b"/metrics"]:
-        return _http("200 OK", "text/plain; version=0.0.4; charset=utf-8", metrics())
-    if path == [b"/health"]:
-        now = status()
-        return _http(
-            "503 Service Unavailable" if now["failure"] else "200 OK", "application/json", json.dumps(now).encode()
-        )
-    return _http("404 Not Found", "text/plain", b"there are /health and /metrics here\n")
-
-
-def _http(status: str, kind: str, body: bytes) -> bytes:
-    head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
-    return head.encode() + body

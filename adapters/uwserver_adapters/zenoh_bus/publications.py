@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from uwserver.adapter import AdapterContext, SampleForm
+from uwserver.adapter import AdapterContext, SampleForm, Worker
 from uwserver.ports import Event, Port, Sample
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.sender import Sender, direct
 
 if TYPE_CHECKING:
     from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
 
 _log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 LARGE_BYTES = 1 << 15
 """A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
+
+
+def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
+    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
+    import zenoh
+
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class _Outlet:
@@ -59,7 +67,7 @@ class Publications:
     """
 
     def __init__(
-        self, context: AdapterContext, session: Session, keys: KeyScheme, codec: Codec, sender: Sender
+        self, context: AdapterContext, session: Session, keys: KeyScheme, codec: Codec, sender: Worker
     ) -> None:
         self._context = context
         self._session = session

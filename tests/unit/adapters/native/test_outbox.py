@@ -1,3 +1,5 @@
+"""What waits for a slow client, and what is dropped or ends it."""
+
 from __future__ import annotations
 
 from uwserver_adapters.native.outbox import BATCH_BYTES, QUEUE_BYTES, REPLIES, Outbox

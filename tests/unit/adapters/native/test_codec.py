@@ -1,3 +1,5 @@
+"""Bytes of the native protocol to requests and back: limits, garbage, and shapes of every answer."""
+
 from __future__ import annotations
 
 import json

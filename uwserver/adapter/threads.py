@@ -1,4 +1,4 @@
-"""Two crossings between the loop and zenoh's threads, both bounded."""
+"""Two crossings between the loop and the threads of a library (zenoh, a ROS 2 executor), both bounded."""
 
 from __future__ import annotations
 
@@ -10,32 +10,28 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
-from uwserver.adapter import AdapterStats
+from uwserver.adapter.contract import AdapterStats
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
 WAITING = 4096
-"""Replies and large samples that may wait for zenoh."""
+"""Pieces of work that may wait for the thread."""
 
 
-def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
-    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
-    import zenoh
+class Worker:
+    """A thread for what may wait in a library: what a stalled peer holds up, opening and closing. Loop thread, but for the work itself.
 
-    return zenoh.handlers.Callback(callback, indirect=False)
-
-
-class Sender:
-    """A thread for what may wait in zenoh: replies (never dropped by it, so a stalled peer holds them up) and large samples.
-
-    Loop thread, but for the work itself.
+    Args:
+        name: of the thread.
+        stats: counts what was dropped and what failed.
     """
 
-    def __init__(self, stats: AdapterStats) -> None:
+    def __init__(self, name: str, stats: AdapterStats) -> None:
+        self._name = name
         self._stats = stats
-        self._pool = ThreadPoolExecutor(1, "zenoh sender")
+        self._pool = ThreadPoolExecutor(1, name)
         self._waiting = 0
         self._lock = threading.Lock()
 
@@ -52,9 +48,9 @@ class Sender:
     def _do(self, work: Callable[[], object]) -> None:
         try:
             work()
-        except Exception as error:  # noqa: BLE001  # the session may be closing, or the asker gone
+        except Exception as error:  # noqa: BLE001  # the library may be closing, or the asker gone
             self._stats.errors += 1
-            _log.debug("not sent: %s", error)
+            log.debug("%s: not done: %s", self._name, error)
         finally:
             with self._lock:
                 self._waiting -= 1
@@ -69,8 +65,8 @@ class Sender:
             raise
 
     async def close(self, last: Callable[[], object]) -> None:
-        """End it; `last` (closing the session) runs beside what is stuck, and frees it."""
-        closing = ThreadPoolExecutor(1, "zenoh close")
+        """End it; `last` (closing the library's session) runs beside what is stuck, and frees it."""
+        closing = ThreadPoolExecutor(1, f"{self._name}, closing")
         future = asyncio.get_running_loop().run_in_executor(closing, last)
         try:
             await asyncio.shield(future)
@@ -80,7 +76,13 @@ class Sender:
 
 
 class Inbox(Generic[T]):
-    """What zenoh's threads hand to the loop: they only append, and wake it once."""
+    """What a library's threads hand to the loop: they only append, and wake it once.
+
+    Args:
+        take: takes an item, on the loop.
+        capacity: items that may wait.
+        refuse: told of an item too many, on its thread.
+    """
 
     def __init__(self, take: Callable[[T], None], capacity: int, refuse: Callable[[T], None]) -> None:
         self._take = take

@@ -1,3 +1,5 @@
+"""Each method of the native protocol: its answer, and every way to be refused."""
+
 from __future__ import annotations
 
 import asyncio
@@ -5,8 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.native.session import SUBSCRIPTIONS, UNANSWERED
+from uwserver_adapters.native.session import SUBSCRIPTIONS
 
+from uwserver.adapter import UNANSWERED
 from uwserver.ports import Event, Refused, Reply
 
 Stage = Callable[..., Any]

@@ -1,3 +1,5 @@
+"""Who gets which sample how often, encoded once; and what becomes of subscriptions when ports change."""
+
 from __future__ import annotations
 
 import asyncio
