@@ -8,8 +8,8 @@ from datetime import datetime, timezone
 
 from uwserver.adapter import AdapterContext, CannotServe, serving, vehicle_of
 from uwserver_adapters.mavlink.links.endpoint import RETRY_S, Link
-from uwserver_adapters.mavlink.links.hub import Hub
-from uwserver_adapters.mavlink.links.parse import make
+from uwserver_adapters.mavlink.links.entries import make
+from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 
@@ -33,33 +33,30 @@ class MavlinkAdapter:
             CannotSpeak: pymavlink is not installed.
             CannotServe: no such vehicle, parameter or link can be had.
         """
-        config, context, stats = self.config, self.context, self.context.stats
+        config, context = self.config, self.context
         loop = asyncio.get_running_loop()
         vehicle = vehicle_of(config.vehicle, context.ports)
         try:
             unix_s = datetime.now(timezone.utc).timestamp()
-            hub = Hub(config, context, vehicle, Dialect(), loop.time, unix_s)
+            router = Router(config, context, vehicle, Dialect(), loop.time, unix_s)
         except ValueError as error:
             raise CannotServe(str(error)) from error
-        links: list[Link] = []
-        try:
+        async with contextlib.AsyncExitStack() as stack:
+            stack.push_async_callback(asyncio.sleep, 0)  # aborted connections are gone with the next turn of the loop
+            stack.callback(router.end)
+            links: list[Link] = []
             for text in config.links:
-                links.append(make(text, hub, stats))
+                links.append(make(text, router))
+                stack.push_async_callback(links[-1].close)
                 await links[-1].open()
-            with serving(context, hub, ", ".join(link.address for link in links), ready):
-                await self._tick(hub, links)
-        finally:
-            for link in links:
-                link.close()
-            hub.end()
-            with contextlib.suppress(asyncio.CancelledError):
-                await asyncio.sleep(0)  # aborted connections are gone with the next turn of the loop
+            with serving(context, router, ", ".join(link.address for link in links), ready):
+                await self._tick(router, links)
 
-    async def _tick(self, hub: Hub, links: list[Link]) -> None:
+    async def _tick(self, router: Router, links: list[Link]) -> None:
         loop = asyncio.get_running_loop()
         due = attended = loop.time()
         while True:
-            hub.tick()
+            router.tick()
             if loop.time() - attended >= RETRY_S:
                 attended = loop.time()
                 for link in links:

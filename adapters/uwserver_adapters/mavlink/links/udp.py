@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import Protocol, cast
 
-from uwserver.adapter import AdapterStats, cannot_listen
-from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RIVAL, WAITING, Address, shown
-from uwserver_adapters.mavlink.links.hub import Hub
+from uwserver.adapter import cannot_listen
+from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RIVAL, WAITING, Address, Link, shown
+from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
 
 SILENT_S = 30.0
@@ -25,12 +25,12 @@ class _Datagrams(Protocol):
     def abort(self) -> None: ...
 
 
-class _Socket(asyncio.DatagramProtocol):
+class _Socket(Link, asyncio.DatagramProtocol):
     """What both kinds share: how datagrams are written."""
 
-    def __init__(self, hub: Hub, stats: AdapterStats) -> None:
-        self._hub = hub
-        self._stats = stats
+    def __init__(self, kind: str, address: Address, router: Router) -> None:
+        super().__init__(shown(kind, address), router)
+        self._given = address
         self._transport: _Datagrams | None = None
 
     def error_received(self, exc: Exception) -> None:
@@ -49,22 +49,20 @@ class _Socket(asyncio.DatagramProtocol):
 class UdpOut(_Socket):
     """Sends to one place, whether somebody listens or not, and hears its answers."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        super().__init__(hub, stats)
-        self.address = shown("udpout", address)
-        self._to = address
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__("udpout", address, router)
         self._channel: Channel | None = None
 
     async def open(self) -> None:
         """Resolve the host; it is tried again when that fails."""
         loop = asyncio.get_running_loop()
         try:
-            transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._to)
+            transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._given)
         except OSError as error:
             self._stats.last_error = f"link {self.address}: {error}; it is tried again"
             return
         self._transport = cast(_Datagrams, transport)
-        self._channel = self._hub.open(self.address, self._write, self._is_ready)
+        self._channel = self._router.open(self.address, self._write, self._is_ready)
 
     async def attend(self) -> None:
         """Open it, if it could not be; a peer that is silent is not there any more."""
@@ -73,36 +71,36 @@ class UdpOut(_Socket):
         channel = self._channel
         if channel is not None and channel.has_peer and _is_silent(channel):
             channel.has_peer = False
-            self._hub.count_peers()
+            self._router.count_peers()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the socket."""
         if self._channel is not None:
-            self._hub.close(self._channel)
+            self._router.close(self._channel)
         if self._transport is not None:
             self._transport.abort()
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         """Take a datagram."""
         if self._channel is not None:
-            self._hub.receive(self._channel, data)
+            self._router.receive(self._channel, data)
 
 
 class UdpIn(_Socket):
     """Waits for peers; each address is a channel of its own."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        super().__init__(hub, stats)
-        self.address = shown("udpin", address)
-        self._at = address
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__("udpin", address, router)
         self._channels: dict[Address, Channel] = {}
 
     async def open(self) -> None:
         """Bind."""
         try:
-            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, local_addr=self._at)
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+                lambda: self, local_addr=self._given
+            )
         except OSError as error:
-            raise cannot_listen(error, *self._at, "udp", key=PORT_KEY, rival=RIVAL) from error
+            raise cannot_listen(error, *self._given, "udp", key=PORT_KEY, rival=RIVAL) from error
         self._transport = cast(_Datagrams, transport)
         self.address = shown("udpin", transport.get_extra_info("sockname")[:2])
 
@@ -110,13 +108,13 @@ class UdpIn(_Socket):
         """Forget who is silent."""
         for peer, channel in list(self._channels.items()):
             if _is_silent(channel):
-                self._hub.close(channel)
+                self._router.close(channel)
                 del self._channels[peer]
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the socket."""
         for channel in self._channels.values():
-            self._hub.close(channel)
+            self._router.close(channel)
         self._channels.clear()
         if self._transport is not None:
             self._transport.abort()
@@ -131,13 +129,13 @@ class UdpIn(_Socket):
                 self._stats.last_error = f"link {self.address}: more than {PEERS} peers"
                 return
             full = cast(Address, addr)
-            channel = self._hub.open(shown("udp", peer), lambda sent: self._write(sent, full), self._is_ready)
+            channel = self._router.open(shown("udp", peer), lambda sent: self._write(sent, full), self._is_ready)
             self._channels[peer] = channel
-        self._hub.receive(channel, data)
+        self._router.receive(channel, data)
         if (
             not channel.has_peer
         ):  # what it said was no MAVLink: it hears nothing, so that nobody is flooded by a forged address
-            self._hub.close(channel)
+            self._router.close(channel)
             del self._channels[peer]
 
 

@@ -90,8 +90,8 @@ async def test_a_hub_with_a_key(make_bench):
     bench.rov.state["armed"] = False
     stranger.send("COMMAND_LONG", 1, 1, 400, 0, 1.0, 0, 0, 0, 0, 0, 0)
     data = signed.bytes_of("COMMAND_LONG", 1, 1, 400, 0, 0.0, 0, 0, 0, 0, 0, 0)
-    bench.hub.receive(signed.channel, data)
-    bench.hub.receive(signed.channel, data)
+    bench.router.receive(signed.channel, data)
+    bench.router.receive(signed.channel, data)
     assert not bench.rov.state["armed"]
     assert (bench.counters["signing_unsigned"], bench.counters["signing_replayed"]) == (1, 1)
     bench.run(1.1)
