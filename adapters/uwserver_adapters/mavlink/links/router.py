@@ -13,7 +13,7 @@ from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, Message
-from uwserver_adapters.mavlink.wire.frames import NEED_DATA, Frame, Malformed, pack
+from uwserver_adapters.mavlink.wire.frames import Frame, Malformed, pack
 from uwserver_adapters.mavlink.wire.signing import EPOCH_S, KEY_SIZE, STAMPS_PER_S, Signing, key_of
 from uwserver_adapters.mavlink.wire.streams import Streams
 
@@ -134,7 +134,7 @@ class Router:
             self._counters[f"{event.reason}_bytes" if event.reason == "garbage" else event.reason] += (
                 event.size if event.reason == "garbage" else 1
             )
-        return event is not NEED_DATA
+        return event is not None
 
     def _take(self, channel: Channel, frame: Frame) -> None:
         now = self._steady()

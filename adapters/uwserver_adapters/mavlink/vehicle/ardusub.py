@@ -33,15 +33,8 @@ _SEVERITIES = {
     "watchdog": NOTICE, "fault": WARNING, "conflict": WARNING, "diverged": CRITICAL, "adapter_failed": ERROR, "shutdown": WARNING,
 }  # fmt: skip
 _BUTTON_MODES = {
-    5: "MANUAL",
-    6: "STABILIZE",
-    7: "ALT_HOLD",
-    8: "POSHOLD",
-    9: "AUTO",
-    11: "GUIDED",
-    12: "ACRO",
-    13: "SURFTRAK",
-}
+    5: "MANUAL", 6: "STABILIZE", 7: "ALT_HOLD", 8: "POSHOLD", 9: "AUTO", 11: "GUIDED", 12: "ACRO", 13: "SURFTRAK",
+}  # fmt: skip
 
 
 class ArduSub:

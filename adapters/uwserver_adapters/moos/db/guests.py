@@ -111,7 +111,7 @@ class Guest(Connection):
     def _read(self) -> Iterator[None]:
         """Take one packet after the other. Others may have their turn between them, and also within: not behind notifications, which take
         effect together, but requests may cost much."""
-        while (event := self._decoder.next_event()) is not wire.NEED_DATA:
+        while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Malformed):
                 self._fault(event.text)
             elif isinstance(event, Packet):

@@ -13,7 +13,7 @@ from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
-from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder
+from uwserver_adapters.moos.text.lines import LineDecoder
 from uwserver_adapters.moos.text.serial_line import SerialLine
 from uwserver_adapters.moos.text.session import TextSession
 
@@ -57,7 +57,7 @@ class TextConnection(Connection):
     def step(self) -> bool:
         """Carry out the next line."""
         event = self._decoder.next_event()
-        if event is NEED_DATA or self._session is None:
+        if event is None or self._session is None:
             return False
         self._session.take(event)
         return True

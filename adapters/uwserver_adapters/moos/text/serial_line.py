@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from uwserver.adapter import SerialPort
-from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder
+from uwserver_adapters.moos.text.lines import LineDecoder
 from uwserver_adapters.moos.text.session import Host, TextSession
 
 
@@ -41,7 +41,7 @@ class SerialLine:
 
     def _take(self, data: bytes) -> None:
         self._decoder.receive(data)
-        while self._session is not None and (event := self._decoder.next_event()) is not NEED_DATA:
+        while self._session is not None and (event := self._decoder.next_event()) is not None:
             self._session.take(event)
 
     def _send(self, line: str) -> None:

@@ -94,7 +94,7 @@ class Client:
         if not data:
             raise ConnectionError("closed")
         self.decoder.receive(data)
-        while (event := self.decoder.next_event()) is not wire.NEED_DATA:
+        while (event := self.decoder.next_event()) is not None:
             assert isinstance(event, wire.Packet), event
             for message in event.messages:
                 (self.mail if message.type == wire.NOTIFY else self.others).append(message)
