@@ -68,7 +68,7 @@ class BadItem(Exception):
 
     def __init__(self, result: Result, text: str) -> None:
         super().__init__(text)
-        self.result = result
+        self.result: Result = result
 
 
 def item_of(message: Message) -> Item:
