@@ -22,7 +22,7 @@ GLOBAL_FRAMES = {
     "MAV_FRAME_GLOBAL_RELATIVE_ALT_INT": True,
 }
 """Frames with latitude and longitude -> whether the altitude is above home."""
-_NO_ATTITUDE, _NO_THROTTLE, _NO_RATES = 0x80, 0x40, 0x7
+_NO_ATTITUDE, _NO_THROTTLE = 0x80, 0x40
 
 
 class SetPoints:
