@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Iterator
-from typing import Protocol, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from uwserver.adapter.contract import AdapterStats
 from uwserver.ports import Fault
@@ -42,7 +42,10 @@ class Peer(Protocol):
         """End it at once."""
 
 
-class Peers:
+P = TypeVar("P", bound=Peer)
+
+
+class Peers(Generic[P]):
     """All peers of one adapter, at most so many at once.
 
     Args:
@@ -56,10 +59,10 @@ class Peers:
     def __init__(self, most: int, stats: AdapterStats | None = None) -> None:
         self.most = most
         self._stats = stats
-        self._peers: dict[Peer, None] = {}
+        self._peers: dict[P, None] = {}
         self._all_gone = asyncio.Event()
 
-    def __iter__(self) -> Iterator[Peer]:
+    def __iter__(self) -> Iterator[P]:
         return iter(list(self._peers))
 
     def __len__(self) -> int:
@@ -70,7 +73,7 @@ class Peers:
         """What one peer too many is told."""
         return Fault("overload", f"{self.most} clients are connected: close some, or raise max_clients of the adapter")
 
-    def enter(self, peer: Peer) -> bool:
+    def enter(self, peer: P) -> bool:
         """Whether there is room for a peer. One that only listens on, and may be long dead, makes way."""
         room = len(self._peers) < self.most
         if not room:
@@ -82,7 +85,7 @@ class Peers:
         self._count()
         return room
 
-    def leave(self, peer: Peer) -> None:
+    def leave(self, peer: P) -> None:
         """A peer is gone."""
         self._peers.pop(peer, None)
         self._count()
@@ -123,7 +126,7 @@ class Connection(asyncio.Protocol):
         is_working: a turn of this peer is under way.
     """
 
-    def __init__(self, peers: Peers) -> None:
+    def __init__(self, peers: Peers[Any]) -> None:
         self.is_half_open = False
         self.is_closing = False
         self.is_working = False

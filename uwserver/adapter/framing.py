@@ -18,15 +18,15 @@ _JSON = msgspec.json.Decoder()
 _MSGPACK = msgspec.msgpack.Decoder()
 
 
-class Undecodable(Exception):
-    """Bytes that are no value, or one that is not taken; the text says why.
+class Undecodable(Refused):
+    """Bytes that are no value (`parse_error`), or one that is not taken (`invalid_request`); the text says why.
 
     Attributes:
         is_valid: it is a value of this encoding, but nested too deep, say.
     """
 
     def __init__(self, reason: str, is_valid: bool) -> None:
-        super().__init__(reason)
+        super().__init__("invalid_request" if is_valid else "parse_error", reason)
         self.is_valid = is_valid
 
 

@@ -8,7 +8,7 @@ import errno
 import ipaddress
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator
-from typing import Literal
+from typing import Any, Literal
 
 from uwserver.adapter.connection import Peers
 from uwserver.adapter.contract import AdapterContext, Subscriber
@@ -93,7 +93,7 @@ def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> s
 
 @contextlib.asynccontextmanager
 async def serve_tcp(
-    make: Callable[[], asyncio.Protocol], peers: Peers, bind: str, port: int, *, rival: str = ANOTHER
+    make: Callable[[], asyncio.Protocol], peers: Peers[Any], bind: str, port: int, *, rival: str = ANOTHER
 ) -> AsyncIterator[asyncio.Server]:
     """A TCP server while the context is open; then all peers are closed, those that do not go are cut off.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from uwserver import adapter
-from uwserver.adapter import Peers
+from uwserver.adapter import Peer, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.native import verbs
 from uwserver_adapters.native.codec import NEED_DATA, WEB, Codec, Control, JsonCodec, choose_codec
@@ -25,7 +25,7 @@ STRANGER_LIMIT = 1 << 16
 class Connection(adapter.Connection):
     """Made by the server for each peer; all its methods run on the loop."""
 
-    def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers) -> None:
+    def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
         super().__init__(peers)
         self._service = service
         self._config = config

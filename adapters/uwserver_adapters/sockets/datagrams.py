@@ -15,7 +15,7 @@ from typing import cast
 
 import msgspec
 
-from uwserver.adapter import AdapterStats, Peers
+from uwserver.adapter import AdapterStats, Peer, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.native import verbs
 from uwserver_adapters.native.codec import NEED_DATA, Framed, Waiting
@@ -196,7 +196,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         service, config, peers: of the adapter.
     """
 
-    def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers) -> None:
+    def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
         self.service = service
         self.config = config
         self.peers = peers

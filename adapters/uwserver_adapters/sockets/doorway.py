@@ -8,7 +8,7 @@ import socket
 import ssl
 from typing import cast
 
-from uwserver.adapter import Peers
+from uwserver.adapter import Peer, Peers
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver_adapters.sockets.connection import Connection
@@ -33,7 +33,7 @@ class Doorway(asyncio.Protocol):
         self,
         service: NativeService,
         config: SocketsConfig,
-        peers: Peers,
+        peers: Peers[Peer],
         handshakes: set[asyncio.Task[None]],
         context: ssl.SSLContext,
     ) -> None:
