@@ -27,7 +27,7 @@ class TcpPeer(Connection):
         gone: done when the connection has ended.
     """
 
-    def __init__(self, router: Router, peers: Peers, name: str = "") -> None:
+    def __init__(self, router: Router, peers: Peers[TcpPeer], name: str = "") -> None:
         super().__init__(peers)
         self.gone: asyncio.Future[None] = self.loop.create_future()
         self._router = router
@@ -68,7 +68,7 @@ class TcpIn(Link):
         super().__init__(shown("tcpin", address), router)
         self._at = address
         self._server: asyncio.Server | None = None
-        self._peers = Peers(PEERS)
+        self._peers: Peers[TcpPeer] = Peers(PEERS)
 
     async def open(self) -> None:
         """Listen."""
@@ -93,7 +93,7 @@ class TcpOut(Link):
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpout", address), router)
         self._to = address
-        self._peers = Peers(1)
+        self._peers: Peers[TcpPeer] = Peers(1)
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:

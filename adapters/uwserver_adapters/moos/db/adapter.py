@@ -31,7 +31,7 @@ class MoosDbAdapter:
         self.context = context
         self.clock = MoosClock(warp_of(context, config.warp), asyncio.get_running_loop().time)
         self.database = Database(config.community, self.clock.now, config.max_variables)
-        self.peers = Peers(config.max_clients)
+        self.peers: Peers[Guest] = Peers(config.max_clients)
         self._names: dict[str, Guest] = {}
         self._with_mail: list[Guest] = []
         self._sending: asyncio.Handle | None = None
@@ -64,8 +64,7 @@ class MoosDbAdapter:
             self.context.stats.details["refused"] = self.database.refused
             await asyncio.sleep(TELL_S)
             for guest in self.peers:
-                if isinstance(guest, Guest):
-                    guest.check(loop.time())
+                guest.check(loop.time())
 
     # -- for guests -----------------------------------------------------------------------------------------------------------------
 

@@ -44,7 +44,7 @@ class Host(Protocol):
     context: AdapterContext
     clock: MoosClock
     database: Database
-    peers: Peers
+    peers: Peers[Guest]
 
     def is_free(self, name: str) -> bool:
         """Whether no other client has this name."""

@@ -110,7 +110,7 @@ class MoosTextAdapter:
         self.context = context
         self.clock = MoosClock(1.0, asyncio.get_running_loop().time)
         self.database = Database("text", self.clock.now, config.max_variables)
-        self.peers = Peers(config.max_clients)
+        self.peers: Peers[TextConnection] = Peers(config.max_clients)
         self._sessions: dict[str, TextSession] = {}
         self._last_number = 0
 
