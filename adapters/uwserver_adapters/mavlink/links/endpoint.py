@@ -2,51 +2,49 @@
 
 from __future__ import annotations
 
-import errno
-from typing import Protocol
+from uwserver.adapter import CannotServe, address_text
+from uwserver_adapters.mavlink.links.router import Router
 
 RETRY_S = 1.0
 """Wall time between two attempts to connect."""
 WAITING, READY = 1 << 18, 1 << 14
 """Bytes that may wait for a peer before frames are dropped, and below which downloads go on."""
+RIVAL, PORT_KEY = "a ground station", "its port in links"
+"""Who most likely holds a port that is in use, and what gives another."""
 
 Address = tuple[str, int]
 
 
-class BadLink(Exception):
+class BadLink(CannotServe):
     """A link of the table cannot be had; the text says why and what to do."""
 
 
-class Link(Protocol):
-    """One entry of `links`."""
+class Link:
+    """One entry of `links`.
 
-    @property
-    def address(self) -> str:
-        """As a user would type it."""
+    Args:
+        address: as a user would type it.
+        router: of the vehicle.
+
+    Attributes:
+        address: with the port that it has really got, once it is open.
+    """
+
+    def __init__(self, address: str, router: Router) -> None:
+        self.address = address
+        self._router = router
+        self._stats = router.context.stats
 
     async def open(self) -> None:
-        """Make it ready for peers. Raises BadLink when that is impossible."""
+        """Make it ready for peers. Raises CannotServe when that is impossible."""
 
     async def attend(self) -> None:
         """To be called about once a second: connect again, forget the silent."""
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Leave nothing behind."""
 
 
 def shown(kind: str, address: Address) -> str:
     """A link as a user would type it."""
-    host, port = address
-    return f"{kind}:[{host}]:{port}" if ":" in host else f"{kind}:{host}:{port}"
-
-
-def cannot_listen(error: OSError, kind: str, address: Address) -> BadLink:
-    """The reason in words that say what to do."""
-    where = shown(kind, address)
-    if error.errno == errno.EADDRINUSE:
-        return BadLink(
-            f"link {where} is in use, perhaps by a ground station: close it, or take another port (0: a free one)"
-        )
-    if error.errno == errno.EADDRNOTAVAIL:
-        return BadLink(f"link {where}: this machine has no such address; 127.0.0.1 is always there, 0.0.0.0 means all")
-    return BadLink(f"cannot listen at {where}: {error}")
+    return f"{kind}:{address_text(*address)}"

@@ -3,124 +3,97 @@
 from __future__ import annotations
 
 import asyncio
-import functools
-from collections.abc import Callable
-from typing import cast
 
-from uwserver.adapter import AdapterStats
-from uwserver_adapters.mavlink.links.endpoint import READY, RETRY_S, WAITING, Address, cannot_listen, shown
-from uwserver_adapters.mavlink.links.hub import Hub
+from uwserver.adapter import Connection, Peers, cannot_listen
+from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RETRY_S, RIVAL, WAITING, Address, Link, shown
+from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
 
 CONNECT_S = 5.0
 """Wall time for a connection."""
-TURN_S = 0.002
-"""Wall time after which others have their turn."""
+PEERS = 1024
+"""Connections at once."""
 
 
-class TcpPeer(asyncio.Protocol):
-    """One TCP connection."""
+class TcpPeer(Connection):
+    """One TCP connection.
 
-    def __init__(self, hub: Hub, name: str, gone: Callable[[TcpPeer], None]) -> None:
-        self._hub = hub
+    Args:
+        router: of the vehicle.
+        peers: those of the link.
+        name: of the channel; default: the peer's address.
+
+    Attributes:
+        gone: done when the connection has ended.
+    """
+
+    def __init__(self, router: Router, peers: Peers[TcpPeer], name: str = "") -> None:
+        super().__init__(peers)
+        self.gone: asyncio.Future[None] = self.loop.create_future()
+        self._router = router
         self._name = name
-        self._gone = gone
-        self._loop = asyncio.get_running_loop()
-        self._transport: asyncio.Transport
         self._channel: Channel | None = None
-        self._turn: asyncio.Handle | None = None
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+    def opened(self) -> None:
         """A channel begins."""
-        self._transport = cast(asyncio.Transport, transport)
-        peer = transport.get_extra_info("peername")
-        name = self._name or shown("tcp", peer[:2])
-        self._channel = self._hub.open(name, self._write, self._is_ready, has_peer=True)
+        name = self._name or shown("tcp", self.transport.get_extra_info("peername")[:2])
+        self._channel = self._router.open(name, self._send, lambda: self.waiting < READY, has_peer=True)
 
-    def connection_lost(self, error: Exception | None) -> None:
+    def closed(self) -> None:
         """It is gone."""
-        if self._turn is not None:
-            self._turn.cancel()
         if self._channel is not None:
-            self._hub.close(self._channel)
-        self._gone(self)
+            self._router.close(self._channel)
+        self.gone.set_result(None)
 
-    def data_received(self, data: bytes) -> None:
-        """Take bytes in pieces of any size."""
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
         if self._channel is not None:
             self._channel.decoder.receive(data)
-            if self._turn is None:
-                self._work()
 
-    def _work(self) -> None:
-        self._turn = None
-        end = self._loop.time() + TURN_S
-        while self._channel is not None and self._hub.work(self._channel):
-            if self._loop.time() > end:
-                self._transport.pause_reading()
-                self._turn = self._loop.call_soon(self._work)
-                return
-        if not self._transport.is_closing():
-            self._transport.resume_reading()
+    def step(self) -> bool:
+        """Take the next frame."""
+        return self._channel is not None and self._router.work(self._channel)
 
-    def _is_ready(self) -> bool:
-        return self._transport.get_write_buffer_size() < READY
-
-    def _write(self, data: bytes) -> bool:
-        if self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
+    def _send(self, data: bytes) -> bool:
+        if self.is_closing or self.waiting > WAITING:
             return False
-        self._transport.write(data)
+        self.write(data)
         return True
 
-    def abort(self) -> None:
-        """End it at once."""
-        self._transport.abort()
 
-
-class TcpIn:
+class TcpIn(Link):
     """Listens; each connection is a channel of its own."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        self.address = shown("tcpin", address)
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__(shown("tcpin", address), router)
         self._at = address
-        self._hub = hub
         self._server: asyncio.Server | None = None
-        self._peers: dict[TcpPeer, None] = {}
+        self._peers: Peers[TcpPeer] = Peers(PEERS)
 
     async def open(self) -> None:
         """Listen."""
-
-        def connected() -> TcpPeer:
-            peer = TcpPeer(self._hub, "", lambda gone: self._peers.pop(gone, None))
-            self._peers[peer] = None
-            return peer
-
+        loop = asyncio.get_running_loop()
         try:
-            self._server = await asyncio.get_running_loop().create_server(connected, *self._at)
+            self._server = await loop.create_server(lambda: TcpPeer(self._router, self._peers), *self._at)
         except OSError as error:
-            raise cannot_listen(error, "tcpin", self._at) from error
+            raise cannot_listen(error, *self._at, key=PORT_KEY, rival=RIVAL) from error
         self.address = shown("tcpin", self._server.sockets[0].getsockname()[:2])
 
-    async def attend(self) -> None:
-        """Nothing to do."""
-
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close all."""
         if self._server is not None:
             self._server.close()
-        for peer in list(self._peers):
+        for peer in self._peers:
             peer.abort()
 
 
-class TcpOut:
+class TcpOut(Link):
     """Connects, and connects again."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        self.address = shown("tcpout", address)
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__(shown("tcpout", address), router)
         self._to = address
-        self._hub = hub
-        self._stats = stats
-        self._peer: TcpPeer | None = None
+        self._peers: Peers[TcpPeer] = Peers(1)
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
@@ -130,31 +103,18 @@ class TcpOut:
     async def _keep(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            gone: asyncio.Future[None] = loop.create_future()
             try:
-                make = functools.partial(TcpPeer, self._hub, self.address, _resolver(gone))
-                making = loop.create_connection(make, *self._to)
-                _, self._peer = await asyncio.wait_for(making, CONNECT_S)
-                await gone
+                making = loop.create_connection(lambda: TcpPeer(self._router, self._peers, self.address), *self._to)
+                _, peer = await asyncio.wait_for(making, CONNECT_S)
+                await peer.gone
                 self._stats.last_error = f"link {self.address}: the connection ended; it is tried again"
             except (OSError, asyncio.TimeoutError) as error:
                 self._stats.last_error = f"link {self.address}: {error or 'no answer'}; it is tried again"
             await asyncio.sleep(RETRY_S / 4)
 
-    async def attend(self) -> None:
-        """It attends to itself."""
-
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the connection."""
         if self._task is not None:
             self._task.cancel()
-        if self._peer is not None:
-            self._peer.abort()
-
-
-def _resolver(gone: asyncio.Future[None]) -> Callable[[TcpPeer], None]:
-    def resolve(_: TcpPeer) -> None:
-        if not gone.done():
-            gone.set_result(None)
-
-    return resolve
+        for peer in self._peers:
+            peer.abort()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import Protocol, cast
 
-from uwserver.adapter import AdapterStats
-from uwserver_adapters.mavlink.links.endpoint import READY, WAITING, Address, cannot_listen, shown
-from uwserver_adapters.mavlink.links.hub import Hub
+from uwserver.adapter import cannot_listen
+from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RIVAL, WAITING, Address, Link, shown
+from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
 
 SILENT_S = 30.0
@@ -25,27 +25,44 @@ class _Datagrams(Protocol):
     def abort(self) -> None: ...
 
 
-class UdpOut(asyncio.DatagramProtocol):
+class _Socket(Link, asyncio.DatagramProtocol):
+    """What both kinds share: how datagrams are written."""
+
+    def __init__(self, kind: str, address: Address, router: Router) -> None:
+        super().__init__(shown(kind, address), router)
+        self._given = address
+        self._transport: _Datagrams | None = None
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there, yet or any more: they may come, and silence tells who is gone."""
+
+    def _is_ready(self) -> bool:
+        return self._transport is not None and self._transport.get_write_buffer_size() < READY
+
+    def _write(self, data: bytes, addr: Address | None = None) -> bool:
+        if self._transport is None or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
+            return False
+        self._transport.sendto(data, addr)
+        return True
+
+
+class UdpOut(_Socket):
     """Sends to one place, whether somebody listens or not, and hears its answers."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        self.address = shown("udpout", address)
-        self._to = address
-        self._hub = hub
-        self._stats = stats
-        self._transport: _Datagrams | None = None
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__("udpout", address, router)
         self._channel: Channel | None = None
 
     async def open(self) -> None:
         """Resolve the host; it is tried again when that fails."""
         loop = asyncio.get_running_loop()
         try:
-            transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._to)
+            transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._given)
         except OSError as error:
             self._stats.last_error = f"link {self.address}: {error}; it is tried again"
             return
         self._transport = cast(_Datagrams, transport)
-        self._channel = self._hub.open(self.address, self._write, self._is_ready)
+        self._channel = self._router.open(self.address, self._write, self._is_ready)
 
     async def attend(self) -> None:
         """Open it, if it could not be; a peer that is silent is not there any more."""
@@ -54,50 +71,36 @@ class UdpOut(asyncio.DatagramProtocol):
         channel = self._channel
         if channel is not None and channel.has_peer and _is_silent(channel):
             channel.has_peer = False
-            self._hub.count_peers()
+            self._router.count_peers()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the socket."""
         if self._channel is not None:
-            self._hub.close(self._channel)
+            self._router.close(self._channel)
         if self._transport is not None:
             self._transport.abort()
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         """Take a datagram."""
         if self._channel is not None:
-            self._hub.receive(self._channel, data)
-
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet: they may come."""
-
-    def _is_ready(self) -> bool:
-        return self._transport is not None and self._transport.get_write_buffer_size() < READY
-
-    def _write(self, data: bytes) -> bool:
-        if self._transport is None or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
-            return False
-        self._transport.sendto(data)
-        return True
+            self._router.receive(self._channel, data)
 
 
-class UdpIn(asyncio.DatagramProtocol):
+class UdpIn(_Socket):
     """Waits for peers; each address is a channel of its own."""
 
-    def __init__(self, address: Address, hub: Hub, stats: AdapterStats) -> None:
-        self.address = shown("udpin", address)
-        self._at = address
-        self._hub = hub
-        self._stats = stats
-        self._transport: _Datagrams | None = None
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__("udpin", address, router)
         self._channels: dict[Address, Channel] = {}
 
     async def open(self) -> None:
         """Bind."""
         try:
-            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, local_addr=self._at)
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+                lambda: self, local_addr=self._given
+            )
         except OSError as error:
-            raise cannot_listen(error, "udpin", self._at) from error
+            raise cannot_listen(error, *self._given, "udp", key=PORT_KEY, rival=RIVAL) from error
         self._transport = cast(_Datagrams, transport)
         self.address = shown("udpin", transport.get_extra_info("sockname")[:2])
 
@@ -105,13 +108,13 @@ class UdpIn(asyncio.DatagramProtocol):
         """Forget who is silent."""
         for peer, channel in list(self._channels.items()):
             if _is_silent(channel):
-                self._hub.close(channel)
+                self._router.close(channel)
                 del self._channels[peer]
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the socket."""
         for channel in self._channels.values():
-            self._hub.close(channel)
+            self._router.close(channel)
         self._channels.clear()
         if self._transport is not None:
             self._transport.abort()
@@ -126,26 +129,14 @@ class UdpIn(asyncio.DatagramProtocol):
                 self._stats.last_error = f"link {self.address}: more than {PEERS} peers"
                 return
             full = cast(Address, addr)
-            channel = self._hub.open(shown("udp", peer), lambda sent: self._write(sent, full), self._is_ready)
+            channel = self._router.open(shown("udp", peer), lambda sent: self._write(sent, full), self._is_ready)
             self._channels[peer] = channel
-        self._hub.receive(channel, data)
+        self._router.receive(channel, data)
         if (
             not channel.has_peer
         ):  # what it said was no MAVLink: it hears nothing, so that nobody is flooded by a forged address
-            self._hub.close(channel)
+            self._router.close(channel)
             del self._channels[peer]
-
-    def error_received(self, exc: Exception) -> None:
-        """A peer is gone: its silence tells."""
-
-    def _is_ready(self) -> bool:
-        return self._transport is not None and self._transport.get_write_buffer_size() < READY
-
-    def _write(self, data: bytes, addr: Address) -> bool:
-        if self._transport is None or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
-            return False
-        self._transport.sendto(data, addr)
-        return True
 
 
 def _is_silent(channel: Channel) -> bool:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
-from uwserver.adapter import AdapterStats
-from uwserver_adapters.mavlink.links.endpoint import BadLink
-from uwserver_adapters.mavlink.links.hub import Hub
+from uwserver.adapter import Inbox, Worker
+from uwserver_adapters.mavlink.links.endpoint import BadLink, Link
+from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.links.zenoh_json import IN as JSON_IN
 from uwserver_adapters.mavlink.links.zenoh_json import JsonKeys
 from uwserver_adapters.mavlink.wire.channel import Channel
@@ -25,25 +23,22 @@ WAITING = 1000
 """Messages that may wait for the loop; more are dropped and counted."""
 
 
-class ZenohLink:
+class ZenohLink(Link):
     """A session with one endpoint: a router, or another peer.
 
     Args:
         endpoint: as "tcp/192.168.2.2:7117"; it may come later.
     """
 
-    def __init__(self, endpoint: str, hub: Hub, stats: AdapterStats) -> None:
-        self.address = f"zenoh:{endpoint}"
+    def __init__(self, endpoint: str, router: Router) -> None:
+        super().__init__(f"zenoh:{endpoint}", router)
         self._endpoint = endpoint
-        self._hub = hub
-        self._stats = stats
-        self._loop = asyncio.get_running_loop()
         self._session: zenoh.Session | None = None
         self._publisher: zenoh.Publisher | None = None
         self._channel: Channel | None = None
         self._json: JsonKeys | None = None
-        self._thread = ThreadPoolExecutor(1, "zenoh of mavlink")
-        self._waiting = 0
+        self._worker = Worker("zenoh of mavlink", self._stats)
+        self._inbox = Inbox(self._arrived, WAITING, self._too_many)
 
     async def open(self) -> None:
         """Open the session; what it connects to may come later.
@@ -69,57 +64,50 @@ class ZenohLink:
             for path, value in settings.items():
                 config.insert_json5(path, json.dumps(value))
             # It takes half a second, which the loop cannot wait.
-            self._session = await self._loop.run_in_executor(self._thread, zenoh.open, config)
+            self._session = await self._worker.run(lambda: zenoh.open(config))
         except zenoh.ZError as error:
             raise BadLink(f"link {self.address}: {str(error).split(' at /')[0].strip()}") from None
         self._publisher = self._session.declare_publisher(
             OUT, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP
         )
         for key, take in ((IN, self._take), (JSON_IN, self._take_json)):
-            self._session.declare_subscriber(key, self._handover(take), allowed_origin=zenoh.Locality.REMOTE)
-        self._json = JsonKeys(self._session, self._thread, self._hub.dialect, self._stats)
-        self._channel = self._hub.open(self.address, self._write, lambda: True)
+            self._session.declare_subscriber(key, self._hears(take), allowed_origin=zenoh.Locality.REMOTE)
+        self._json = JsonKeys(self._session, self._worker, self._router.dialect)
+        self._channel = self._router.open(self.address, self._write, lambda: True)
 
     async def attend(self) -> None:
         """Zenoh connects again by itself; look who listens."""
         if self._json is not None:
             self._json.look()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the session; its threads end with it."""
         if self._channel is not None:
-            self._hub.close(self._channel)
+            self._router.close(self._channel)
         session, self._session = self._session, None
-        if session is not None:
-            session.close()
-        self._thread.shutdown(wait=False, cancel_futures=True)
+        await self._worker.close(lambda: None if session is None else session.close())
 
-    def _handover(self, take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
-        """For a thread of zenoh: hand it over at once."""
+    def _hears(self, take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
+        """For a thread of zenoh."""
+        return lambda sample: self._inbox.put((take, sample.payload.to_bytes()))
 
-        def heard(sample: zenoh.Sample) -> None:
-            if self._waiting >= WAITING:
-                self._stats.dropped += 1
-                return
-            self._waiting += 1
-            self._loop.call_soon_threadsafe(self._arrived, take, sample.payload.to_bytes())
-
-        return heard
-
-    def _arrived(self, take: Callable[[bytes], None], data: bytes) -> None:
-        self._waiting -= 1
+    def _arrived(self, item: tuple[Callable[[bytes], None], bytes]) -> None:
+        take, data = item
         if self._session is not None:
             take(data)
 
+    def _too_many(self, _: object) -> None:
+        self._stats.dropped += 1
+
     def _take(self, data: bytes) -> None:
         if self._channel is not None:
-            self._hub.receive(self._channel, data)
+            self._router.receive(self._channel, data)
 
     def _take_json(self, data: bytes) -> None:
         try:
-            frame = frame_of(data, self._hub.dialect)
+            frame = frame_of(data, self._router.dialect)
         except BadJson as error:
-            self._hub.count("json")
+            self._router.count("json")
             self._stats.last_error = f"{JSON_IN}: {error}"
             return
         self._take(frame)

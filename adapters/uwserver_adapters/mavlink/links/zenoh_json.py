@@ -6,13 +6,11 @@ one may have to wait, and is done on a thread.
 
 from __future__ import annotations
 
-import logging
-from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from uwserver.adapter import AdapterStats
+from uwserver.adapter import Worker
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 from uwserver_adapters.mavlink.wire.frames import Decoder, Frame
 from uwserver_adapters.mavlink.wire.json_form import fields_of, name_of, text_of
@@ -22,13 +20,8 @@ if TYPE_CHECKING:
 
 OUT, IN = "mavlink/out", "mavlink/in"
 """All messages of the vehicle, and those for it."""
-WAITING = 1000
-"""Frames that may wait for zenoh; more are dropped and counted."""
-
 KEYS = 4096
 """Keys that are remembered at a time: senders whose messages are forwarded may have any number."""
-
-_log = logging.getLogger(__name__)
 
 
 class _Key:
@@ -70,21 +63,18 @@ class JsonKeys:
 
     Args:
         session: of zenoh.
-        thread: one alone, so that messages keep their order.
+        worker: puts messages, in their order.
         dialect: the messages.
-        stats: of the adapter.
     """
 
-    def __init__(self, session: zenoh.Session, thread: Executor, dialect: Dialect, stats: AdapterStats) -> None:
+    def __init__(self, session: zenoh.Session, worker: Worker, dialect: Dialect) -> None:
         self._session = session
-        self._thread = thread
+        self._worker = worker
         self._dialect = dialect
-        self._stats = stats
         self._decoder = Decoder(dialect)
         self._out = _Key(session, OUT)
         self._below = _Key(session, "mavlink/*/*/**")  # somebody listens to some message, or to fields
         self._keys: dict[str, _Key] = {}
-        self._begun = self._done = 0  # each has one writer: the loop, and the thread
 
     def look(self) -> None:
         """Find those who listen, of whom zenoh has not said anything yet."""
@@ -96,21 +86,12 @@ class JsonKeys:
         """Tell a frame to who listens."""
         if not (self._out.is_heard or self._below.is_heard):
             return
-        if self._begun - self._done >= WAITING:
-            self._stats.dropped += 1
-            return
-        self._begun += 1
-        self._thread.submit(self._tell, frame)
+        self._worker.send(lambda: self._tell(frame))
 
     def _tell(self, data: bytes) -> None:
-        try:
-            self._decoder.receive(data)
-            while isinstance(event := self._decoder.next_event(), Frame):
-                self._tell_frame(event)
-        except Exception as error:  # noqa: BLE001  # the session may be closing
-            _log.debug("not told: %s", error)
-        finally:
-            self._done += 1
+        self._decoder.receive(data)
+        while isinstance(event := self._decoder.next_event(), Frame):
+            self._tell_frame(event)
 
     def _tell_frame(self, frame: Frame) -> None:
         layout = self._dialect.by_id[frame.id]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime, timezone
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event
@@ -34,15 +33,8 @@ _SEVERITIES = {
     "watchdog": NOTICE, "fault": WARNING, "conflict": WARNING, "diverged": CRITICAL, "adapter_failed": ERROR, "shutdown": WARNING,
 }  # fmt: skip
 _BUTTON_MODES = {
-    5: "MANUAL",
-    6: "STABILIZE",
-    7: "ALT_HOLD",
-    8: "POSHOLD",
-    9: "AUTO",
-    11: "GUIDED",
-    12: "ACRO",
-    13: "SURFTRAK",
-}
+    5: "MANUAL", 6: "STABILIZE", 7: "ALT_HOLD", 8: "POSHOLD", 9: "AUTO", 11: "GUIDED", 12: "ACRO", 13: "SURFTRAK",
+}  # fmt: skip
 
 
 class ArduSub:
@@ -77,7 +69,14 @@ class ArduSub:
         self.missions = Missions(bridge)
         self.setpoints = SetPoints(bridge)
         self.telemetry = Telemetry(
-            bridge, _epoch_ns(context), identity, self.failsafes, self.missions, self.pilot, self.outputs, self.payload
+            bridge,
+            context.world.epoch_ns,
+            identity,
+            self.failsafes,
+            self.missions,
+            self.pilot,
+            self.outputs,
+            self.payload,
         )
         self.commands = Commands(
             bridge, self.arming, self.telemetry, self.missions, self.setpoints, self.outputs, self.payload
@@ -275,14 +274,3 @@ def _thrusters(context: AdapterContext, vehicle: str) -> int:
         port for path, port in context.ports.items() if port.kind == "thrusters" and path.startswith(f"{vehicle}/")
     )
     return sum(port.fields[0].size for port in ports)
-
-
-def _epoch_ns(context: AdapterContext) -> int:
-    world = context.describe("").get("world")
-    text = world.get("epoch_utc") if isinstance(world, dict) else None
-    if not isinstance(text, str):
-        return 0
-    epoch = datetime.fromisoformat(text.replace("Z", "+00:00"))
-    if epoch.tzinfo is None:
-        epoch = epoch.replace(tzinfo=timezone.utc)
-    return round(epoch.timestamp()) * 1_000_000_000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from uwserver.adapter import AdapterContext
-from uwserver.ports import Json, Progress, Refused, Reply
+from uwserver.adapter import AdapterContext, Conversation
+from uwserver.ports import Json, Refused, Reply
 
 SOURCE = "ground station"
 """One commander for all ground stations: they take turns by MAVLink's own rules."""
@@ -27,6 +27,7 @@ class Autopilot:
 
     def __init__(self, context: AdapterContext, vehicle: str) -> None:
         self._context = context
+        self._peer = Conversation(context, SOURCE)
         self._vehicle = vehicle
         self._root = f"{vehicle}/autopilot"
         self.replied_ns = 0
@@ -46,14 +47,8 @@ class Autopilot:
         if not self.is_there:
             self._told(self.absence, done)
             return
-
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Reply):
-                self._told(outcome.fault.text if outcome.fault is not None else "", done)
-
-        self._context.stats.commands += 1
         try:
-            self._context.command(f"{self._root}/{port}", value, SOURCE, on_reply)
+            self._peer.command(f"{self._root}/{port}", value, lambda reply: self._told(_reason(reply), done))
         except Refused as refused:
             self._told(refused.fault.text, done)
 
@@ -70,16 +65,14 @@ class Autopilot:
             self._told(self.absence, done)
             return
 
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Reply):
-                self.replied_ns = outcome.t_ns
-                if outcome.fault is None and result is not None:
-                    result(outcome.result)
-                self._told(outcome.fault.text if outcome.fault is not None else "", done)
+        def on_answer(reply: Reply) -> None:
+            self.replied_ns = reply.t_ns
+            if reply.fault is None and result is not None:
+                result(reply.result)
+            self._told(_reason(reply), done)
 
-        self._context.stats.calls += 1
         try:
-            self._context.call(f"{self._root}/{service}", args, SOURCE, on_reply)
+            self._peer.call(f"{self._root}/{service}", args, on_answer)
         except Refused as refused:
             self._told(refused.fault.text, done)
 
@@ -90,3 +83,7 @@ class Autopilot:
             stats.last_error = reason
         if done is not None:
             done(reason)
+
+
+def _reason(reply: Reply) -> str:
+    return reply.fault.text if reply.fault is not None else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Final, Literal
 
 from msgspec import Struct, structs
 
@@ -20,18 +21,14 @@ from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
 from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
 
-ACCEPTED, DENIED, FAILED = "MAV_RESULT_ACCEPTED", "MAV_RESULT_DENIED", "MAV_RESULT_FAILED"
-UNSUPPORTED, IN_PROGRESS = "MAV_RESULT_UNSUPPORTED", "MAV_RESULT_IN_PROGRESS"
-UNSUPPORTED_FRAME = 8
-"""Of MAV_RESULT; the dialect has no name that says so."""
+Result = Literal["ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED", "IN_PROGRESS", 8]
+"""Of MAV_RESULT, without its prefix."""
+UNSUPPORTED_FRAME: Final = 8
+"""The dialect has no name that says so."""
 FORCE = 21196
 """Parameter 2 of ARM_DISARM."""
 _WAITING = 32
 """Commands that may wait for the world."""
-
-
-Result = int | str
-"""An entry of MAV_RESULT."""
 
 
 class Request(Struct, frozen=True):
@@ -110,10 +107,10 @@ class Commands:
             "MAV_CMD_NAV_LAND": lambda request: self._enter(SURFACE, request),
             "MAV_CMD_MISSION_START": self._start_mission,
             "MAV_CMD_DO_SET_MISSION_CURRENT": lambda request: (
-                ACCEPTED if missions.set_current(request.whole(1)) else FAILED
+                "ACCEPTED" if missions.set_current(request.whole(1)) else "FAILED"
             ),
             "MAV_CMD_DO_FLIGHTTERMINATION": self._terminate,
-            "MAV_CMD_DO_DIGICAM_CONTROL": lambda _: ACCEPTED,  # a picture; there is no camera
+            "MAV_CMD_DO_DIGICAM_CONTROL": lambda _: "ACCEPTED",  # a picture; there is no camera
             "MAV_CMD_DO_MOUNT_CONTROL": self._point_camera,
             "MAV_CMD_PREFLIGHT_CALIBRATION": self._calibrate,
             "MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN": self._reboot,
@@ -141,23 +138,23 @@ class Commands:
         verb = self._verbs.get(request.command.name)
         key = (request.command, request.peer)
         if verb is None:
-            result: Result | None = UNSUPPORTED
+            result: Result | None = "UNSUPPORTED"
         elif key in self._waiting:
-            result = IN_PROGRESS  # asked again before the world has answered
+            result = "IN_PROGRESS"  # asked again before the world has answered
         elif len(self._waiting) >= _WAITING:
-            result = FAILED
+            result = "FAILED"
         else:
             result = verb(request)
         if result is not None:
             self._acknowledge(request, result)
 
     def _acknowledge(self, request: Request, result: Result) -> None:
-        if result not in (ACCEPTED, IN_PROGRESS):
+        if result not in ("ACCEPTED", "IN_PROGRESS"):
             self._bridge.counters["refused"] += 1
         system, component = request.peer
         fields: Fields = {
             "command": request.command.number,
-            "result": result,
+            "result": result if isinstance(result, int) else f"MAV_RESULT_{result}",
             "target_system": system,
             "target_component": component,
         }
@@ -172,7 +169,7 @@ class Commands:
             self._waiting.discard(key)
             if reason:
                 self._bridge.tell(WARNING, f"{prefix}: {reason}")
-            self._acknowledge(request, FAILED if reason else ACCEPTED)
+            self._acknowledge(request, "FAILED" if reason else "ACCEPTED")
 
         return done
 
@@ -184,18 +181,17 @@ class Commands:
         elif request.p[1] == 0.0:
             self._arming.disarm(self._later(request, "Disarm"))
         else:
-            return UNSUPPORTED
+            return "UNSUPPORTED"
         return None
 
     def _set_mode(self, request: Request) -> Result | None:
         if not request.whole(1) & self._numbers["MAV_MODE_FLAG_CUSTOM_MODE_ENABLED"]:
-            return DENIED
+            return "DENIED"
         mode = BY_ENTRY.get(self._bridge.dialect.name("SUB_MODE", request.whole(2)))
         if mode is None:
             self._bridge.tell(WARNING, f"Mode {request.whole(2)} is not supported")
-            return FAILED
-        self._bridge.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
-        return None
+            return "FAILED"
+        return self._enter(mode, request)
 
     def mode_message(self, message: Message, channel: Channel) -> None:
         """SET_MODE, which is acknowledged by its own number."""
@@ -214,36 +210,36 @@ class Commands:
     def _start_mission(self, request: Request) -> Result | None:
         if not self._bridge.readings.state().armed:
             self._bridge.tell(WARNING, "Mission: arm first")
-            return FAILED
+            return "FAILED"
         self._missions.start(self._later(request, "Mission"))
         return None
 
     def _terminate(self, request: Request) -> Result | None:
         if request.p[1] <= 0.5 or math.isnan(request.p[1]):
-            return FAILED
+            return "FAILED"
         self._arming.disarm(self._later(request, "Termination"))
         return None
 
     def _reboot(self, request: Request) -> Result:
         """There is no board to start anew: nothing would change."""
         if request.whole(1) <= 0:
-            return UNSUPPORTED
+            return "UNSUPPORTED"
         if self._bridge.readings.state().armed:
-            return FAILED
+            return "FAILED"
         self._bridge.tell(NOTICE, "Reboot is not simulated; reset the world instead")
-        return DENIED
+        return "DENIED"
 
     # -- messages ---------------------------------------------------------------------------------------------------------------------
 
     def _set_interval(self, request: Request) -> Result:
         name = self._bridge.dialect.message_name(request.whole(1))
         if name not in self._telemetry.names:
-            return FAILED
+            return "FAILED"
         interval_us = request.p[2]
         if not math.isfinite(interval_us) or interval_us < -1.0:
-            return DENIED
+            return "DENIED"
         request.channel.streams.set_interval(name, None if interval_us == 0.0 else interval_us * 1e-6)
-        return ACCEPTED
+        return "ACCEPTED"
 
     def _get_interval(self, request: Request) -> Result:
         name = self._bridge.dialect.message_name(request.whole(1))
@@ -251,7 +247,7 @@ class Commands:
         self._bridge.send(
             "MESSAGE_INTERVAL", {"message_id": request.whole(1), "interval_us": interval}, request.channel
         )
-        return ACCEPTED if interval else FAILED
+        return "ACCEPTED" if interval else "FAILED"
 
     def _request_message(self, request: Request) -> Result:
         number = request.whole(1)
@@ -264,17 +260,17 @@ class Commands:
     def _give(self, name: str, request: Request, only: int = 0) -> Result:
         """Send a message; of several that belong together only one, counted from 1, or with 0 all."""
         if name not in self._telemetry.names:
-            return FAILED
+            return "FAILED"
         messages = self._telemetry.build(name)
         messages = messages[only - 1 : only] if only > 0 else messages
         # After the acknowledgement, as with ArduPilot: many scripts wait for the one, then for the other.
         request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
-        return ACCEPTED if messages else FAILED
+        return "ACCEPTED" if messages else "FAILED"
 
     def _banner(self, _: Request) -> Result:
         for line in self._telemetry.identity.banner:
             self._bridge.tell(INFO, line)
-        return ACCEPTED
+        return "ACCEPTED"
 
     # -- places and ways --------------------------------------------------------------------------------------------------------------
 
@@ -288,15 +284,15 @@ class Commands:
             if place is not None and GLOBAL_FRAMES.get(request.frame, False):
                 place = Place(place.latitude, place.longitude, bridge.home.sea_altitude(place.altitude, True))
         if place is None or bridge.home.origin is None or not math.isfinite(place.altitude):
-            return FAILED
+            return "FAILED"
         bridge.home.home = place
         bridge.tell_home()
-        return ACCEPTED
+        return "ACCEPTED"
 
     def _reposition(self, request: Request) -> Result | None:
         """Go there, in GUIDED; only as COMMAND_INT, as a float holds latitudes to a metre only."""
         if not request.is_int:
-            return UNSUPPORTED
+            return "UNSUPPORTED"
         if request.frame not in GLOBAL_FRAMES:
             return UNSUPPORTED_FRAME
         bridge = self._bridge
@@ -304,12 +300,12 @@ class Commands:
         point = bridge.home.point(x, y, z, GLOBAL_FRAMES[request.frame])
         if point is None or not math.isfinite(z):
             bridge.tell(WARNING, "Reposition: the origin is not known, or there is no such place")
-            return DENIED
+            return "DENIED"
         if (
             not request.whole(2) & self._numbers["MAV_DO_REPOSITION_FLAGS_CHANGE_MODE"]
             and bridge.readings.state().mode != GUIDED.autopilot
         ):
-            return DENIED  # the sender does not ask for the change of mode
+            return "DENIED"  # the sender does not ask for the change of mode
         finish = self._later(request, "Reposition")
         value: dict[str, object] = {"p_N": list(point)}
         if math.isfinite(request.p[4]):
@@ -327,17 +323,17 @@ class Commands:
     def _change_speed(self, request: Request) -> Result | None:
         speed = request.p[2]
         if not math.isfinite(speed) or not 0.0 < speed <= 20.0:
-            return FAILED
+            return "FAILED"
         self._bridge.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, self._later(request, "Speed"))
         return None
 
     def _turn(self, request: Request) -> Result | None:
         angle, direction, is_relative = from_degrees(request.p[1]), request.p[3], request.p[4] == 1.0
         if not math.isfinite(angle):
-            return DENIED
+            return "DENIED"
         if is_relative and direction < 0.0:
             angle = -angle
-        return ACCEPTED if self._setpoints.turn_to(angle, is_relative) else FAILED
+        return "ACCEPTED" if self._setpoints.turn_to(angle, is_relative) else "FAILED"
 
     # -- hardware ---------------------------------------------------------------------------------------------------------------------
 
@@ -355,7 +351,7 @@ class Commands:
             throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
         deflections = self._outputs.test(request.whole(1), throttle, seconds(self._bridge.readings.t_ns))
         if deflections is None:
-            return FAILED
+            return "FAILED"
 
         def done(reason: str) -> None:
             if reason:
@@ -363,26 +359,27 @@ class Commands:
 
         # Acknowledged at once: while one command waited for its answer, that of the next motor would be lost.
         self._bridge.autopilot.command("test", {"outputs": deflections}, done)
-        return ACCEPTED
+        return "ACCEPTED"
 
     def _refuse(self, text: str) -> Result:
         self._bridge.tell(WARNING, text)
-        return FAILED
+        return "FAILED"
 
     def _set_servo(self, request: Request) -> Result:
         pulse_us = request.p[2]
-        return ACCEPTED if math.isfinite(pulse_us) and self._outputs.set_servo(request.whole(1), pulse_us) else FAILED
+        is_set = math.isfinite(pulse_us) and self._outputs.set_servo(request.whole(1), pulse_us)
+        return "ACCEPTED" if is_set else "FAILED"
 
     def _point_camera(self, request: Request) -> Result:
         tilt, pan = request.p[1], request.p[3]
         if not (math.isfinite(tilt) and math.isfinite(pan)):
-            return DENIED
+            return "DENIED"
         self._payload.point(tilt, pan)
-        return ACCEPTED
+        return "ACCEPTED"
 
     def _calibrate(self, _: Request) -> Result:
         if self._bridge.readings.state().armed:
             self._bridge.tell(WARNING, "Disarm to allow calibration")
-            return FAILED
+            return "FAILED"
         self._bridge.tell(INFO, "Calibration: the sensors are as the scenario has them")
-        return ACCEPTED
+        return "ACCEPTED"

@@ -60,13 +60,13 @@ class Failsafes:
     def _value(self, name: str) -> float:
         return self._parameters.value(name)
 
-    def _begins(self, name: str, now: float) -> tuple[bool, bool]:
-        """Whether it begins now, and whether it is to be told."""
+    def _begins(self, name: str, now: float, severity: str, text: str) -> bool:
+        """Tell what has begun, or lasts; whether it is time to act: it begins, and the vehicle is armed."""
         since = self._active.get(name)
         if since is None or now - since >= AGAIN_S:
             self._active[name] = now
-            return since is None, True
-        return False, False
+            self._bridge.tell(severity, text)
+        return since is None and self._bridge.readings.state().armed
 
     def _check_pilot(self, now: float) -> None:
         action = self._value("FS_PILOT_INPUT")
@@ -85,10 +85,7 @@ class Failsafes:
         action = self._value("FS_GCS_ENABLE")
         if action == 0 or self._gcs_at is None or now - self._gcs_at <= self._value("FS_GCS_TIMEOUT"):
             return
-        begins, is_told = self._begins("gcs", now)
-        if is_told:
-            self._bridge.tell(WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost")
-        if begins and self._bridge.readings.state().armed:
+        if self._begins("gcs", now, WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost"):
             if action == _DISARM:
                 self._disarm()
             elif action in (3, _SURFACE):
@@ -100,10 +97,7 @@ class Failsafes:
         if action == 0 or reading is None or not reading.get("leak"):
             self._active.pop("leak", None)
             return
-        begins, is_told = self._begins("leak", now)
-        if is_told:
-            self._bridge.tell(CRITICAL, "Leak Detected")
-        if begins and action == 2 and self._bridge.readings.state().armed:
+        if self._begins("leak", now, CRITICAL, "Leak Detected") and action == 2:
             self._enter(SURFACE)
 
     def _check_battery(self, now: float) -> None:
@@ -113,11 +107,8 @@ class Failsafes:
         if not level:
             self._active.pop("battery", None)
             return
-        begins, is_told = self._begins("battery", now)
-        if is_told:
-            self._bridge.tell(WARNING, f"Battery 1 is {level} {voltage:.2f}V")
         action = self._value("BATT_FS_CRT_ACT" if level == "critical" else "BATT_FS_LOW_ACT")
-        if begins and self._bridge.readings.state().armed:
+        if self._begins("battery", now, WARNING, f"Battery 1 is {level} {voltage:.2f}V"):
             if action == 2:
                 self._disarm()
             elif action == 3:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 from msgspec import Struct
 
 from uwserver.ports import Json
 from uwserver_adapters.mavlink.vehicle.home import Home
 from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, LOCAL_NED
-from uwserver_adapters.mavlink.wire.codec import degrees_e7, vector
+from uwserver_adapters.mavlink.wire.codec import degrees_e7, vec3
 from uwserver_adapters.mavlink.wire.dialect import Entry, Message
 
-ACCEPTED, ERROR, DENIED = "MAV_MISSION_ACCEPTED", "MAV_MISSION_ERROR", "MAV_MISSION_DENIED"
-UNSUPPORTED, UNSUPPORTED_FRAME = "MAV_MISSION_UNSUPPORTED", "MAV_MISSION_UNSUPPORTED_FRAME"
-NO_SPACE, CANCELLED = "MAV_MISSION_NO_SPACE", "MAV_MISSION_OPERATION_CANCELLED"
-INVALID, INVALID_SEQUENCE = "MAV_MISSION_INVALID", "MAV_MISSION_INVALID_SEQUENCE"
-INVALID_PARAM_1, INVALID_PARAM_2 = "MAV_MISSION_INVALID_PARAM1", "MAV_MISSION_INVALID_PARAM2"
-INVALID_X = "MAV_MISSION_INVALID_PARAM5_X"
+Result = Literal[
+    "ACCEPTED", "ERROR", "DENIED", "UNSUPPORTED", "UNSUPPORTED_FRAME", "NO_SPACE", "OPERATION_CANCELLED", "INVALID", "INVALID_SEQUENCE",
+    "INVALID_PARAM1", "INVALID_PARAM2", "INVALID_PARAM5_X",
+]  # fmt: skip
+"""Of MAV_MISSION_RESULT, without its prefix."""
 LARGEST = 700
 """Items that fit."""
 WAYPOINT, LAND, NAV_DELAY = "MAV_CMD_NAV_WAYPOINT", "MAV_CMD_NAV_LAND", "MAV_CMD_NAV_DELAY"
@@ -64,11 +64,11 @@ class Item(Struct, frozen=True):
 
 
 class BadItem(Exception):
-    """An item that cannot be taken: entry of MAV_MISSION_RESULT and a text."""
+    """An item that cannot be taken: result and a text."""
 
-    def __init__(self, result: str, text: str) -> None:
+    def __init__(self, result: Result, text: str) -> None:
         super().__init__(text)
-        self.result = result
+        self.result: Result = result
 
 
 def item_of(message: Message) -> Item:
@@ -80,7 +80,7 @@ def item_of(message: Message) -> Item:
     frame, command = message.entry("frame"), message.entry("command")
     x, y, z = (message.number(axis) for axis in "xyz")
     if not all(map(math.isfinite, (x, y, z))):
-        raise BadItem(INVALID_X, f"item {message.whole('seq')}: its place is not a number")
+        raise BadItem("INVALID_PARAM5_X", f"item {message.whole('seq')}: its place is not a number")
     if message.name == "MISSION_ITEM":
         scale = 1e4 if frame.name == LOCAL_NED else 1e7
         x, y = max(-2e9, min(2e9, x * scale)), max(-2e9, min(2e9, y * scale))
@@ -121,21 +121,21 @@ def _translated(item: Item, home: Home) -> Json:
             waypoint["hold_s"] = min(hold, _FOREVER_S)
         return waypoint
     if command in (NAV_DELAY, "MAV_CMD_CONDITION_DELAY"):
-        return {"kind": "hold", "time_s": _positive(item, p1, INVALID_PARAM_1, allow_zero=True)}
+        return {"kind": "hold", "time_s": _positive(item, p1, "INVALID_PARAM1", allow_zero=True)}
     if command == SPEED:
-        return {"kind": "speed", "speed_mps": _positive(item, p2, INVALID_PARAM_2)}
+        return {"kind": "speed", "speed_mps": _positive(item, p2, "INVALID_PARAM2")}
     if command == YAW:
         if not math.isfinite(p1) or p4 != 0.0:
-            raise BadItem(INVALID_PARAM_1, f"item {item.seq}: a heading must be a number of degrees from north")
+            raise BadItem("INVALID_PARAM1", f"item {item.seq}: a heading must be a number of degrees from north")
         return {"kind": "heading", "heading_deg": p1}
     if command == LAND:
         return {"kind": "surface"}
     if command == "MAV_CMD_NAV_RETURN_TO_LAUNCH":
         if home.home is None or home.origin is None:
-            raise BadItem(INVALID, f"item {item.seq}: home is not known")
+            raise BadItem("INVALID", f"item {item.seq}: home is not known")
         north, east = home.origin.north_east(home.home.latitude, home.home.longitude)
         return {"kind": "waypoint", "position_ned_m": [north, east, -home.home.altitude]}
-    raise BadItem(UNSUPPORTED, f"item {item.seq}: command {item.command.number} is not supported in a mission")
+    raise BadItem("UNSUPPORTED", f"item {item.seq}: command {item.command.number} is not supported in a mission")
 
 
 def place_of(item: Item, home: Home) -> tuple[float, float, float]:
@@ -147,16 +147,16 @@ def place_of(item: Item, home: Home) -> tuple[float, float, float]:
     if item.frame.name == LOCAL_NED:
         return item.x / 1e4, item.y / 1e4, item.z
     if item.frame.name not in GLOBAL_FRAMES:
-        raise BadItem(UNSUPPORTED_FRAME, f"item {item.seq}: frame {item.frame.number} is not supported")
+        raise BadItem("UNSUPPORTED_FRAME", f"item {item.seq}: frame {item.frame.number} is not supported")
     if home.origin is None:
-        raise BadItem(INVALID, f"item {item.seq}: the origin is not known, send SET_GPS_GLOBAL_ORIGIN")
+        raise BadItem("INVALID", f"item {item.seq}: the origin is not known, send SET_GPS_GLOBAL_ORIGIN")
     point = home.point(item.x, item.y, item.z, GLOBAL_FRAMES[item.frame.name])
     if point is None:
-        raise BadItem(INVALID_X, f"item {item.seq}: there is no such latitude or longitude")
+        raise BadItem("INVALID_PARAM5_X", f"item {item.seq}: there is no such latitude or longitude")
     return point
 
 
-def _positive(item: Item, value: float, result: str, allow_zero: bool = False) -> float:
+def _positive(item: Item, value: float, result: Result, allow_zero: bool = False) -> float:
     if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not allow_zero):
         raise BadItem(result, f"item {item.seq}: {value:g} is no time or speed")
     return value
@@ -191,8 +191,7 @@ def _item(seq: int, item: dict[str, Json], home: Home, entry: Callable[[str], En
     if kind == "surface":
         return Item(seq, entry(GLOBAL), entry(LAND), (0.0,) * 4, 0, 0, 0.0)
     given = item.get("position_ned_m")
-    row = vector(given, 3) or (0.0, 0.0, 0.0)
-    north, east, down = row[0], row[1], row[2]
+    north, east, down = vec3(given) or (0.0, 0.0, 0.0)
     params = (number("hold_s"), number("radius_m"), 0.0, number("heading_deg"))
     there = home.place((north, east, down))
     if there is None:

@@ -8,19 +8,12 @@ from uwserver.ports import Json
 from uwserver_adapters.mavlink.vehicle.autopilot import Done
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.mission_items import (
-    ACCEPTED,
-    CANCELLED,
-    DENIED,
-    ERROR,
-    INVALID,
-    INVALID_SEQUENCE,
     LARGEST,
-    NO_SPACE,
     TAKEOFF,
-    UNSUPPORTED,
     WAYPOINT,
     BadItem,
     Item,
+    Result,
     item_of,
     place_of,
     translate,
@@ -102,7 +95,7 @@ class Missions:
             return
         if now - upload.heard_at > GIVE_UP_S:
             self._bridge.tell(WARNING, "Mission upload timeout")
-            self._end(upload, CANCELLED)
+            self._end(upload, "OPERATION_CANCELLED")
         elif now - upload.asked_at > ASK_AGAIN_S:
             self._ask(upload, now)
 
@@ -112,13 +105,13 @@ class Missions:
         """MISSION_COUNT: somebody wants to upload."""
         peer, kind, count = (message.system, message.component), message.entry("mission_type"), message.whole("count")
         if self._upload is not None and self._upload.peer != peer:
-            self._acknowledge(channel, peer, kind, DENIED)
+            self._acknowledge(channel, peer, kind, "DENIED")
         elif kind.name != MISSION:
             is_none = not count and kind.name in (FENCE, RALLY)
-            self._acknowledge(channel, peer, kind, ACCEPTED if is_none else UNSUPPORTED)
+            self._acknowledge(channel, peer, kind, "ACCEPTED" if is_none else "UNSUPPORTED")
         elif count > LARGEST:
             self._bridge.tell(WARNING, f"Mission of {count} items: at most {LARGEST}")
-            self._acknowledge(channel, peer, kind, NO_SPACE)
+            self._acknowledge(channel, peer, kind, "NO_SPACE")
         elif count == 0:
             self._clear(channel, peer, kind)
         else:
@@ -132,7 +125,7 @@ class Missions:
             return
         upload, peer = self._upload, (message.system, message.component)
         if upload is None or upload.peer != peer:
-            self._acknowledge(channel, peer, message.entry("mission_type"), INVALID_SEQUENCE if upload is None else DENIED)  # fmt: skip
+            self._acknowledge(channel, peer, message.entry("mission_type"), "INVALID_SEQUENCE" if upload is None else "DENIED")  # fmt: skip
             return
         upload.heard_at = now
         seq = message.whole("seq")
@@ -171,7 +164,7 @@ class Missions:
             if reason:
                 bridge.counters["refused"] += 1
                 bridge.tell(WARNING, f"Go there: {reason}")
-            self._acknowledge(channel, peer, kind, ERROR if reason else ACCEPTED)
+            self._acknowledge(channel, peer, kind, "ERROR" if reason else "ACCEPTED")
 
         if item.command.name != WAYPOINT or state.mode != GUIDED.autopilot:
             done("only in GUIDED, to a waypoint")
@@ -195,11 +188,11 @@ class Missions:
                     self._bridge.tell(INFO, "Mission: the take-off is left out")
                 self._items, self._numbers, self._known_count = upload.items, numbers, len(items)
                 self._reached, self._start_at = 0, 0
-            self._end(upload, INVALID if reason else ACCEPTED)
+            self._end(upload, "INVALID" if reason else "ACCEPTED")
 
         if not self._bridge.autopilot.is_there:
             self._bridge.tell(WARNING, self._bridge.autopilot.absence)
-            self._end(upload, ERROR)
+            self._end(upload, "ERROR")
             return
         self._bridge.autopilot.call("set_mission", {"items": items}, done)
 
@@ -213,13 +206,15 @@ class Missions:
         fields = {**_to(upload.peer), "seq": len(upload.items), "mission_type": upload.kind.number}
         self._bridge.send("MISSION_REQUEST_INT", fields, upload.channel)
 
-    def _end(self, upload: Upload, result: str) -> None:
+    def _end(self, upload: Upload, result: Result) -> None:
         if self._upload is upload:
             self._upload = None
         self._acknowledge(upload.channel, upload.peer, upload.kind, result)
 
-    def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: Entry, result: str) -> None:
-        self._bridge.send("MISSION_ACK", {**_to(peer), "type": result, "mission_type": kind.number}, channel)
+    def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: Entry, result: Result) -> None:
+        self._bridge.send(
+            "MISSION_ACK", {**_to(peer), "type": f"MAV_MISSION_{result}", "mission_type": kind.number}, channel
+        )
 
     # -- download and the rest --------------------------------------------------------------------------------------------------------
 
@@ -250,7 +245,7 @@ class Missions:
         """MISSION_REQUEST_INT or MISSION_REQUEST: one item, with a place in integers or, for the older, in floats."""
         peer, kind, seq = (message.system, message.component), message.entry("mission_type"), message.whole("seq")
         if kind.name != MISSION or seq >= len(self._items):
-            self._acknowledge(channel, peer, kind, INVALID_SEQUENCE)
+            self._acknowledge(channel, peer, kind, "INVALID_SEQUENCE")
             return
         fields: dict[str, int | float] = {**_to(peer), **self._items[seq].fields()}
         is_current = seq == self.current()["seq"] and seq > 0
@@ -265,7 +260,7 @@ class Missions:
         """MISSION_CLEAR_ALL."""
         peer, kind = (message.system, message.component), message.entry("mission_type")
         if kind.name in (FENCE, RALLY):
-            self._acknowledge(channel, peer, kind, ACCEPTED)
+            self._acknowledge(channel, peer, kind, "ACCEPTED")
         else:
             self._clear(channel, peer, kind)
 
@@ -273,7 +268,7 @@ class Missions:
         def done(reason: str) -> None:
             if not reason:
                 self._items, self._numbers, self._known_count, self._reached, self._start_at = [], [], 0, 0, 0
-            self._acknowledge(channel, peer, kind, ERROR if reason else ACCEPTED)
+            self._acknowledge(channel, peer, kind, "ERROR" if reason else "ACCEPTED")
 
         if self._bridge.autopilot.is_there:
             self._bridge.autopilot.call("clear_mission", {}, done)

@@ -15,7 +15,6 @@ import msgspec
 from uwserver_adapters.mavlink.wire.channel import Out
 from uwserver_adapters.mavlink.wire.dialect import Fields
 
-NAME_SIZE = 16
 _WIRE_TYPES = {"uint8": 1, "int8": 2, "uint16": 3, "int16": 4, "uint32": 5, "int32": 6, "real32": 9}
 _RANGES = {
     "uint8": (0, 0xFF),

@@ -9,7 +9,7 @@ from msgspec import Struct, structs
 from uwserver.adapter import AdapterContext
 from uwserver.frames import Quat, Vec3, rpy_from_quat
 from uwserver.ports import Value
-from uwserver_adapters.mavlink.wire.codec import finite, turns, vector, wrapped
+from uwserver_adapters.mavlink.wire.codec import finite, turns, vec3, vector, wrapped
 
 Reading = Mapping[str, Value]
 _ASSUMED_NS = 2_000_000_000
@@ -156,20 +156,20 @@ class Readings:
         said = self.last("autopilot")
         if said is None:
             return self._without_autopilot()
-        altitude, depth, v_N = finite(said.get("altitude")), finite(said.get("depth")), _vec3(said.get("v_N"))
+        altitude, depth, v_N = finite(said.get("altitude")), finite(said.get("depth")), vec3(said.get("v_N"))
         return State(
             has_autopilot=True,
             mode=str(said.get("mode")),
             armed=bool(said.get("armed")),
             failsafe=str(said.get("failsafe") or ""),
-            p_N=_vec3(said.get("p_N")) if said.get("position_valid") else None,
+            p_N=vec3(said.get("p_N")) if said.get("position_valid") else None,
             v_N=v_N if said.get("velocity_valid") else None,
             sink=v_N[2] if v_N is not None and depth is not None else 0.0,
             q_NB=_quat(said.get("q_NB")),
-            w_B=_vec3(said.get("w_B")),
+            w_B=vec3(said.get("w_B")),
             depth=depth,
             altitude=self._altitude() if altitude is None else altitude,
-            p_ref_N=_vec3(said.get("p_ref_N")),
+            p_ref_N=vec3(said.get("p_ref_N")),
             depth_ref=finite(said.get("depth_ref")),
             heading_ref=finite(said.get("heading_ref")),
             mission_index=_whole(said.get("mission_index"), -1),
@@ -182,7 +182,7 @@ class Readings:
         attitude, imu = self.last("attitude") or {}, self.last("imu") or {}
         return State(
             q_NB=_quat(attitude.get("q_NS")),
-            w_B=_vec3(imu.get("w_S")),
+            w_B=vec3(imu.get("w_S")),
             depth=self.number("depth", "depth"),
             altitude=self._altitude(),
         )
@@ -190,11 +190,6 @@ class Readings:
     def _altitude(self) -> float | None:
         altitude = self.number("altimeter", "range")
         return self.number("dvl", "altitude") if altitude is None else altitude
-
-
-def _vec3(value: object) -> Vec3 | None:
-    row = vector(value, 3)
-    return None if row is None else (row[0], row[1], row[2])
 
 
 def _quat(value: object) -> Quat | None:

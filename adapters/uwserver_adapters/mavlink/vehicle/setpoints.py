@@ -7,7 +7,7 @@ import math
 from uwserver.frames import Vec3, quat_from_rpy, rpy_from_quat
 from uwserver_adapters.mavlink.vehicle.bridge import WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, shown
-from uwserver_adapters.mavlink.wire.codec import turned, vector
+from uwserver_adapters.mavlink.wire.codec import turned, vec3, vector
 from uwserver_adapters.mavlink.wire.dialect import Message
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, NO_YAW, NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x400, 0x800
@@ -22,7 +22,7 @@ GLOBAL_FRAMES = {
     "MAV_FRAME_GLOBAL_RELATIVE_ALT_INT": True,
 }
 """Frames with latitude and longitude -> whether the altitude is above home."""
-_NO_ATTITUDE, _NO_THROTTLE, _NO_RATES = 0x80, 0x40, 0x7
+_NO_ATTITUDE, _NO_THROTTLE = 0x80, 0x40
 
 
 class SetPoints:
@@ -84,7 +84,7 @@ class SetPoints:
             value["heading"] = math.remainder(yaw + yaw_from, 2 * math.pi)
         command = self._bridge.autopilot.command
         if not mask & NO_POSITION:
-            if p is None or vector(p, 3) is None:
+            if p is None or vec3(p) is None:
                 return self._refuse("set point: the position is not a place")
             return command("position", {"p_N": list(p), **value}, self._told_reason)
         if not mask & NO_VELOCITY:
@@ -143,5 +143,4 @@ class SetPoints:
 
 
 def _row(message: Message, *fields: str) -> Vec3 | None:
-    row = vector([message.number(field) for field in fields], 3)
-    return None if row is None else (row[0], row[1], row[2])
+    return vec3([message.number(field) for field in fields])

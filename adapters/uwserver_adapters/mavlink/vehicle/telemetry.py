@@ -182,18 +182,19 @@ class Telemetry:
         if state.q_NB is None:
             return None
         roll, pitch, yaw = rpy_from_quat(state.q_NB)
-        p, q, r = state.w_B or (0.0, 0.0, 0.0)
-        rates = {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
-        return {"time_boot_ms": self._boot_ms, "roll": roll, "pitch": pitch, "yaw": yaw, **rates}
+        return {**self._rates(), "roll": roll, "pitch": pitch, "yaw": yaw}
 
     def _attitude_quaternion(self) -> Fields | None:
         state = self._state
         if state.q_NB is None:
             return None
-        p, q, r = state.w_B or (0.0, 0.0, 0.0)
         q1, q2, q3, q4 = state.q_NB
-        rates = {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
-        return {"time_boot_ms": self._boot_ms, "q1": q1, "q2": q2, "q3": q3, "q4": q4, **rates}
+        return {**self._rates(), "q1": q1, "q2": q2, "q3": q3, "q4": q4}
+
+    def _rates(self) -> dict[str, float]:
+        """Time and rates of the attitude."""
+        p, q, r = self._state.w_B or (0.0, 0.0, 0.0)
+        return {"time_boot_ms": self._boot_ms, "rollspeed": p, "pitchspeed": q, "yawspeed": r}
 
     def _yaw(self) -> float | None:
         q = self._state.q_NB

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 
+from uwserver.adapter import RateMeter
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields
 from uwserver_adapters.mavlink.wire.frames import Decoder
 from uwserver_adapters.mavlink.wire.streams import Streams
@@ -26,6 +27,7 @@ class Channel:
         write: sends bytes, or says False when the peer does not keep up.
         is_ready: whether more than what must be may be written now.
         streams: what it is told how often.
+        frames_per_s: that are taken.
 
     Attributes:
         seq: of the next frame.
@@ -33,7 +35,7 @@ class Channel:
         heard_at: loop time of the last good frame, s.
         has_peer: somebody has spoken.
         allowance: frames of the backlog that may be sent before the next tick.
-        frames_in: good frames since `counted_at`, for the limit on floods.
+        meter: bounds its frames.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Channel:
         write: Callable[[bytes], bool],
         is_ready: Callable[[], bool],
         streams: Streams,
+        frames_per_s: int,
     ) -> None:
         self.number = number
         self.name = name
@@ -56,8 +59,7 @@ class Channel:
         self.heard_at = 0.0
         self.has_peer = False
         self.allowance = 0
-        self.frames_in = 0
-        self.counted_at = 0.0
+        self.meter = RateMeter(frames_per_s)
 
     def next_seq(self) -> int:
         """Number of the frame that is written next."""

@@ -36,6 +36,12 @@ def vector(value: object, size: int) -> tuple[float, ...] | None:
     return None if None in numbers else tuple(number for number in numbers if number is not None)
 
 
+def vec3(value: object) -> Vec3 | None:
+    """Three finite numbers, else None."""
+    row = vector(value, 3)
+    return None if row is None else (row[0], row[1], row[2])
+
+
 def degrees_e7(angle: float) -> float:
     """Radians to 1e-7 degrees."""
     return deg(angle) * _DEG_E7

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from msgspec import Struct
 
 from uwserver_adapters.mavlink.wire.dialect import Dialect
@@ -48,13 +46,6 @@ class Malformed(Struct, frozen=True):
     size: int
 
 
-class NeedData:
-    """The next frame is not complete."""
-
-
-NEED_DATA: Final = NeedData()
-
-
 class Decoder:
     """Bytes to frames. After something wrong it looks for the next frame within the same bytes, so one lost byte costs one message.
 
@@ -74,8 +65,8 @@ class Decoder:
             self._start = 0
         self._buffer += data
 
-    def next_event(self) -> Frame | Malformed | NeedData:
-        """The next frame, or what was skipped on the way to it."""
+    def next_event(self) -> Frame | Malformed | None:
+        """The next frame, or what was skipped on the way to it; None until more bytes come."""
         buffer, first = self._buffer, self._start
         reason = "garbage"
         for _ in range(_TRIES):
@@ -85,7 +76,7 @@ class Decoder:
                 return Malformed(reason, at - first)
             size = self._size(at)
             if size == 0 or at + size > len(buffer):
-                return NEED_DATA
+                return None
             frame, reason = self._frame(bytes(buffer[at : at + size]))
             if frame is not None:
                 self._start = at + size

@@ -22,14 +22,8 @@ GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
                      "GIMBAL_DEVICE_ATTITUDE_STATUS")),
 }  # fmt: skip
 """Number of the group -> end of its parameter's name, messages."""
-ON_REQUEST = (
-    "ATTITUDE_QUATERNION", "HOME_POSITION", "GPS_GLOBAL_ORIGIN", "AUTOPILOT_VERSION", "AVAILABLE_MODES", "CURRENT_MODE",
-    "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT", "HEARTBEAT",
-)  # fmt: skip
-"""Messages that come only when somebody asks for them."""
 FASTEST_S = 0.01
 """Shortest interval."""
-STREAMED = tuple(name for _, names in GROUPS.values() for name in names)
 
 
 class Streams:

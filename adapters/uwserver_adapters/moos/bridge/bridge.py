@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
-from uwserver.adapter import AdapterContext
-from uwserver.ports import Event, Fault, Port, Progress, Refused, Reply, Sample, matches
+from uwserver.adapter import AdapterContext, Conversation, port_of_kind, vehicle_of, vehicles_of
+from uwserver.ports import Event, Fault, Port, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
-from uwserver_adapters.moos.bridge.mixing import CannotServe, Mixer
+from uwserver_adapters.moos.bridge.mixing import Mixer
 from uwserver_adapters.moos.bridge.names import Outlet, variable
 from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
 from uwserver_adapters.moos.bridge.usm import MOMENTARY, UsmInputs
@@ -55,7 +55,6 @@ class Bridge:
         self._context = context
         self._post = post
         self._listen = listen
-        self._source = source
         self._outlets: dict[str, Outlet] = {}
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
         self._seen: dict[str, float] = {}
@@ -64,23 +63,19 @@ class Bridge:
         ports = context.ports
         self._mixer = Mixer(table.commands, ports, vehicle)
         self._nav = None if table.nav is None else Navigation(table.nav, ports, vehicle)
-        self._calls = Calls(context, lambda answer: post([(REPLY, msgspec.json.encode(answer).decode())]))
+        self._calls = Calls(context)
+        self._peer = Conversation(context, source)
         fix = self._nav.fix if self._nav is not None else Fix()
-        teleport = next((p.path for p in ports.values() if p.kind == "teleport" and p.path.startswith(f"{vehicle}/")), None)  # fmt: skip
-        self._usm = UsmInputs(context, teleport, fix, self._neutral, lambda name, value: post([(name, value)]))
+        teleport = port_of_kind("teleport", ports, vehicle)
+        self._usm = UsmInputs(self._peer, teleport, fix, self._neutral, lambda name, value: post([(name, value)]))
         self._direct: dict[str, tuple[Port, str]] = {}
         self._open_ports()
 
     def _vehicle(self) -> str:
-        names = {path.split("/")[0] for path in self._context.ports}
-        name = self._table.vehicle
-        if name is not None and name not in names:
-            raise CannotServe(f'no vehicle "{name}"; there are: {", ".join(sorted(names)) or "none"}')
-        if name is None and len(names) != 1 and (self._table.nav is not None or self._table.commands):
-            raise CannotServe(
-                f"say to which vehicle `nav` and `commands` belong: vehicle = one of {', '.join(sorted(names))}"
-            )
-        return name or (names.pop() if len(names) == 1 else "")
+        """The vehicle that is meant; "" for none, where nothing belongs to one of several."""
+        table, ports = self._table, self._context.ports
+        belongs = table.vehicle is not None or table.nav is not None or bool(table.commands)
+        return vehicle_of(table.vehicle, ports) if belongs or len(vehicles_of(ports)) == 1 else ""
 
     def _open_ports(self) -> None:
         table = self._table
@@ -135,6 +130,9 @@ class Bridge:
             if self._nav is not None:
                 self._nav.reset()
         self._post([(EVENT, msgspec.json.encode(event).decode())])
+
+    def _reply(self, answer: Answer) -> None:
+        self._post([(REPLY, msgspec.json.encode(answer).decode())])
 
     def _tell(self, name: str, value: float | str, source: str, fault: Fault) -> None:
         stats = self._context.stats
@@ -198,35 +196,31 @@ class Bridge:
             self._command(port.path, {field: _given(value)}, source, name)
         elif name == CALL:
             if self._table.services:
-                self._calls.take(str(value), source)
+                self._calls.take(str(value), source, self._reply)
         elif self._table.usm and name in self._usm.names:
             self._usm.take(name, value, source, lambda fault: self._tell(name, value, source, fault))
 
-    def call(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
-        """Begin a service call whose one answer goes to its caller alone."""
-        self._calls.take(text, source, answer)
-
     def _neutral(self) -> None:
         for path in self._mixer.neutral():
-            self._command(path, self._mixer.command(path), self._source)
+            self._command(path, self._mixer.command(path), self._peer.source)
 
     def _command(self, path: str, value: dict[str, object] | dict[str, float | list[float]], source: str, name: str = "") -> None:  # fmt: skip
         name = name or variable(path)
 
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Reply) and outcome.fault is not None:
-                self._tell(name, "", source, outcome.fault)
+        def on_answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                self._tell(name, "", source, reply.fault)
 
-        self._context.stats.commands += 1
         try:
             # One source for all clients of a community: helm, autopilot and operator take turns there by MOOS's own rules.
-            self._context.command(path, value, self._source, on_reply)
+            self._peer.command(path, value, on_answer)
         except Refused as refused:
             self._tell(name, "", source, refused.fault)
 
     def close(self) -> None:
         """Cancel calls under way."""
         self._calls.close()
+        self._peer.close()
 
 
 def _given(value: float | str) -> object:

@@ -6,15 +6,14 @@ the same `id`, and either `value` and `tick`, or `error`.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from typing import Any
 
 import msgspec
 from msgspec import Struct
 
-from uwserver.adapter import AdapterContext
-from uwserver.ports import Fault, Json, Progress, Refused, Reply
+from uwserver.adapter import AdapterContext, Conversation, Owed
+from uwserver.ports import Fault, Json, Refused, Reply
 
 TIMEOUT_S = 10.0
 OPEN = 64
@@ -63,86 +62,47 @@ class Calls:
 
     Args:
         context: where they go.
-        reply: takes each answer.
     """
 
-    def __init__(self, context: AdapterContext, reply: Callable[[Answer], None]) -> None:
-        self._context = context
-        self._reply = reply
-        self._running: dict[object, Callable[[], bool]] = {}
-        self._timers: dict[object, asyncio.TimerHandle] = {}
+    def __init__(self, context: AdapterContext) -> None:
+        self._stats = context.stats
+        self._peer = Conversation(context, "", Owed(OPEN))
 
-    def take(self, text: str, source: str, answer: Callable[[Answer], None] | None = None) -> None:
+    @property
+    def waiting(self) -> int:
+        """How many wait for their answer."""
+        return self._peer.owed.count
+
+    def take(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
         """Begin a call, or say why not.
 
         Args:
             text: see `parse`.
             source: client that wrote it.
-            answer: takes the one answer instead of `reply`.
+            answer: takes the one answer.
         """
-        stats = self._context.stats
-        stats.calls += 1
-        answer = answer or self._reply
-        id: str | int | None = None
-        service = ""
+        request = Request("")
+
+        def on_answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                fail(reply.fault)
+                return
+            said: Answer = {"id": request.id, "service": request.service, "src": source, "tick": reply.tick}
+            answer({**said, "t_ns": reply.t_ns, "value": reply.result})
+
+        def fail(fault: Fault) -> None:
+            self._stats.errors += 1
+            error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
+            answer({"id": request.id, "service": request.service, "src": source, "error": error})
+
         try:
             request = parse(text)
-            id, service = request.id, request.service
-            if len(self._running) >= OPEN:
-                raise Refused("overload", f"{OPEN} calls are under way: wait for some of them")
             if not 0.0 < request.timeout_s < 1e6:
                 raise Refused("bad_argument", "timeout_s is a number of seconds above zero", "timeout_s")
-            self._begin(request, source, answer)
+            self._peer.call(request.service, request.args, on_answer, timeout_s=request.timeout_s, source=source)
         except Refused as refused:
-            stats.errors += 1
-            answer(_error(id, service, source, refused.fault))
-
-    def _begin(self, request: Request, source: str, answer: Callable[[Answer], None]) -> None:
-        token = object()
-        is_done = is_late = False
-
-        def on_reply(outcome: Reply | Progress) -> None:
-            nonlocal is_done
-            if isinstance(outcome, Progress) or is_done:
-                return
-            is_done = True
-            self._running.pop(token, None)
-            timer = self._timers.pop(token, None)
-            if timer is not None:
-                timer.cancel()
-            fault = outcome.fault
-            if fault is not None:
-                if is_late:
-                    text = f"not done within {request.timeout_s:g} s and cancelled: give a longer timeout_s"
-                    fault = Fault("timeout", text, request.service)
-                self._context.stats.errors += 1
-                answer(_error(request.id, request.service, source, fault))
-                return
-            said: Answer = {"id": request.id, "service": request.service, "src": source, "tick": outcome.tick}
-            answer({**said, "t_ns": outcome.t_ns, "value": outcome.result})
-
-        def give_up() -> None:
-            nonlocal is_late
-            is_late = True
-            if not cancel():
-                # It cannot be taken back any more; its answer, when it comes, has nobody who waits for it.
-                on_reply(Reply(0, 0, fault=Fault("timeout", "", request.service)))
-
-        cancel = self._context.call(request.service, request.args, source, on_reply)
-        if not is_done:
-            self._running[token] = cancel
-            self._timers[token] = asyncio.get_running_loop().call_later(request.timeout_s, give_up)
+            fail(refused.fault)
 
     def close(self) -> None:
         """Cancel what is under way; nobody is answered any more."""
-        for timer in self._timers.values():
-            timer.cancel()
-        for cancel in list(self._running.values()):
-            cancel()
-        self._running.clear()
-        self._timers.clear()
-
-
-def _error(id: str | int | None, service: str, source: str, fault: Fault) -> Answer:
-    error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
-    return {"id": id, "service": service, "src": source, "error": error}
+        self._peer.close()

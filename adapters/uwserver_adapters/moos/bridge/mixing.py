@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from uwserver.adapter import CannotServe, field_of, port_of
 from uwserver.ports import Field, Port
 from uwserver_adapters.moos.codec import radians
 from uwserver_adapters.moos.config import Target
 
 FULL = 100.0
 """The value of a variable that gives a target's `full`."""
-
-
-class CannotServe(Exception):
-    """The adapter's table and the world do not fit; the text says what to change."""
 
 
 class _Mixed:
@@ -59,16 +56,10 @@ class Mixer:
                 self._add(name, target, ports, vehicle)
 
     def _add(self, name: str, target: Target, ports: Mapping[str, Port], vehicle: str) -> None:
-        path = target.port if target.port in ports else f"{vehicle}/{target.port}"
         where = f"commands.{name}"
-        port = ports.get(path)
-        if port is None or port.direction != "actuator":
-            there = ", ".join(sorted(path for path, port in ports.items() if port.direction == "actuator"))
-            raise CannotServe(f'{where}: no actuator "{path}"; there are: {there or "none"}')
-        field = next((field for field in port.fields if field.name == target.field), None)
-        if field is None:
-            names = ", ".join(field.name for field in port.fields)
-            raise CannotServe(f'{where}: "{path}" has no field "{target.field}", it has: {names}')
+        port = port_of(where, target.port, ports, vehicle, "actuator")
+        field = field_of(where, port, target.field)
+        path = port.path
         mixed = self._mixed.setdefault(path, {}).setdefault(field.name, _Mixed(field))
         mixed.columns[name] = _column(where, target, field)
         zero = _components(where, "zero", target.zero, field)

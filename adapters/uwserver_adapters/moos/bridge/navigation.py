@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from uwserver.adapter import CannotServe, port_of
 from uwserver.ports import Port, Sample
-from uwserver_adapters.moos.bridge.mixing import CannotServe
 from uwserver_adapters.moos.codec import Fix, Pairs, navigation, period_ns
 from uwserver_adapters.moos.config import NavTable
 
@@ -63,8 +63,8 @@ class Navigation:
         for entry, (known, names) in _FIELDS.items():
             given = getattr(table, entry)
             if given:
-                path = given if given in ports else f"{vehicle}/{given}"
-                self._sources.setdefault(path, []).append((known, _index(entry, path, names, ports)))
+                port = port_of(f"nav.{entry}", given, ports, vehicle, "sensor")
+                self._sources.setdefault(port.path, []).append((known, _index(entry, port, names)))
         self._leader = next(iter(self._sources), "")
 
     def reset(self) -> None:
@@ -88,13 +88,8 @@ class Navigation:
         return navigation(self.fix, self._table.prefix, self._table.origin_deg) if is_due else []
 
 
-def _index(entry: str, path: str, names: tuple[str, ...], ports: Mapping[str, Port]) -> int:
-    port = ports.get(path)
-    if port is None or port.direction != "sensor":
-        there = ", ".join(sorted(path for path, port in ports.items() if port.direction == "sensor"))
-        hint = "; set truth = true for this adapter, or name a sensor" if "/truth/" in path else ""
-        raise CannotServe(f'nav.{entry}: no sensor "{path}"{hint}; there are: {there or "none"}')
+def _index(entry: str, port: Port, names: tuple[str, ...]) -> int:
     for index, field in enumerate(port.fields):
         if field.name in names:
             return index
-    raise CannotServe(f'nav.{entry}: "{path}" has none of the fields {", ".join(names)}')
+    raise CannotServe(f'nav.{entry}: "{port.path}" has none of the fields {", ".join(names)}')

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from uwserver.adapter import AdapterContext
-from uwserver.ports import Fault, Progress, Refused, Reply
+from uwserver.adapter import Conversation
+from uwserver.ports import Fault, Port, Reply
 from uwserver_adapters.moos.codec import Fix, drift, finite, reset_pose
 
 OVERRIDES = ("MOOS_MANUAL_OVERRIDE", "MOOS_MANUAL_OVERIDE")
@@ -22,8 +22,8 @@ class UsmInputs:
     """Variable to service or command.
 
     Args:
-        context: where they go.
-        teleport: path of the actuator for USM_RESET; None when the vehicle has none.
+        peer: through which they go.
+        teleport: the actuator for USM_RESET; None when the vehicle has none.
         fix: what is known of the vehicle; WATER_DEPTH is kept there.
         neutral: puts all actuators to neutral.
         post: publishes a variable.
@@ -31,13 +31,13 @@ class UsmInputs:
 
     def __init__(
         self,
-        context: AdapterContext,
-        teleport: str | None,
+        peer: Conversation,
+        teleport: Port | None,
         fix: Fix,
         neutral: Callable[[], None],
         post: Callable[[str, Value], None],
     ) -> None:
-        self._context = context
+        self._peer = peer
         self._teleport = teleport
         self._fix = fix
         self._neutral = neutral
@@ -78,18 +78,15 @@ class UsmInputs:
             raise ValueError('the vehicle has no actuator of kind "teleport" that could reset it')
         pose = reset_pose(str(value), self._fix)
         self._neutral()
-        self._context.stats.commands += 1
 
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Progress):
-                return
-            if outcome.fault is not None:
-                told(outcome.fault)
+        def on_answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                told(reply.fault)
                 return
             self._resets += 1
             self._post("USM_RESET_COUNT", float(self._resets))
 
-        self._context.command(self._teleport, pose, source, on_reply)
+        self._peer.command(self._teleport.path, pose, on_answer, source)
 
     def _pause(self, value: Value, source: str, told: OnFault) -> None:
         self._call("world/pause" if _flag(value) else "world/resume", {}, source, told)
@@ -116,14 +113,11 @@ class UsmInputs:
             self._neutral()
 
     def _call(self, service: str, args: dict[str, object], source: str, told: OnFault) -> None:
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Reply) and outcome.fault is not None:
-                told(outcome.fault)
+        def on_answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                told(reply.fault)
 
-        if service not in self._context.services:
-            raise Refused("unknown_service", f'this server has no "{service}"', service)
-        self._context.stats.calls += 1
-        self._context.call(service, args, source, on_reply)
+        self._peer.call(service, args, on_answer, source=source)
 
 
 def _number(value: Value) -> float:

@@ -7,13 +7,13 @@ import logging
 from collections.abc import Coroutine, Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterContext
-from uwserver.ports import Event, Progress, Reply, Sample
+from uwserver.adapter import AdapterContext, serving
+from uwserver.ports import Event, Sample
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
 from uwserver_adapters.moos.client.link import Link, LinkLost
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import MoosClock, warp_of
 from uwserver_adapters.moos.config import CommunityTable, MoosConfig
 from uwserver_adapters.moos.wire import Message
 
@@ -23,26 +23,6 @@ RETRY_S = 0.25
 """Wall time between two attempts to connect."""
 CONNECT_S = 1.0
 """Wall time for the connection, and again for the welcome."""
-
-
-def server_warp(context: AdapterContext, given: float | None, name: str) -> float:
-    """MOOSTimeWarp: as given, else the speed of the server. Warns when the two differ, as time would run differently on the two sides."""
-    found: list[float] = []
-
-    def on_reply(outcome: Reply | Progress) -> None:
-        if isinstance(outcome, Reply) and isinstance(outcome.result, dict):
-            speed = outcome.result.get("speed")
-            if outcome.result.get("mode") == "realtime" and isinstance(speed, int | float) and speed > 0:
-                found.append(float(speed))
-
-    if "world/status" in context.services:
-        context.call("world/status", {}, name, on_reply)
-    speed = found[0] if found else 1.0
-    if given is not None and found and abs(given - speed) > 1e-9 * speed:
-        _log.warning(
-            "%s: warp = %g, but this server runs at speed %g: give both the same, or leave warp out", name, given, speed
-        )
-    return speed if given is None else given
 
 
 class Community:
@@ -190,27 +170,21 @@ class MoosAdapter:
             CannotServe: the table names what is not there.
         """
         config, context = self.config, self.context
-        stats = context.stats
         steady = asyncio.get_running_loop().time
-        warp = server_warp(context, config.warp, context.name)
+        warp = warp_of(context, config.warp)
         members = [
             Community(name, table, config, context, MoosClock(warp, steady))
             for name, table in config.communities.items()
         ]
-        detach = context.attach(_Several(members))
         tasks = [asyncio.ensure_future(member.run()) for member in members]
         try:
-            stats.address = ", ".join(member.address for member in members)
-            stats.details["warp"] = warp
-            stats.state = "running"
-            ready.set()
-            await asyncio.gather(*tasks)
+            context.stats.details["warp"] = warp
+            with serving(context, _Several(members), ", ".join(member.address for member in members), ready):
+                await asyncio.gather(*tasks)
         finally:
-            detach()
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            stats.state = "stopped"
 
 
 class _Several:

@@ -67,7 +67,7 @@ class Link(asyncio.Protocol):
         """Take packets in pieces of any size."""
         self._heard = self._loop.time()
         self._decoder.receive(data)
-        while (event := self._decoder.next_event()) is not wire.NEED_DATA:
+        while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Malformed):
                 self._end(f"the peer is no MOOSDB: {event.text}")
                 return

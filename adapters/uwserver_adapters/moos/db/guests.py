@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import socket
 from collections.abc import Iterator
-from typing import Protocol, cast
+from typing import Protocol
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Connection, Peers
+from uwserver.ports import Fault
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.config import MoosDbConfig
@@ -19,8 +19,6 @@ _log = logging.getLogger(__name__)
 
 NAME_S = 5.0
 """Wall time in which a client must have said its name."""
-TURN_S = 0.002
-"""Wall time after which other clients have their turn."""
 TOGETHER = 1000
 """Messages in one packet at most: C++ clients throw away mail above 2048 that are unread."""
 HELD = 2048
@@ -46,12 +44,7 @@ class Host(Protocol):
     context: AdapterContext
     clock: MoosClock
     database: Database
-
-    def enter(self, guest: Guest) -> bool:
-        """Whether there is room for one more connection."""
-
-    def exit(self, guest: Guest) -> None:
-        """A connection is gone."""
+    peers: Peers[Guest]
 
     def is_free(self, name: str) -> bool:
         """Whether no other client has this name."""
@@ -59,11 +52,14 @@ class Host(Protocol):
     def joined(self, guest: Guest) -> None:
         """A client has said its name."""
 
+    def left(self, guest: Guest) -> None:
+        """A client is gone."""
+
     def has_mail(self, guest: Guest) -> None:
         """It wants to send, with all others, at the end of this turn of the loop."""
 
 
-class Guest(asyncio.Protocol):
+class Guest(Connection):
     """One client of our database; all its methods run on the loop.
 
     Args:
@@ -75,64 +71,47 @@ class Guest(asyncio.Protocol):
     """
 
     def __init__(self, host: Host) -> None:
+        super().__init__(host.peers)
         self.name = ""
+        self.heard = self.loop.time()
         self._host = host
         self._stats = host.context.stats
-        self._loop = asyncio.get_running_loop()
-        self.heard = self._loop.time()
         self._decoder = wire.Decoder(expects_hello=True, limit=host.config.packet_bytes)
-        self._transport: asyncio.Transport
         self._is_asynchronous = True
         self._mail: list[Letter] = []
         self._held = 0
         self._is_due = False
         self._steps: Iterator[None] | None = None
-        self._turn: asyncio.Handle | None = None
-        self._is_closed = False
 
-    # -- asyncio --------------------------------------------------------------------------------------------------------------------
+    # -- a connection ---------------------------------------------------------------------------------------------------------------
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin; one too many is told and sent away."""
-        self._transport = cast(asyncio.Transport, transport)
-        if not self._host.enter(self):
-            most = self._host.config.max_clients
-            self._poison(f"{most} clients are connected: close some, or raise max_clients of the adapter")
+    def refused(self, fault: Fault) -> bytes:
+        """The text that one client too many gets."""
+        return self._poison(fault.text)
 
-    def connection_lost(self, error: Exception | None) -> None:
+    def closed(self) -> None:
         """It went, or we closed."""
-        self._close()
-        self._host.exit(self)
+        self._mail.clear()
+        if self.name:
+            self._host.left(self)
 
-    def data_received(self, data: bytes) -> None:
-        """Take bytes in pieces of any size."""
-        if self._is_closed:
-            return
-        self.heard = self._loop.time()
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        self.heard = self.loop.time()
         self._decoder.receive(data)
-        if self._turn is None:
-            self._work()
 
-    def _work(self) -> None:
-        """Take what is there, until others have their turn."""
-        self._turn = None
+    def step(self) -> bool:
+        """Take the next packet, or the next costly request of one."""
         self._steps = self._steps or self._read()
-        end = self._loop.time() + TURN_S
         for _ in self._steps:
-            if self._is_closed:
-                return
-            if self._loop.time() > end:
-                self._transport.pause_reading()
-                self._turn = self._loop.call_soon(self._work)
-                return
+            return True
         self._steps = None
-        if not self._is_closed:
-            self._transport.resume_reading()
+        return False
 
     def _read(self) -> Iterator[None]:
         """Take one packet after the other. Others may have their turn between them, and also within: not behind notifications, which take
         effect together, but requests may cost much."""
-        while (event := self._decoder.next_event()) is not wire.NEED_DATA:
+        while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Malformed):
                 self._fault(event.text)
             elif isinstance(event, Packet):
@@ -149,10 +128,10 @@ class Guest(asyncio.Protocol):
         first = messages[0] if messages else Message(wire.NULL, "")
         name = first.text
         if first.type != wire.DATA or not 0 < len(name) <= CLIENT_NAME_LIMIT:
-            self._poison(f"say your name, 1 to {CLIENT_NAME_LIMIT} characters, in the first message")
+            self._send_away(f"say your name, 1 to {CLIENT_NAME_LIMIT} characters, in the first message")
             return
         if not host.is_free(name):
-            self._poison(f'A client of this name ("{name}") already exists')
+            self._send_away(f'A client of this name ("{name}") already exists')
             return
         self._is_asynchronous = first.key == wire.ASYNCHRONOUS
         now = host.clock.now()
@@ -160,7 +139,7 @@ class Guest(asyncio.Protocol):
             wire.WELCOME, "", now - first.time, wire.ASYNCHRONOUS.encode(), src_aux=f"hostname={socket.gethostname()}",
             community=host.config.community, time=now,
         )  # fmt: skip
-        self._transport.write(wire.packet([wire.encode(welcome)]))
+        self.write(wire.packet([wire.encode(welcome)]))
         self.name = name
         host.joined(self)
 
@@ -171,7 +150,7 @@ class Guest(asyncio.Protocol):
             host.database.beat(self.name, first.time)
             if self._is_asynchronous:
                 echo = Message(wire.TIMING, first.key, host.clock.now(), src=first.src, time=first.time, number2=0.0)
-                self._write(wire.packet([wire.encode(echo)]), 1)
+                self._send(wire.packet([wire.encode(echo)]), 1)
         for message in messages:
             host.database.take(self.name, message)
             if message.type != wire.NOTIFY:
@@ -210,32 +189,32 @@ class Guest(asyncio.Protocol):
         self._is_due = False
         batch = last if mail == last.letters else Batch(mail)
         for at, packet in zip(range(0, len(mail), TOGETHER), batch.packets, strict=True):
-            self._write(packet, min(TOGETHER, len(mail) - at))
+            self._send(packet, min(TOGETHER, len(mail) - at))
         return batch
 
     def _answer(self) -> None:
         """The one packet that a synchronous client gets for each of its own."""
         null = wire.encode(Message(wire.NULL, "", self._host.clock.now()))
         mail, self._mail, self._held = self._mail, [], 0
-        self._write(wire.packet([null, *(letter.data for letter in mail)]), 1 + len(mail))
+        self._send(wire.packet([null, *(letter.data for letter in mail)]), 1 + len(mail))
 
-    def _write(self, packet: bytes, messages: int) -> None:
-        if self._is_closed:
+    def _send(self, packet: bytes, messages: int) -> None:
+        if self.is_closing:
             return
-        if self._transport.get_write_buffer_size() > self._host.config.queue_bytes:
+        if self.waiting > self._host.config.queue_bytes:
             self._stats.dropped += messages
             self._fault(f"more than {self._host.config.queue_bytes} bytes waited for it: it must read faster")
             return
         self._stats.samples_sent += messages
         self._stats.bytes_sent += len(packet)
-        self._transport.write(packet)
+        self.write(packet)
 
     # -- end ------------------------------------------------------------------------------------------------------------------------
 
     def check(self, now: float) -> None:
         """End it when it has been silent for too long."""
         limit = self._host.config.client_timeout_s if self.name else NAME_S
-        if not self._is_closed and now - self.heard > limit:
+        if not self.is_closing and now - self.heard > limit:
             self._fault(f"silent for {limit:g} s")
 
     def _fault(self, text: str) -> None:
@@ -243,31 +222,15 @@ class Guest(asyncio.Protocol):
         name = wire.readable(self.name) or "a client"
         self._stats.last_error = f"{name}: {text}"
         _log.warning("%s disconnects %s: %s", self._host.context.name, name, text)
-        self._close()
-        self._transport.abort()
+        self.abort()
 
-    def _poison(self, reason: str) -> None:
+    def _poison(self, reason: str) -> bytes:
+        """The packet that ends a connection."""
         self._stats.errors += 1
         self._stats.last_error = wire.readable(reason)
-        poison = Message(
-            wire.POISON,
-            "",
-            data=reason.encode("utf-8", "surrogateescape"),
-            kind=wire.STRING,
-            time=self._host.clock.now(),
-        )
-        self._transport.write(wire.packet([wire.encode(poison)]))
-        self._close()
-        self._transport.close()
-        self._loop.call_later(1.0, self._transport.abort)
+        data = reason.encode("utf-8", "surrogateescape")
+        poison = Message(wire.POISON, "", data=data, kind=wire.STRING, time=self._host.clock.now())
+        return wire.packet([wire.encode(poison)])
 
-    def _close(self) -> None:
-        self._is_closed = True
-        if self._turn is not None:
-            self._turn.cancel()
-        self._mail.clear()
-
-    def abort(self) -> None:
-        """End it at once."""
-        self._close()
-        self._transport.abort()
+    def _send_away(self, reason: str) -> None:
+        self.farewell(self._poison(reason))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 from collections.abc import Sequence
 
 from uwserver.adapter import AdapterContext
@@ -16,24 +15,8 @@ from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.wire import Message
 
 OWN_NAME = "uwserver"
-
-
-class CannotListen(Exception):
-    """The address cannot be had; the text says why and what to do."""
-
-
-def cannot_listen(error: OSError, bind: str, port: int) -> CannotListen:
-    """The reason in words that say what to do."""
-    where = f"{bind} TCP port {port}"
-    if error.errno == errno.EADDRINUSE:
-        return CannotListen(
-            f"{where} is in use, perhaps by a MOOSDB: stop it, or give this adapter another port (0 takes a free one)"
-        )
-    if error.errno == errno.EADDRNOTAVAIL:
-        return CannotListen(
-            f"{where}: this machine has no such address; bind = 127.0.0.1 is always there, 0.0.0.0 means all"
-        )
-    return CannotListen(f"cannot listen at {where}: {error}")
+RIVAL = "a MOOSDB"
+"""Who most likely holds a port that is in use."""
 
 
 class LocalClient:

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 import re
-from enum import Enum
-from typing import Final, Literal
 
 import msgspec
 from msgspec import Struct
 
-from uwserver.ports import ErrorCode
+from uwserver.adapter import Lines
+from uwserver.ports import ErrorCode, Refused
 
 VERBS = ("SUBSCRIBE", "UNSUBSCRIBE", "LIST", "GET", "CALL", "HELP", "QUIT")
 LINE_LIMIT = 1 << 16
@@ -49,62 +48,23 @@ class Malformed(Struct, frozen=True):
     tag: str = ""
 
 
-class Sentinel(Enum):
-    """What is no event."""
-
-    NEED_DATA = "need data"
-
-
-NEED_DATA: Final = Sentinel.NEED_DATA
-TextEvent = Write | Verb | Malformed | Literal[Sentinel.NEED_DATA]
-
-
-class LineDecoder:
-    """Bytes of one connection to events: `receive` stores, `next_event` parses. Lines end in LF or CRLF; empty ones are passed over.
+class LineDecoder(Lines):
+    """Bytes of one connection to events: `receive` stores, `next_event` parses.
 
     Args:
         limit: longest line, bytes; a longer one is thrown away as it comes, and told once.
     """
 
     def __init__(self, limit: int = LINE_LIMIT) -> None:
-        self._limit = limit
-        self._buffer = bytearray()
-        self._seen = 0
-        self._is_skipping = False
+        super().__init__(limit)
 
-    def receive(self, data: bytes) -> None:
-        """Store bytes."""
-        self._buffer += data
-
-    def next_event(self) -> TextEvent:
-        """The next line's meaning, or NEED_DATA."""
-        while True:
-            end = self._buffer.find(b"\n", self._seen)
-            if end < 0:
-                if len(self._buffer) <= self._limit:
-                    self._seen = len(self._buffer)
-                    return NEED_DATA
-                was_skipping, self._is_skipping = self._is_skipping, True
-                self._forget(len(self._buffer))
-                if was_skipping:
-                    return NEED_DATA
-                return self._too_long()
-            line = bytes(self._buffer[:end])
-            self._forget(end + 1)
-            if self._is_skipping:
-                self._is_skipping = False
-                continue
-            if len(line) > self._limit:
-                return self._too_long()
-            if line.strip():
-                return parse(line)
-
-    def _forget(self, size: int) -> None:
-        del self._buffer[:size]
-        self._seen = 0
-
-    def _too_long(self) -> Malformed:
-        return Malformed("too_large", f"a line of more than {self._limit} bytes")
+    def next_event(self) -> Write | Verb | Malformed | None:
+        """The next line's meaning; None until more bytes come."""
+        try:
+            line = self.next_line()
+        except Refused as refused:
+            return Malformed(refused.fault.code, refused.fault.text)
+        return None if line is None else parse(line)
 
 
 def parse(line: bytes) -> Write | Verb | Malformed:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import logging
-
 from uwserver.adapter import SerialPort
-from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder
+from uwserver_adapters.moos.text.lines import LineDecoder
 from uwserver_adapters.moos.text.session import Host, TextSession
-
-_log = logging.getLogger(__name__)
 
 
 class SerialLine:
@@ -24,8 +20,7 @@ class SerialLine:
         self._host = host
         self._session: TextSession | None = None
         self._decoder = LineDecoder(host.config.line_bytes)
-        self._told = ""
-        self._port = SerialPort(path, opened=self._begin, received=self._take, closed=self._end, failed=self._fail)
+        self._port = SerialPort(path, host.context, opened=self._begin, received=self._take, closed=self._end)
 
     def attend(self) -> None:
         """Open the device if it is not; to be called now and then."""
@@ -36,7 +31,6 @@ class SerialLine:
         self._port.close()
 
     def _begin(self) -> None:
-        self._told = ""
         self._decoder = LineDecoder(self._host.config.line_bytes)
         self._session = TextSession(self._host, f"serial {self._path}", self._send, self.close)
 
@@ -45,15 +39,9 @@ class SerialLine:
         if session is not None:
             session.close()
 
-    def _fail(self, text: str) -> None:
-        self._host.context.stats.last_error = text
-        if text != self._told:
-            _log.warning("%s: %s", self._host.context.name, text)
-            self._told = text
-
     def _take(self, data: bytes) -> None:
         self._decoder.receive(data)
-        while self._session is not None and (event := self._decoder.next_event()) is not NEED_DATA:
+        while self._session is not None and (event := self._decoder.next_event()) is not None:
             self._session.take(event)
 
     def _send(self, line: str) -> None:

@@ -9,7 +9,7 @@ import msgspec
 
 from uwserver.adapter import AdapterContext
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.bridge.calls import Answer
+from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.codec import finite
 from uwserver_adapters.moos.config import MoosTextConfig
@@ -41,9 +41,6 @@ class Host(Protocol):
     def left(self, session: TextSession) -> None:
         """A user went."""
 
-    def call(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
-        """Begin a service call for a user."""
-
 
 class TextSession:
     """One user.
@@ -71,16 +68,17 @@ class TextSession:
             "QUIT": self._quit,
         }
         self._heard: set[str] = set()
-        self._unanswered = 0
+        self._calls = Calls(host.context)
         host.joined(self)
 
     @property
     def is_owed(self) -> bool:
         """Whether lines are still to come: answers, or variables that it hears."""
-        return bool(self._heard) or self._unanswered > 0
+        return bool(self._heard) or self._calls.waiting > 0
 
     def close(self) -> None:
-        """The user went."""
+        """The user went: nobody waits for its calls."""
+        self._calls.close()
         self._host.left(self)
 
     def deliver(self, letter: Letter) -> None:
@@ -165,17 +163,15 @@ class TextSession:
         return len(letters)
 
     def _call(self, event: Verb) -> None:
-        self._unanswered += 1
 
         def answer(said: Answer) -> None:
-            self._unanswered -= 1
             error = said.get("error")
             if isinstance(error, dict):
                 self._send(error_line(event.tag, str(error["code"]), str(error["message"])))
             else:
                 self._send(reply_line(event.tag, msgspec.json.encode(said.get("value")).decode()))
 
-        self._host.call(event.rest, self.name, answer)
+        self._calls.take(event.rest, self.name, answer)
 
     def _help(self, event: Verb) -> None:
         for line in HELP.splitlines():

@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from uwserver_adapters.mavlink.adapter import CannotServe, MavlinkAdapter
+from uwserver_adapters.mavlink.adapter import MavlinkAdapter
 from uwserver_adapters.mavlink.links import zenoh_json
 from uwserver_adapters.mavlink.links.endpoint import BadLink
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
+
+from uwserver.adapter import CannotListen, CannotServe
 
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 mavutil = pytest.importorskip("pymavlink.mavutil")
@@ -194,7 +196,7 @@ async def test_a_silent_peer_is_forgotten(serve, make_rov, monkeypatch):
         ({"links": ("udp:127.0.0.1:14550",)}, BadLink, "write udpout:host:port"),
         ({"links": ("udpout:14550",)}, BadLink, "write udpout:host:port"),
         ({"links": ("tcpin:127.0.0.1:99999",)}, BadLink, "write udpout:host:port"),
-        ({"links": ("tcpin:203.0.113.7:0",)}, BadLink, "no such address"),
+        ({"links": ("tcpin:203.0.113.7:0",)}, CannotListen, "no such address"),
         ({"vehicle": "auv"}, CannotServe, 'no vehicle "auv"; there are: rov'),
         ({"parameters": {"NO_SUCH": 1.0}}, CannotServe, "NO_SUCH"),
         ({"origin_deg": (95.0, 0.0)}, CannotServe, "origin_deg"),
@@ -207,7 +209,7 @@ async def test_a_table_that_cannot_be(make_rov, table, error, match):
 
 async def test_a_port_in_use_is_told(serve, make_rov):
     async with serve(adapter(make_rov(), "tcpin:127.0.0.1:0")) as context:
-        with pytest.raises(BadLink, match="in use"):
+        with pytest.raises(CannotListen, match="in use, perhaps by a ground station"):
             await adapter(make_rov(), f"tcpin:127.0.0.1:{port_of(context)}").run(asyncio.Event())
 
 

@@ -200,7 +200,7 @@ async def test_another_station_must_wait(bench):
     b.send("MISSION_COUNT", 1, 1, 3, 0)
     assert b.last("MISSION_ACK").type == 14
     assert not a.of("MISSION_ACK")
-    bench.hub.close(a.channel)
+    bench.router.close(a.channel)
     b.send("MISSION_COUNT", 1, 1, 3, 0)
     assert b.of("MISSION_REQUEST_INT")
 

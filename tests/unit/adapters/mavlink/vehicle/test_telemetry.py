@@ -137,7 +137,7 @@ def test_a_world_that_stands_still_sends_heartbeats_alone(bench):
     station = bench.station()
     for _ in range(100):
         bench.now += 0.05
-        bench.hub.tick()
+        bench.router.tick()
     assert {m.get_type() for m in station.heard} == {"HEARTBEAT"}
     assert 4 <= len(station.heard) <= 6
 

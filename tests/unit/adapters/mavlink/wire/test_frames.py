@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from uwserver_adapters.mavlink.wire.dialect import Dialect
-from uwserver_adapters.mavlink.wire.frames import NEED_DATA, Decoder, Frame, Malformed, pack
+from uwserver_adapters.mavlink.wire.frames import Decoder, Frame, Malformed, pack
 
 from uwserver.testing.codecs import CodecCase, check_codec, read_all
 
@@ -21,7 +21,7 @@ HEARTBEAT_1 = bytes.fromhex("fe 09 00 ff be 00 00 00 00 00 06 08 00 00 03 e1 0c"
 
 
 def frames(data: bytes) -> list[Frame]:
-    return [event for event in read_all(Decoder(DIALECT), [data], NEED_DATA) if isinstance(event, Frame)]
+    return [event for event in read_all(Decoder(DIALECT), [data], None) if isinstance(event, Frame)]
 
 
 def crc_right(data: bytes) -> bytes:
@@ -42,13 +42,13 @@ def test_the_table():
         CodecCase("version 1", old, (Frame(old, 1, 0, 255, 190, 0, old[6:15]),)),
     ]  # fmt: skip
     garbage = (b"\x00" * 50, b"\r\n\r\n", bytes(range(0xFD)), b"\xfd", b"\xfe\x00")
-    check_codec(lambda: Decoder(DIALECT), cases, need_data=NEED_DATA, garbage=garbage)
+    check_codec(lambda: Decoder(DIALECT), cases, need_data=None, garbage=garbage)
 
 
 @pytest.mark.parametrize("junk", [b"\x00", b"hello world", bytes(range(0xFD)) * 3])
 def test_it_finds_the_next_frame_after_garbage(junk):
     good = crc_right(HEARTBEAT)
-    events = read_all(Decoder(DIALECT), [junk + good], NEED_DATA)
+    events = read_all(Decoder(DIALECT), [junk + good], None)
     assert events == [Malformed("garbage", len(junk)), Frame(good, 2, 0, 1, 1, 0, good[10:19])]
 
 
@@ -72,8 +72,8 @@ def test_a_flipped_bit_is_seen(place):
 def test_what_is_unknown_or_incompatible_is_told():
     strange = bytes.fromhex("fd 01 00 00 00 01 01 ff ff ff 00 00 00")
     newer = bytes.fromhex("fd 01 80 00 00 01 01 00 00 00 00 00 00")
-    assert read_all(Decoder(DIALECT), [strange], NEED_DATA) == [Malformed("unknown", 13)]
-    assert {e.reason for e in read_all(Decoder(DIALECT), [newer], NEED_DATA)} == {"incompatible"}
+    assert read_all(Decoder(DIALECT), [strange], None) == [Malformed("unknown", 13)]
+    assert {e.reason for e in read_all(Decoder(DIALECT), [newer], None)} == {"incompatible"}
 
 
 def test_noise_costs_little_and_yields_nothing():

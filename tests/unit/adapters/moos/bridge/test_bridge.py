@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from uwserver_adapters.moos.bridge import bridge as module
 from uwserver_adapters.moos.bridge.bridge import Bridge
-from uwserver_adapters.moos.bridge.mixing import CannotServe
 from uwserver_adapters.moos.config import BridgeTable, NavTable, Target
 
+from uwserver.adapter import CannotServe
 from uwserver.ports import Event, Field, Port, Sample
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import IMU

@@ -8,13 +8,14 @@ import socket
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, wire
-from uwserver_adapters.moos.bridge.mixing import CannotServe
 from uwserver_adapters.moos.client import adapter, link
 from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.config import BridgeTable, CommunityTable, MoosConfig, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.wire import Message
 
+from uwserver.adapter import CannotServe
 from uwserver.ports import Sample
 
 POSE = Sample("auv/truth/pose", 0, 0, 0, True, ((10.0, 20.0, 5.0), (1.0, 0.0, 0.0, 0.0)))
@@ -255,7 +256,7 @@ async def test_what_is_not_there_is_told_at_the_start(make_auv):
 
 async def test_the_warp_is_the_servers_speed(database, make_auv, serve, connect, until, caplog):
     context = make_auv()
-    context.scripts["world/status"] = lambda _: {"speed": 5.0, "mode": "realtime"}
+    context.world = replace(context.world, speed=5.0)
     async with serve(MoosAdapter(MoosConfig(), context)):
         assert context.stats.details["warp"] == 5.0
     async with serve(MoosAdapter(MoosConfig(warp=4.0), context)):

@@ -10,14 +10,12 @@ from pathlib import Path
 import msgspec
 import pytest
 from uwserver_adapters.moos import MoosDbAdapter, wire
-from uwserver_adapters.moos.bridge.mixing import CannotServe
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.db import guests
 from uwserver_adapters.moos.db.database import Database
-from uwserver_adapters.moos.db.local import CannotListen
 from uwserver_adapters.moos.wire import Message
 
-from uwserver.adapter import log_file
+from uwserver.adapter import CannotListen, CannotServe, log_file
 from uwserver.ports import Sample
 
 POSE = Sample("auv/truth/pose", 0, 0, 0, True, ((10.0, 20.0, 5.0), (1.0, 0.0, 0.0, 0.0)))
@@ -216,7 +214,7 @@ async def test_a_synchronous_client_that_asks_and_reads_nothing_is_disconnected(
 
 async def test_costly_requests_let_others_have_their_turn(tank, connect, monkeypatch):
     """A packet full of requests; another client's heartbeat is echoed before all of them are answered."""
-    monkeypatch.setattr(guests, "TURN_S", 0.0)
+    monkeypatch.setattr("uwserver.adapter.connection.TURN_S", 0.0)
     asked = []
     answer = Database.take
 
@@ -237,7 +235,7 @@ async def test_costly_requests_let_others_have_their_turn(tank, connect, monkeyp
 
 
 async def test_notifications_of_a_packet_stay_together_however_long_they_take(tank, connect, monkeypatch):
-    monkeypatch.setattr(guests, "TURN_S", 0.0)
+    monkeypatch.setattr("uwserver.adapter.connection.TURN_S", 0.0)
     bridge = BridgeTable(commands={
         name: (Target(port="thrusters", field="u", full=full),)
         for name, full in (("DESIRED_THRUST_L", (1.0, 0.0)), ("DESIRED_THRUST_R", (0.0, 1.0)))

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from uwserver_adapters.moos import MoosTextAdapter
 from uwserver_adapters.moos.config import BridgeTable, MoosTextConfig, NavTable, Target
 from uwserver_adapters.moos.text import lines
-from uwserver_adapters.moos.text.lines import NEED_DATA, LineDecoder, Malformed, Verb, Write
+from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, Verb, Write
 
 from uwserver.ports import Sample
 from uwserver.testing import CodecCase, check_codec
@@ -57,19 +57,19 @@ BAD = [
 def test_table():
     cases = [CodecCase(name, data, (event,)) for name, data, event in LINES]
     blank = CodecCase("blank lines", b"\r\n  \n\nGET A\n", (Verb("GET", "A"),))
-    check_codec(LineDecoder, [*cases, blank], need_data=NEED_DATA, garbage=[row[0] for row in BAD], resynchronises=True)
+    check_codec(LineDecoder, [*cases, blank], need_data=None, garbage=[row[0] for row in BAD], resynchronises=True)
 
 
 @pytest.mark.parametrize(("line", "why"), BAD)
 def test_a_bad_line_says_why(line, why):
-    (event,) = read_all(LineDecoder(), [line], NEED_DATA)
+    (event,) = read_all(LineDecoder(), [line], None)
     assert isinstance(event, Malformed)
     assert event.code == "parse_error"
     assert why in event.text
 
 
 def test_the_tag_of_a_bad_line_is_kept():
-    (event,) = read_all(LineDecoder(), [b"#7 nonsense\n"], NEED_DATA)
+    (event,) = read_all(LineDecoder(), [b"#7 nonsense\n"], None)
     assert (type(event), event.tag) == (Malformed, "7")
 
 
@@ -79,17 +79,17 @@ def test_a_line_of_10_mb_costs_no_memory_and_is_told_once():
     events = []
     for _ in range(160):
         decoder.receive(b"x" * (1 << 16))
-        while (event := decoder.next_event()) is not NEED_DATA:
+        while (event := decoder.next_event()) is not None:
             events.append(event)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert [event.code for event in events] == ["too_large"]
     assert peak < 1 << 19
-    assert read_all(decoder, [b"x\nGET A\n"], NEED_DATA) == [Verb("GET", "A")]
+    assert read_all(decoder, [b"x\nGET A\n"], None) == [Verb("GET", "A")]
 
 
 def test_a_long_line_in_one_piece_is_told_too():
-    events = read_all(LineDecoder(100), [b"x" * 200 + b"\nGET A\n"], NEED_DATA)
+    events = read_all(LineDecoder(100), [b"x" * 200 + b"\nGET A\n"], None)
     assert [type(event) for event in events] == [Malformed, Verb]
 
 
@@ -102,7 +102,7 @@ values = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(st.
 def test_what_is_told_can_be_said_back(name, value):
     line = lines.pair_line(name, value)
     assert "\n" not in line
-    (event,) = read_all(LineDecoder(), [line.encode() + b"\n"], NEED_DATA)
+    (event,) = read_all(LineDecoder(), [line.encode() + b"\n"], None)
     if isinstance(event, Write):  # a name may be a verb
         assert event.pairs == ((name, value),)
 
@@ -110,7 +110,7 @@ def test_what_is_told_can_be_said_back(name, value):
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=5))
 def test_any_bytes_never_raise(pieces):
-    read_all(LineDecoder(50), pieces, NEED_DATA)
+    read_all(LineDecoder(50), pieces, None)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, width=32))

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable, Sequence
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event, Json, Sample
-from uwserver_adapters.mavlink.links.routing import Routing
+from uwserver_adapters.mavlink.links.routes import Routes
 from uwserver_adapters.mavlink.links.tlog import Tlog
 from uwserver_adapters.mavlink.vehicle.ardusub import ArduSub
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, Message
-from uwserver_adapters.mavlink.wire.frames import NEED_DATA, Frame, Malformed, pack
+from uwserver_adapters.mavlink.wire.frames import Frame, Malformed, pack
 from uwserver_adapters.mavlink.wire.signing import EPOCH_S, KEY_SIZE, STAMPS_PER_S, Signing, key_of
 from uwserver_adapters.mavlink.wire.streams import Streams
 
@@ -24,7 +24,7 @@ _PARTS = 60
 """Messages of downloads that a channel gets between two ticks: 1200/s at the usual 20 ticks a second."""
 
 
-class Hub:
+class Router:
     """The adapter's `Subscriber`. Loop thread.
 
     Args:
@@ -36,6 +36,7 @@ class Hub:
         unix_s: seconds since 1970 now.
 
     Attributes:
+        context: the world.
         vehicle: its state machine.
         channels: those that are open, by number.
         dialect: the messages.
@@ -56,12 +57,12 @@ class Hub:
     ) -> None:
         self.channels: dict[int, Channel] = {}
         self._config = config
-        self._context = context
+        self.context = context
         self.dialect = dialect
         self._steady = steady
         self._offset = unix_s - steady()
         self._last_number = 0
-        self._routing = Routing(config.system, COMPONENT)
+        self._routes = Routes(config.system, COMPONENT)
         self._signing = None if config.passphrase is None else Signing(key_of(config.passphrase), self._stamp)
         self._payloads: dict[str, Sequence[bytes]] = {}
         self._payloads_of = -1
@@ -88,7 +89,8 @@ class Hub:
         """
         self._last_number += 1
         streams = Streams(self.vehicle.default_rates())
-        channel = Channel(self._last_number, name, self.dialect, write, is_ready, streams)
+        frames_per_s = self._config.frames_per_s
+        channel = Channel(self._last_number, name, self.dialect, write, is_ready, streams, frames_per_s)
         channel.has_peer, channel.heard_at = has_peer, self._steady()
         channel.allowance = _PARTS
         self.channels[channel.number] = channel
@@ -98,13 +100,13 @@ class Hub:
     def close(self, channel: Channel) -> None:
         """It is gone."""
         if self.channels.pop(channel.number, None) is not None:
-            self._routing.forget(channel.number)
+            self._routes.forget(channel.number)
             self.vehicle.missions.forget(channel)
             self.count_peers()
 
     def count_peers(self) -> None:
         """Channels on which somebody is heard."""
-        self._context.stats.peers = sum(channel.has_peer for channel in self.channels.values())
+        self.context.stats.peers = sum(channel.has_peer for channel in self.channels.values())
 
     def end(self) -> None:
         """End the log."""
@@ -132,14 +134,11 @@ class Hub:
             self._counters[f"{event.reason}_bytes" if event.reason == "garbage" else event.reason] += (
                 event.size if event.reason == "garbage" else 1
             )
-        return event is not NEED_DATA
+        return event is not None
 
     def _take(self, channel: Channel, frame: Frame) -> None:
         now = self._steady()
-        if now - channel.counted_at >= 1.0:
-            channel.counted_at, channel.frames_in = now, 0
-        channel.frames_in += 1
-        if channel.frames_in > self._config.frames_per_s:
+        if not channel.meter.take(now):
             self._counters["flood"] += 1
             return
         layout = self.dialect.by_id[frame.id]
@@ -152,7 +151,7 @@ class Hub:
         if self._tlog is not None:
             self._tlog.write(frame.raw)
         message = layout.decode(frame.payload, frame.system, frame.component)
-        way = self._routing.way(
+        way = self._routes.way(
             channel.number, (frame.system, frame.component), _target(message, layout), layout.name, self.channels
         )
         for number in way.to:
@@ -191,12 +190,12 @@ class Hub:
     def send(self, name: str, fields: Fields, channel: Channel | None = None) -> None:
         """Send a message to one channel, or to all; it is encoded once."""
         layout = self.dialect.by_name[name]
-        self._context.stats.encoded += 1
+        self.context.stats.encoded += 1
         to = self.channels.values() if channel is None else (channel,) if channel.number in self.channels else ()
         self._write(layout.id, layout.encode(fields), to)
 
     def _write(self, id: int, payload: bytes, channels: Iterable[Channel]) -> None:
-        stats, signing = self._context.stats, self._signing
+        stats, signing = self.context.stats, self._signing
         log = self._tlog
         for channel in channels:
             frame = pack(
@@ -243,7 +242,7 @@ class Hub:
         if payloads is None:
             encode = self.dialect.by_name[name].encode
             payloads = self._payloads[name] = [encode(fields) for fields in self.vehicle.telemetry.build(name)]
-            self._context.stats.encoded += len(payloads)
+            self.context.stats.encoded += len(payloads)
         return payloads
 
     def put_event(self, event: Event) -> None:
@@ -268,10 +267,10 @@ class Hub:
         """What came and was not taken, and who is there, in the adapter's state."""
         details: dict[str, Json] = dict(sorted(self._counters.items()))
         links: list[Json] = [channel.name for channel in self.channels.values() if channel.has_peer]
-        self._context.stats.details.update({"links": links, "signed": self._signing is not None, "counters": details})
+        self.context.stats.details.update({"links": links, "signed": self._signing is not None, "counters": details})
         bad = {"checksum", "unknown", "incompatible", "garbage_bytes", "flood", "json"}
         refused = sum(n for name, n in self._counters.items() if name in bad or name.startswith("signing_"))
-        self._context.stats.details["bad_input"] = refused
+        self.context.stats.details["bad_input"] = refused
 
 
 def _target(message: Message, layout: Layout) -> tuple[int, int]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from uwserver_adapters.mavlink.links.routing import ROUTES, Routing
+from uwserver_adapters.mavlink.links.routes import ROUTES, Routes
 
 
 def test_broadcasts_go_to_all_others_unaltered(bench):
     a, b, c = bench.station(255), bench.station(254), bench.station(253)
     data = a.bytes_of("HEARTBEAT", 6, 8, 0, 0, 4, 3)
-    bench.hub.receive(a.channel, data)
+    bench.router.receive(a.channel, data)
     assert bytes(b.last("HEARTBEAT")._msgbuf) == data
     assert bytes(c.last("HEARTBEAT")._msgbuf) == data
     assert not a.of("HEARTBEAT")
@@ -53,7 +53,7 @@ def test_radio_status_stays_on_its_link(bench):
 
 
 def test_a_closed_channel_is_forgotten_and_the_table_is_bounded():
-    routing = Routing(1, 1)
+    routing = Routes(1, 1)
     for system in range(2, 3 * ROUTES):
         routing.way(system, (system % 256, 1), (0, 0), "HEARTBEAT", ())
     assert len(routing._seen) == ROUTES
@@ -80,7 +80,7 @@ def test_a_flood_of_one_peer_is_bounded_and_seen(make_bench):
 def test_bad_input_is_counted_and_shown(bench):
     station = bench.station()
     good = station.bytes_of("HEARTBEAT", 6, 8, 0, 0, 4, 3)
-    bench.hub.receive(station.channel, b"hello" + good[:-1] + bytes((good[-1] ^ 1,)) + good)
+    bench.router.receive(station.channel, b"hello" + good[:-1] + bytes((good[-1] ^ 1,)) + good)
     bench.run(1.1)
     counters = bench.rov.stats.details["counters"]
     assert counters["garbage_bytes"] == 5

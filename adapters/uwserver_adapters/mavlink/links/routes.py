@@ -1,4 +1,4 @@
-"""Who is on which link, and where a message goes: the rules of ArduPilot's MAVLink_routing."""
+"""Who is on which link, and where a message goes: the rules of ArduPilot's MAVLink_routes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Way(Struct, frozen=True):
     to: tuple[int, ...] = ()
 
 
-class Routing:
+class Routes:
     """Learns senders, decides ways.
 
     Args:
