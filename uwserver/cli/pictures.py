@@ -119,7 +119,11 @@ def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
 
 def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
     """Every number over time, one panel a field; long arrays as an image."""
-    drawn = [f for f in port.fields if f.type != "str" and np.isfinite(_column(port, samples, f.name)).any()]
+    drawn = [
+        f
+        for f in port.fields
+        if f.type != "str" and not f.is_packed and np.isfinite(_column(port, samples, f.name)).any()
+    ]
     if not drawn:
         raise ValueError(f'"{port.path}" told no numbers: it was never valid')
     t = _times(samples)

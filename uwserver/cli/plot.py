@@ -20,7 +20,7 @@ from uwserver.units import NANOSECONDS
 _RUN_S = 20.0
 _PATIENCE_S = 1.0
 """What was measured before the end is waited for so long."""
-_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str"}
+_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
 @click.group()

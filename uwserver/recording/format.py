@@ -22,7 +22,8 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__
-from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.ports import Call, Command, Event, Field, Port, Sample, text_form
+from uwserver.ports.buffer import unpacked
 from uwserver.scenario.files.convert import NO_MORE, More, convert_struct
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import tables
@@ -42,7 +43,14 @@ CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
 _SECRETS = ("token", "password", "secret")
-_JSON_TYPES = {"float": "number", "int": "integer", "bool": "boolean", "str": "string"}
+_JSON_TYPES = {
+    "float": "number",
+    "int": "integer",
+    "bool": "boolean",
+    "str": "string",
+    "bytes": "object",
+    "buffer": "object",
+}
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -53,7 +61,7 @@ class Request(Struct, frozen=True, omit_defaults=True):
         batch: those of one batch were carried out together: of several commands to one port only the last acted.
         tick: at whose start.
         source: who sent it.
-        value: one entry per field of the port.
+        value: one entry per field of the port; maps are bytes and buffers in base64.
     """
 
     index: int
@@ -61,7 +69,7 @@ class Request(Struct, frozen=True, omit_defaults=True):
     tick: int
     source: str
     port: str = ""
-    value: tuple[tuple[float, ...] | None, ...] = ()
+    value: tuple[tuple[float, ...] | str | dict[str, Any] | None, ...] = ()
     service: str = ""
     args: dict[str, Any] = {}
 
@@ -69,14 +77,16 @@ class Request(Struct, frozen=True, omit_defaults=True):
     def of(cls, item: Command | Call, index: int, batch: int, tick: int) -> Request:
         """The entry for a command or call."""
         if isinstance(item, Command):
-            return cls(index, batch, tick, item.source, port=item.port, value=item.value)
+            value = tuple(v if isinstance(v, tuple) else msgspec.to_builtins(text_form(v)) for v in item.value)
+            return cls(index, batch, tick, item.source, port=item.port, value=value)
         return cls(index, batch, tick, item.source, service=item.service, args=dict(item.args))
 
     @property
     def item(self) -> Command | Call:
-        """The command or call itself."""
+        """The command or call itself. Raises ValueError where a map in `value` is no bytes and no buffer."""
         if self.port:
-            return Command(self.port, self.value, self.source)
+            value = tuple(unpacked(entry) if isinstance(entry, dict) else entry for entry in self.value)
+            return Command(self.port, value, self.source)
         return Call(self.service, self.args, self.source)
 
 
@@ -242,7 +252,7 @@ class RecordingWriter:
             "t_ns": sample.t_ns,
             "t_sent_ns": sample.t_sent_ns,
             "valid": sample.valid,
-            "value": dict(zip(names, sample.value, strict=True)),
+            "value": dict(zip(names, map(text_form, sample.value), strict=True)),
         }
         # MCAP has 32 bits for the sequence; the message itself holds the whole number.
         self._add(channel, sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
@@ -307,6 +317,12 @@ def _field_schema(field: Field) -> dict[str, Any]:
     about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
     # null where a sensor has no value.
     scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
+    if field.is_packed:
+        base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
+        if field.buffer:
+            about += f"; {field.buffer}, row-major, little-endian"
+            base64 |= {"dtype": {"const": field.buffer.dtype}, "shape": {"type": "array", "items": {"type": "integer"}}}
+        return {**scalar, "properties": base64, "description": about}
     if not field.shape:
         return {**scalar, "description": about}
     if len(field.shape) > 1:

@@ -23,7 +23,7 @@ from uwserver.modifiers import (
     Stream,
     WhiteNoise,
 )
-from uwserver.ports import Field, Value
+from uwserver.ports import Buffer, Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.sensors.instrument import Instrument
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
@@ -33,7 +33,9 @@ MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
 WATER = Water(density=1025.0, gravity=9.81, temperature=12.0, atmospheric_pressure=101325.0, current=(0.3, -0.1, 0.05))
 BOTTOM = FakeGeometry([Plane((0.0, 0.0, 30.0), (0.0, 0.0, -1.0))])
 """A flat bottom in 30 m."""
-_TYPES: dict[str, type | tuple[type, ...]] = {"float": (float, int), "int": int, "bool": bool, "str": str}
+_TYPES: dict[str, type | tuple[type, ...]] = {
+    "float": (float, int), "int": int, "bool": bool, "str": str, "bytes": bytes, "buffer": Buffer,
+}  # fmt: skip
 
 
 def scopes() -> list[Scope]:
@@ -121,6 +123,13 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
             assert fits, (
                 f'{where}, field "{field.name}": {component!r} is a {type(component).__name__}, declared {field.type}'
             )
+            if isinstance(component, Buffer):
+                layout = field.buffer
+                assert layout, f'{where}, field "{field.name}": a buffer needs a layout'
+                assert layout.dtype == component.dtype, (
+                    f'{where}, field "{field.name}": {component!r}, declared {layout}'
+                )
+                assert layout.fits(component.shape), f'{where}, field "{field.name}": {component!r}, declared {layout}'
             if valid and isinstance(component, float):
                 assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
 

@@ -10,7 +10,7 @@ from uwserver.actuators import Actuator
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.geometry.shapes import Solid
-from uwserver.ports import Field, Json, Port, Sample, Service, Value
+from uwserver.ports import Field, Items, Json, Port, Sample, Service, Value
 from uwserver.ports.later import Later
 from uwserver.sensors import Instrument, Scope, Sensor
 from uwserver.sensors.instrument import blank
@@ -144,7 +144,7 @@ class ActuatorSlot:
     timeout_ticks: int
     active: bool = True
     last_tick: int = -1
-    last_value: tuple[tuple[float, ...] | None, ...] = ()
+    last_value: Items = ()
     source: str = ""
     other_tick: int = -(10**18)
     conflicts: int = 0

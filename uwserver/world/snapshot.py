@@ -14,7 +14,7 @@ from uwserver.autopilot.state import Saved as SavedPilot
 from uwserver.environment.currents import GaussMarkov
 from uwserver.modifiers import Modifier
 from uwserver.physics.bodies import Saved
-from uwserver.ports import Refused, Sample, Value
+from uwserver.ports import Items, Refused, Sample, Value
 from uwserver.sensors import Instrument, Settings
 from uwserver.world.components import Member
 from uwserver.world.faults import Entry
@@ -44,7 +44,7 @@ class ActuatorState(Struct, frozen=True):
     active: bool
     timeout_ticks: int
     last_tick: int
-    last_value: tuple[tuple[float, ...] | None, ...]
+    last_value: Items
     source: str
     other_tick: int
     conflicts: int
