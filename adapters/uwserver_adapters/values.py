@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from uwserver.ports import Field, Port, Sample, Value, binary_form, text_form
+from uwserver.ports import Field, Port, Sample, Value, binary_form
 
 LONG = 2048
 """Numbers of a field that are encoded in one call."""
@@ -36,12 +36,12 @@ class SampleForm:
         self.raw = raw_field(port)
 
     def value(self, sample: Sample, binary: bool = False) -> dict[str, object]:
-        """Field name -> number, list, or lists in lists where the field has more than one dimension; bytes and buffers in the form of a
-        text encoding, or of a `binary` one."""
+        """Field name -> number, list, or lists in lists where the field has more than one dimension; buffers in the form of
+        binary encodings where that is asked for."""
         if self._plain:
             return dict(zip(self._names, sample.value, strict=True))
-        form = binary_form if binary else text_form
-        return {field.name: form(_nested(field, sample.value[i])) for i, field in self._picked}
+        shaped = {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
+        return {name: binary_form(value) for name, value in shaped.items()} if binary else shaped
 
 
 def _nested(field: Field, value: Value) -> object:

@@ -56,10 +56,11 @@ SPEAKER = Port("rov/speaker", "actuator", "speaker", (Field("payload", "1", "raw
 SEEN = Buffer.of(np.array([[0.0, np.nan, -np.inf, 1.5], [1e-30, 2, 3, 4]], np.float32))
 PIXELS = np.arange(6, dtype=np.uint8).reshape(2, 3)
 PAYLOAD = bytes(range(256))
-GIVEN: Items = ("süd", PAYLOAD, Buffer.of(PIXELS))
+TWO = Buffer(data=b"\0\1")
+GIVEN: Items = ("süd", Buffer(data=PAYLOAD), Buffer.of(PIXELS))
 SAMPLES = (
     Sample(CAMERA.path, 1, 5, 6, True, (SEEN,)),
-    Sample(HEARD.path, 1, 5, 6, True, (PAYLOAD, "nörd", SEEN)),
+    Sample(HEARD.path, 1, 5, 6, True, (Buffer(data=PAYLOAD), "nörd", SEEN)),
     Sample(HEARD.path, 2, 7, 8, False, (None, None, None)),
 )
 PATIENCE_S = 30.0
@@ -106,7 +107,7 @@ async def converse(client: uwclient.AsyncClient, fake: FakeContext, heard: Calla
         await client.send(MODEM.path, to="süd", payload=PAYLOAD, picture=pixels)
         assert fake.commands[-1].value == GIVEN
     await client.send(SPEAKER.path, payload=memoryview(b"\0\1"))
-    assert fake.commands[-1].value == (b"\0\1",)
+    assert fake.commands[-1].value == (TWO,)
     for wrong, code in (
         ({"payload": bytes(1001)}, "too_large"),
         ({"payload": "text"}, "bad_argument"),
@@ -178,7 +179,7 @@ def test_udp():
                 told = json.loads(await loop.sock_recv(peer, 1 << 16))["params"]["value"]["picture"]
                 assert uwclient.buffers.unpacked(told) == uwclient.Buffer("float32", (2, 4), SEEN.data)
                 await ask("command", port=SPEAKER.path, value={"payload": {"base64": "AAE="}})
-                assert fake.commands[-1].value == (b"\0\1",)
+                assert fake.commands[-1].value == (TWO,)
 
     bounded(whole())
 
@@ -241,7 +242,7 @@ def test_zenoh_raw():
                 peer.put("uw/uwserver/rov/speaker", PAYLOAD, encoding="application/octet-stream")
                 while not fake.commands:
                     await asyncio.sleep(0.02)
-                assert fake.commands[-1].value == (PAYLOAD,)
+                assert fake.commands[-1].value == (Buffer(data=PAYLOAD),)
             finally:
                 peer.close()
 
@@ -263,7 +264,7 @@ def test_moos():
         bridge.take([("ROV_MODEM_PAYLOAD", json.dumps({"base64": "AAE="}), "app", 1.0)])
         bridge.take([("ROV_MODEM_PICTURE", PIXELS.tobytes(), "app", 1.0)])
         values = [command.value for command in fake.commands]
-        assert values == [("süd", None, None), (None, PAYLOAD, None), (None, b"\0\1", None), (None, None, GIVEN[2])]
+        assert values == [("süd", None, None), (None, GIVEN[1], None), (None, TWO, None), (None, None, GIVEN[2])]
         posts.clear()
         for name, bad in (
             ("PAYLOAD", "{"),
@@ -388,7 +389,7 @@ def test_a_recording_holds_them_and_plays_them_again(recorded):
     assert outcome.difference is None
     assert outcome.requests >= 2
     first, again = modems
-    assert first.said == again.said == [GIVEN, (None, b"\0\1", None)]
+    assert first.said == again.said == [GIVEN, (None, TWO, None)]
 
 
 def test_any_tool_can_read_the_recording(recorded):
@@ -414,5 +415,5 @@ def test_a_request_that_was_tampered_with_is_refused(bad, recorded, tmp_path):
         return {**entry, "value": [None, bad, None]} if topic == REQUESTS and entry["port"] == MODEM.path else entry
 
     rewritten(path, tmp_path / "bad.mcap", change)
-    with pytest.raises(NotReplayable, match=f'the command to "{MODEM.path}" cannot be read'):
+    with pytest.raises(NotReplayable, match="cannot be read"):
         replay(tmp_path / "bad.mcap")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.ports.buffer import Buffer, Layout, binary_form, text_form
+from uwserver.ports.buffer import Buffer, Layout, binary_form
 from uwserver.ports.values import (
     Argument,
     Call,
@@ -50,5 +50,4 @@ __all__ = [
     "Value",
     "binary_form",
     "matches",
-    "text_form",
 ]

@@ -1,12 +1,13 @@
-"""Buffers: values that are pictures, rows of echoes or payloads, as bytes with a type and a shape; and how values travel that no number tells.
+"""Buffers: values that are pictures, rows of echoes or payloads, as bytes with a type and a shape.
 
-One form for each kind of wire (docs/reference/protocol.md): text wires have base64, binary ones their own bytes. Imports nothing of ours.
+They have one form for each kind of wire (docs/reference/protocol.md): in text base64, in binary encodings bytes. Imports nothing of ours.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -26,25 +27,31 @@ LARGEST = 4 << 20
 """Most bytes of a buffer in a command, where its field says no less."""
 
 
-class Buffer(Struct, frozen=True, forbid_unknown_fields=True, rename={"data": "base64"}):
-    """An array that crosses walls as it is: bytes in row-major order, little-endian, never changed.
+class Buffer(
+    Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True, rename={"data": "base64"}
+):
+    """An array that crosses walls as it is: bytes in row-major order, little-endian, never changed; or plain bytes, without type and shape.
+
+    JSON encoders write ``{"dtype": "uint8", "shape": [2, 3], "base64": "..."}``, of plain bytes ``{"base64": "..."}``.
 
     Attributes:
-        dtype: of each item.
+        dtype: of each item; "" of plain bytes.
         shape: up to four extents.
         data: exactly as many bytes as these ask for.
 
     Raises:
-        ValueError: the three do not fit each other (`TypeError` where one is of another type).
+        ValueError: the three do not fit each other (`TypeError` where data are no bytes).
     """
 
-    dtype: Dtype
-    shape: tuple[int, ...]
+    dtype: Dtype | Literal[""] = ""
+    shape: tuple[int, ...] = ()
     data: bytes
 
     def __post_init__(self) -> None:
         if not isinstance(self.data, bytes):
             raise TypeError(f"the data of a buffer are bytes, not {type(self.data).__name__}")
+        if not self.dtype and not self.shape:
+            return
         if self.dtype not in ITEM_BYTES:
             raise ValueError(f"no dtype {str(self.dtype)[:40]!r}, there are: {', '.join(ITEM_BYTES)}")
         if len(self.shape) > MOST_DIMENSIONS or not all(type(n) is int and 0 <= n < 1 << 32 for n in self.shape):
@@ -63,12 +70,14 @@ class Buffer(Struct, frozen=True, forbid_unknown_fields=True, rename={"data": "b
         name: Any = array.dtype.name
         if name not in ITEM_BYTES:
             raise ValueError(f"no buffer of {name}: convert the array to one of {', '.join(ITEM_BYTES)}")
-        return cls(name, array.shape, array.astype(_numpy(name), copy=False).tobytes())
+        return cls(dtype=name, shape=array.shape, data=array.astype(_numpy(name), copy=False).tobytes())
 
     def array(self) -> NDArray[Any]:
-        """The items, of `shape`, read-only: a view of the bytes, not a copy."""
+        """The items, of `shape`, read-only: a view of the bytes, not a copy. Plain bytes are uint8 of one dimension."""
         import numpy as np
 
+        if not self.dtype:
+            return np.frombuffer(self.data, np.uint8)
         return np.frombuffer(self.data, _numpy(self.dtype)).reshape(self.shape)
 
     def is_finite(self) -> bool:
@@ -80,7 +89,7 @@ class Buffer(Struct, frozen=True, forbid_unknown_fields=True, rename={"data": "b
     def __repr__(self) -> str:
         """Short, and different for other bytes: it stands in logs."""
         digest = hashlib.blake2b(self.data, digest_size=8).hexdigest()
-        return f"Buffer({self.dtype}, {list(self.shape)}, {digest})"
+        return f"Buffer({self.dtype or 'bytes'} {list(self.shape)}, {len(self.data)} bytes, {digest})"
 
 
 def _numpy(dtype: Dtype) -> np.dtype[Any]:
@@ -114,29 +123,22 @@ class Layout(Struct, frozen=True):
         if free > 1 or (free and not row):
             raise ValueError("bytes alone do not tell its shape")
         rows = len(data) // row if free else 0
-        return Buffer(self.dtype, tuple(rows if n < 0 else n for n in self.shape), data)
-
-
-def text_form(value: object) -> object:
-    """A value for JSON: of bytes ``{"base64": ...}``, and a buffer has dtype and shape beside it (which msgspec writes by itself)."""
-    return {"base64": value} if isinstance(value, bytes) else value
+        return Buffer(dtype=self.dtype, shape=tuple(rows if n < 0 else n for n in self.shape), data=data)
 
 
 def binary_form(value: object) -> object:
-    """A value for msgpack: bytes as they are, a buffer as ``{"dtype", "shape", "data"}``."""
+    """A value for msgpack: of a buffer ``{"dtype", "shape", "data"}``, of plain bytes these."""
     if isinstance(value, Buffer):
-        return {"dtype": value.dtype, "shape": value.shape, "data": value.data}
+        return {"dtype": value.dtype, "shape": value.shape, "data": value.data} if value.dtype else value.data
     return value
 
 
-def unpacked(packed: dict[str, Any]) -> bytes | Buffer:
-    """What either form says.
+def unpacked(packed: Mapping[str, object]) -> Buffer:
+    """What a map on either kind of wire says.
 
     Raises:
-        ValueError: it is neither; the text says why.
+        ValueError: it is no buffer; the text says why.
     """
     if isinstance(packed.get("data"), bytes) and "base64" not in packed:
         packed = {"base64" if key == "data" else key: entry for key, entry in packed.items()}
-    if packed.keys() == {"base64"}:
-        return msgspec.convert(packed["base64"], bytes)
     return msgspec.convert(packed, Buffer)

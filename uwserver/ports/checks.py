@@ -68,7 +68,7 @@ def _checked_item(field: Field, value: object) -> Item:
         size = len(item.encode())
     elif field.is_packed:
         item = _checked_packed(field, value)
-        size = len(item.data if isinstance(item, Buffer) else item)
+        size = len(item.data)
     else:
         return _checked_field(field, value)
     if size > field.most_bytes:
@@ -87,23 +87,24 @@ def _checked_text(name: str, value: object) -> str:
     return value
 
 
-def _checked_packed(field: Field, value: object) -> bytes | Buffer:
+def _checked_packed(field: Field, value: object) -> Buffer:
     name, layout = field.name, field.buffer
     try:
         if isinstance(value, dict):
             value = unpacked(value)
-        if not layout:
-            if not isinstance(value, bytes):
-                raise ValueError(f'must be bytes, in JSON {{"base64": "..."}}, not {_kind(value)}')
-            return value
-        if isinstance(value, bytes):
-            value = layout.shaped(value)
-        elif hasattr(value, "dtype") and hasattr(value, "astype"):
+        elif isinstance(value, bytes):
+            value = Buffer(data=value)
+        elif layout and hasattr(value, "dtype") and hasattr(value, "astype"):
             array: Any = value  # in the same process
             value = Buffer.of(array)
-        if not isinstance(value, Buffer):
-            form = f'{{"dtype": "{layout.dtype}", "shape": [...], "base64": "..."}}, or "data" with bytes in msgpack'
-            raise ValueError(f"must be a buffer, {form}, not {_kind(value)}")
+        if not isinstance(value, Buffer) or (value.dtype and not layout):
+            form = f'"dtype": "{layout.dtype}", "shape": [...], ' if layout else ""
+            what = "a buffer" if layout else "bytes"
+            raise ValueError(f'must be {what}, in JSON {{{form}"base64": "..."}}, not {_kind(value)}')
+        if not layout:
+            return value
+        if not value.dtype:
+            value = layout.shaped(value.data)
     except ValueError as error:
         raise Refused("bad_argument", f'"{name}": {str(error)[:300]}', name) from None
     if value.dtype != layout.dtype or not layout.fits(value.shape):

@@ -14,10 +14,10 @@ from uwserver.ports.buffer import LARGEST, Buffer, Layout
 
 Scalar = float | int | bool | str | None
 """One component of a field."""
-Value = Scalar | bytes | Buffer | tuple[Scalar, ...]
-"""One field: a scalar, the row-major components of an array, bytes, or a buffer; None where a sensor has no value."""
-Item = tuple[float, ...] | str | bytes | Buffer
-"""One field of a checked command: numbers (also one alone) are a tuple of floats."""
+Value = Scalar | Buffer | tuple[Scalar, ...]
+"""One field: a scalar, the row-major components of an array, or a buffer; None where a sensor has no value."""
+Item = tuple[float, ...] | str | Buffer
+"""One field of a checked command: numbers (also one alone) are a tuple of floats, bytes a buffer without type."""
 Items = tuple[Item | None, ...]
 """One entry for each field of an actuator's port; None where the sender left the field out."""
 MOST_BYTES = 1 << 16
@@ -35,7 +35,7 @@ class Field(Struct, frozen=True):
         doc: one sentence.
         frame: frame of a vector's components (N, B, S, or "NB" of a rotation); "" where none applies.
         shape: () for a scalar, (3,) for a vector.
-        type: type of each component; "bytes" and "buffer" have no components, and the shape ().
+        type: type of each component; the values of "bytes" and "buffer" are a `Buffer`, and their shape is ().
         minimum, maximum: limits of each component; a command outside is refused.
         buffer: type and shape of a buffer's items.
         max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 4 MiB of a buffer.

@@ -22,8 +22,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__
-from uwserver.ports import Call, Command, Event, Field, Port, Sample, text_form
-from uwserver.ports.buffer import unpacked
+from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
 from uwserver.scenario.files.convert import NO_MORE, More, convert_struct
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import tables
@@ -61,7 +60,7 @@ class Request(Struct, frozen=True, omit_defaults=True):
         batch: those of one batch were carried out together: of several commands to one port only the last acted.
         tick: at whose start.
         source: who sent it.
-        value: one entry per field of the port; maps are bytes and buffers in base64.
+        value: one entry per field of the port.
     """
 
     index: int
@@ -69,7 +68,7 @@ class Request(Struct, frozen=True, omit_defaults=True):
     tick: int
     source: str
     port: str = ""
-    value: tuple[tuple[float, ...] | str | dict[str, Any] | None, ...] = ()
+    value: Items = ()
     service: str = ""
     args: dict[str, Any] = {}
 
@@ -77,16 +76,14 @@ class Request(Struct, frozen=True, omit_defaults=True):
     def of(cls, item: Command | Call, index: int, batch: int, tick: int) -> Request:
         """The entry for a command or call."""
         if isinstance(item, Command):
-            value = tuple(v if isinstance(v, tuple) else msgspec.to_builtins(text_form(v)) for v in item.value)
-            return cls(index, batch, tick, item.source, port=item.port, value=value)
+            return cls(index, batch, tick, item.source, port=item.port, value=item.value)
         return cls(index, batch, tick, item.source, service=item.service, args=dict(item.args))
 
     @property
     def item(self) -> Command | Call:
-        """The command or call itself. Raises ValueError where a map in `value` is no bytes and no buffer."""
+        """The command or call itself."""
         if self.port:
-            value = tuple(unpacked(entry) if isinstance(entry, dict) else entry for entry in self.value)
-            return Command(self.port, value, self.source)
+            return Command(self.port, self.value, self.source)
         return Call(self.service, self.args, self.source)
 
 
@@ -252,7 +249,7 @@ class RecordingWriter:
             "t_ns": sample.t_ns,
             "t_sent_ns": sample.t_sent_ns,
             "valid": sample.valid,
-            "value": dict(zip(names, map(text_form, sample.value), strict=True)),
+            "value": dict(zip(names, sample.value, strict=True)),
         }
         # MCAP has 32 bits for the sequence; the message itself holds the whole number.
         self._add(channel, sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
@@ -338,6 +335,14 @@ def _field_schema(field: Field) -> dict[str, Any]:
 
 def _schema_of(type_: type) -> dict[str, Any]:
     """A flat JSON schema of a Struct, without references: not every viewer follows them."""
-    schema = msgspec.json.schema(type_)
-    found: dict[str, Any] = schema["$defs"][type_.__name__]
+    known = msgspec.json.schema(type_)["$defs"]
+
+    def flat(node: Any) -> Any:
+        if isinstance(node, list):
+            return [flat(entry) for entry in node]
+        if not isinstance(node, dict):
+            return node
+        return flat(known[node["$ref"].rpartition("/")[2]]) if "$ref" in node else {k: flat(v) for k, v in node.items()}
+
+    found: dict[str, Any] = flat(known[type_.__name__])
     return found

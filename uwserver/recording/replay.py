@@ -157,11 +157,7 @@ class _Run:
             if request.service and request.service not in self._world.services:
                 text = f'{self._path}: tick {request.tick} calls "{request.service}", which this version of uwserver does not have'
                 raise NotReplayable(text)
-            try:
-                self._world.submit(request.item)
-            except ValueError as error:
-                text = f'{self._path}: tick {request.tick}: the command to "{request.port}" cannot be read: {error}'
-                raise NotReplayable(text) from error
+            self._world.submit(request.item)
         self._world.flush()
         self.requests += len(self._batch)
         self._batch = []

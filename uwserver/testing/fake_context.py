@@ -301,7 +301,7 @@ def _value(field: Field, base: float, valid: bool) -> Value:
         shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
         return Buffer.of(np.full(shape, base % 128, field.buffer.dtype)) if valid else None
     elif field.type == "bytes":
-        return f"{field.name} {base}".encode() if valid else None
+        return Buffer(data=f"{field.name} {base}".encode()) if valid else None
     else:
         components = [f"{field.name}{component}" for component in range(field.size)]
     if not valid:

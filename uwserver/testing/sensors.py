@@ -34,7 +34,7 @@ WATER = Water(density=1025.0, gravity=9.81, temperature=12.0, atmospheric_pressu
 BOTTOM = FakeGeometry([Plane((0.0, 0.0, 30.0), (0.0, 0.0, -1.0))])
 """A flat bottom in 30 m."""
 _TYPES: dict[str, type | tuple[type, ...]] = {
-    "float": (float, int), "int": int, "bool": bool, "str": str, "bytes": bytes, "buffer": Buffer,
+    "float": (float, int), "int": int, "bool": bool, "str": str, "bytes": Buffer, "buffer": Buffer,
 }  # fmt: skip
 
 
@@ -125,11 +125,10 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
             )
             if isinstance(component, Buffer):
                 layout = field.buffer
-                assert layout, f'{where}, field "{field.name}": a buffer needs a layout'
-                assert layout.dtype == component.dtype, (
-                    f'{where}, field "{field.name}": {component!r}, declared {layout}'
+                fits = (
+                    layout.dtype == component.dtype and layout.fits(component.shape) if layout else not component.dtype
                 )
-                assert layout.fits(component.shape), f'{where}, field "{field.name}": {component!r}, declared {layout}'
+                assert fits, f'{where}, field "{field.name}": {component!r}, declared {field.form}'
             if valid and isinstance(component, float):
                 assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
 

@@ -9,7 +9,7 @@ from typing import get_args
 import msgspec
 
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
-from uwserver.ports import Argument, Json, Refused, Service, text_form
+from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.sensors import Instrument
 from uwserver.world import snapshot
@@ -210,7 +210,7 @@ def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[
 
     def get(_: Mapping[str, Json]) -> Json:
         value: dict[str, Json] = {
-            field.name: list(part) if isinstance(part, tuple) else msgspec.to_builtins(text_form(part))
+            field.name: list(part) if isinstance(part, tuple) else msgspec.to_builtins(part)
             for field, part in zip(slot.port.fields, slot.last_value, strict=False)
         }
         return {

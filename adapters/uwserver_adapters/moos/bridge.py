@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import msgspec
 
 from uwserver.adapter import AdapterContext
-from uwserver.ports import Event, Fault, Field, Port, Progress, Refused, Reply, Sample, matches, text_form
+from uwserver.ports import Buffer, Event, Fault, Field, Port, Progress, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.calls import Answer, Calls
 from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
@@ -180,7 +180,7 @@ class Bridge:
     def _text_of(self, name: str, value: bytes) -> str:
         """A binary variable: base64 as in JSON for a field of bytes or a buffer, else text."""
         packed = name in self._direct and self._direct[name][1].is_packed
-        return (msgspec.json.encode(text_form(value)) if packed else value).decode("utf-8", "replace")
+        return (msgspec.json.encode(Buffer(data=value)) if packed else value).decode("utf-8", "replace")
 
     def _pass_over(self, name: str, value: float | str, source: str, time: float) -> None:
         """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""

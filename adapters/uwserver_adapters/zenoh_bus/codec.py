@@ -44,7 +44,7 @@ class RawMeta(SampleMeta, omit_defaults=True):
 
     field: str
     dtype: str = ""
-    shape: tuple[int, ...] | None = None
+    shape: tuple[int, ...] = ()
 
 
 class Caller(Struct, forbid_unknown_fields=True):
@@ -90,8 +90,6 @@ class Codec:
             raw = sample.value[0]
             if isinstance(raw, Buffer):
                 return raw.data, RAW, self.encode(RawMeta(*meta, form.raw.name, raw.dtype, raw.shape))
-            if isinstance(raw, bytes):
-                return raw, RAW, self.encode(RawMeta(*meta, form.raw.name))
         value = form.value(sample, binary=self.name == "msgpack")
         payload = self.encode(in_pieces(value, self.encode) if form.is_long and self.name == "json" else value)
         return payload, self.media, self.encode(SampleMeta(*meta))

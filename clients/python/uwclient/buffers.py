@@ -121,7 +121,7 @@ def unpacked(value: object) -> object:
             raise ValueError("it has neither base64 nor data")
         if "dtype" not in given:
             return data
-        shape = given.get("shape")
+        shape = given.get("shape", [])
         if not isinstance(shape, (list, tuple)) or not all(isinstance(n, int) for n in cast("list[object]", shape)):
             raise ValueError("its shape is no list of whole numbers")
         return Buffer(str(given["dtype"]), tuple(cast("list[int]", shape)), data)

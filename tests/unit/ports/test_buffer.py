@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from uwserver.ports.buffer import ITEM_BYTES, Buffer, Layout, binary_form, text_form, unpacked
+from uwserver.ports import Command, Sample
+from uwserver.ports.buffer import ITEM_BYTES, Buffer, Layout, binary_form, unpacked
 
-PICTURE = Buffer("uint8", (2, 3), b"abcdef")
+PICTURE = Buffer(dtype="uint8", shape=(2, 3), data=b"abcdef")
 ONE = b"\0\0\x80\x3f"
 
 
@@ -32,7 +33,7 @@ def test_an_array_comes_back_the_same(dtype):
 )
 def test_every_array_comes_back_from_both_forms(array):
     buffer = Buffer.of(array)
-    text = msgspec.json.decode(msgspec.json.encode({"x": text_form(buffer)}))["x"]
+    text = msgspec.json.decode(msgspec.json.encode({"x": buffer}))["x"]
     binary = msgpack.unpackb(msgspec.msgpack.encode(binary_form(buffer)))
     assert unpacked(text) == unpacked(binary) == buffer
     assert buffer.array().tobytes() == array.tobytes()
@@ -54,7 +55,7 @@ def test_a_buffer_shares_and_never_changes():
     with pytest.raises(AttributeError):
         buffer.data = b""  # type: ignore[misc]
     assert buffer.array().base is not None
-    assert {buffer: 1}[Buffer("float32", (3,), bytes(12))] == 1
+    assert {buffer: 1}[Buffer(dtype="float32", shape=(3,), data=bytes(12))] == 1
 
 
 @pytest.mark.parametrize(
@@ -67,8 +68,9 @@ def test_arrays_that_are_no_buffers(array):
 
 
 BAD = [
-    ({}, "missing required field `dtype`"),
-    ({"dtype": "uint8"}, "missing required field `shape`"),
+    ({}, "missing required field `base64`"),
+    ({"dtype": "uint8", "base64": "AAA="}, r"shape \[\] are 1 bytes, here are 2"),
+    ({"shape": [1], "base64": "YQ=="}, "no dtype ''"),
     ({"dtype": "uint8", "shape": [1]}, "missing required field `base64`"),
     ({"base64": 3}, "Expected `bytes`, got `int`"),
     ({"base64": "?"}, "Invalid base64"),
@@ -112,22 +114,33 @@ def test_what_is_no_buffer_says_why(packed, text):
 )
 def test_made_by_hand_it_is_checked_too(dtype, shape, data):
     with pytest.raises(ValueError, match=r"dtype|whole numbers|bytes"):
-        Buffer(dtype, shape, data)
+        Buffer(dtype=dtype, shape=shape, data=data)
 
 
 def test_only_bytes_are_data():
     with pytest.raises(TypeError, match="not bytearray"):
-        Buffer("uint8", (1,), bytearray(b"a"))  # type: ignore[arg-type]
+        Buffer(dtype="uint8", shape=(1,), data=bytearray(b"a"))  # type: ignore[arg-type]
 
 
 def test_the_forms_to_the_byte():
-    assert msgspec.json.encode(text_form(PICTURE)) == b'{"dtype":"uint8","shape":[2,3],"base64":"YWJjZGVm"}'
-    assert msgspec.json.encode(text_form(b"hi")) == b'{"base64":"aGk="}'
+    plain = Buffer(data=b"hi")
+    assert msgspec.json.encode(PICTURE) == b'{"dtype":"uint8","shape":[2,3],"base64":"YWJjZGVm"}'
+    assert msgspec.json.encode(plain) == b'{"base64":"aGk="}'
+    assert msgspec.json.encode(Buffer(data=b"")) == b'{"base64":""}'
     assert msgpack.unpackb(msgspec.msgpack.encode(binary_form(PICTURE))) == {"dtype": "uint8", "shape": [2, 3], "data": b"abcdef"}  # fmt: skip
-    assert binary_form(b"hi") == b"hi"
-    for plain in (1.5, "text", None, (1.0, None), [1]):
-        assert text_form(plain) is binary_form(plain) is plain
-    assert unpacked({"base64": "aGk="}) == unpacked({"data": b"hi", "dtype": "uint8", "shape": [2]}).data == b"hi"
+    assert binary_form(plain) == b"hi"
+    for other in (1.5, "text", None, (1.0, None), [1]):
+        assert binary_form(other) is other
+    assert unpacked({"base64": "aGk="}) == unpacked({"data": b"hi"}) == plain
+    assert plain.array().tolist() == [104, 105]
+
+
+@pytest.mark.parametrize("type_", [Sample, Command])
+def test_samples_and_commands_can_be_written_and_read_back(type_):
+    value = ("text", PICTURE, Buffer(data=b"hi"), None, (1.0, 2.0))
+    whole = Sample("a/b", 1, 2, 3, True, value) if type_ is Sample else Command("a/b", value, "me")
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(whole), type=type_) == whole
+    assert msgspec.json.decode(msgspec.json.encode(whole), type=type_) == whole
 
 
 @pytest.mark.parametrize(
@@ -172,13 +185,13 @@ def test_layouts_as_people_read_them():
 
 
 def test_a_repr_is_short_and_tells_other_bytes_apart():
-    big = Buffer("uint8", (1 << 20,), bytes(1 << 20))
+    big = Buffer(dtype="uint8", shape=(1 << 20,), data=bytes(1 << 20))
     assert len(repr(big)) < 80
-    assert repr(big) != repr(Buffer("uint8", (1 << 20,), bytes((1 << 20) - 1) + b"\1"))
+    assert repr(big) != repr(Buffer(dtype="uint8", shape=(1 << 20,), data=bytes((1 << 20) - 1) + b"\1"))
 
 
 def test_what_is_finite():
-    assert Buffer("uint8", (1,), b"\xff").is_finite()
-    assert Buffer("float32", (1,), ONE).is_finite()
+    assert Buffer(dtype="uint8", shape=(1,), data=b"\xff").is_finite()
+    assert Buffer(dtype="float32", shape=(1,), data=ONE).is_finite()
     assert not Buffer.of(np.array([0.0, np.nan], np.float32)).is_finite()
     assert not Buffer.of(np.array([[np.inf]])).is_finite()

@@ -255,7 +255,7 @@ MODEM = Port(
     ),
     "Modem.",
 )
-ROWS = Buffer("uint8", (2, 3), b"abcdef")
+ROWS = Buffer(dtype="uint8", shape=(2, 3), data=b"abcdef")
 
 
 @pytest.mark.parametrize(
@@ -264,9 +264,9 @@ ROWS = Buffer("uint8", (2, 3), b"abcdef")
         ({"to": "a50"}, ("a50", None, None, None, None)),
         ({"to": ""}, ("", None, None, None, None)),
         ({"to": "\u00e4\u00f6\u00fc\u00df"}, ("\u00e4\u00f6\u00fc\u00df", None, None, None, None)),
-        ({"payload": b"\0\xff"}, (None, b"\0\xff", None, None, None)),
-        ({"payload": {"base64": "AP8="}}, (None, b"\0\xff", None, None, None)),
-        ({"payload": {"base64": ""}, "gain": 2}, (None, b"", None, None, (2.0,))),
+        ({"payload": b"\0\xff"}, (None, Buffer(data=b"\0\xff"), None, None, None)),
+        ({"payload": {"base64": "AP8="}}, (None, Buffer(data=b"\0\xff"), None, None, None)),
+        ({"payload": {"base64": ""}, "gain": 2}, (None, Buffer(data=b""), None, None, (2.0,))),
         ({"picture": ROWS}, (None, None, ROWS, None, None)),
         ({"picture": {"dtype": "uint8", "shape": [2, 3], "base64": "YWJjZGVm"}}, (None, None, ROWS, None, None)),
         ({"picture": {"dtype": "uint8", "shape": [2, 3], "data": b"abcdef"}}, (None, None, ROWS, None, None)),
@@ -296,13 +296,13 @@ def test_commands_of_text_bytes_and_buffers(value, checked):
         ({"payload": ROWS}, "bad_argument", "not a buffer"),
         ({"payload": {"dtype": "uint8", "shape": [1], "base64": "YQ=="}}, "bad_argument", "not a buffer"),
         ({"payload": bytes(17)}, "too_large", "at most 16 bytes, here are 17: send it in pieces"),
-        ({"picture": 3}, "bad_argument", 'must be a buffer, {"dtype": "uint8", "shape": [...], "base64": "..."}'),
+        ({"picture": 3}, "bad_argument", 'must be a buffer, in JSON {"dtype": "uint8", "shape": [...], "base64": "..."}, not'),
         ({"picture": "abc"}, "bad_argument", "not a text"),
         ({"picture": b"abcd"}, "bad_argument", "are 3 bytes, here are 4"),
         ({"picture": np.zeros((2, 3), np.int64)}, "bad_argument", "no buffer of int64"),
-        ({"picture": Buffer("int8", (2, 3), b"abcdef")}, "bad_shape", "must be uint8 nx3, not int8 [2, 3]"),
-        ({"picture": Buffer("uint8", (3, 2), b"abcdef")}, "bad_shape", "must be uint8 nx3, not uint8 [3, 2]"),
-        ({"picture": Buffer("uint8", (6,), b"abcdef")}, "bad_shape", "not uint8 [6]"),
+        ({"picture": Buffer(dtype="int8", shape=(2, 3), data=b"abcdef")}, "bad_shape", "must be uint8 nx3, not int8 [2, 3]"),
+        ({"picture": Buffer(dtype="uint8", shape=(3, 2), data=b"abcdef")}, "bad_shape", "must be uint8 nx3, not uint8 [3, 2]"),
+        ({"picture": Buffer(dtype="uint8", shape=(6,), data=b"abcdef")}, "bad_shape", "not uint8 [6]"),
         ({"picture": {"dtype": "uint8", "shape": [-1, 3], "base64": "YWJj"}}, "bad_argument", "whole numbers from 0"),
         ({"picture": {"dtype": "uint8", "shape": [2**31, 2**31], "base64": "YWJj"}}, "bad_argument", "here are 3"),
         ({"picture": bytes(15)}, "too_large", "at most 12 bytes, here are 15"),
@@ -321,7 +321,7 @@ def test_refused_texts_bytes_and_buffers(value, code, text):
 
 def test_what_a_field_holds_where_it_says_nothing():
     port = Port("a/b", "actuator", "x", (Field("t", "1", "x", type="str"), Field("b", "1", "x", type="bytes")), "X.")
-    assert checked_command(port, {"t": "x" * 65536, "b": bytes(65536)}) == ("x" * 65536, bytes(65536))
+    assert checked_command(port, {"t": "x" * 65536, "b": bytes(65536)}) == ("x" * 65536, Buffer(data=bytes(65536)))
     assert refusal(checked_command, port, {"t": "x" * 65537}).code == "too_large"
     assert refusal(checked_command, port, {"b": bytes(65537)}).code == "too_large"
 

@@ -169,7 +169,7 @@ def test_a_refusal_does_not_send_back_what_came_at_full_length():
 
 PICTURE = Field("picture", "1", "a picture", type="buffer", buffer=Layout("uint8", (-1, 3)))
 PAYLOAD = Field("payload", "1", "what came", type="bytes")
-ROWS = Buffer("uint8", (2, 3), b"abcdef")
+ROWS = Buffer(dtype="uint8", shape=(2, 3), data=b"abcdef")
 META = {"port": "rov/camera", "seq": 1, "t_ns": 2, "t_sent_ns": 3, "valid": True}
 
 
@@ -186,7 +186,7 @@ def test_a_sample_that_is_one_buffer_goes_as_it_is(name, decode):
     payload, media, attachment = Codec(name).sample(SampleForm(camera(PICTURE)), told(ROWS))
     assert (payload, media) == (b"abcdef", "application/octet-stream")
     assert decode(attachment) == {**META, "field": "picture", "dtype": "uint8", "shape": [2, 3]}
-    payload, media, attachment = Codec(name).sample(SampleForm(camera(PAYLOAD)), told(b"\0\1"))
+    payload, media, attachment = Codec(name).sample(SampleForm(camera(PAYLOAD)), told(Buffer(data=b"\0\1")))
     assert (payload, media) == (b"\0\1", "application/octet-stream")
     assert decode(attachment) == {**META, "field": "payload"}
 
@@ -200,7 +200,7 @@ def test_a_camera_that_saw_nothing_says_so_in_a_map(name):
 
 
 def test_a_buffer_among_others_is_in_a_map():
-    sample = told(ROWS, b"hi", 1.5)
+    sample = told(ROWS, Buffer(data=b"hi"), 1.5)
     form = SampleForm(camera(PICTURE, PAYLOAD, DEPTH))
     payload, media, _ = Codec("json").sample(form, sample)
     assert media == "application/json"
