@@ -126,7 +126,7 @@ def _offer_faults(world: World) -> None:
         ),
         set_fault,
     )
-    world.offer(Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault)
+    world.offer(Service("world/clear_fault", "Remove a fault and its effect.", (name,)), clear_fault)
     world.offer(Service("world/faults", "All faults with their state: waiting, active or over."), faults)
 
 
@@ -182,8 +182,8 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
         return divisor
 
     settings = instrument.arguments if instrument else ()
-    yield Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True)
-    yield Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False)
+    yield Service(f"{path}/activate", "Start measuring."), lambda _: activate(True)
+    yield Service(f"{path}/deactivate", "Stop measuring."), lambda _: activate(False)
     yield Service(f"{path}/get", "Properties of the sensor."), get
     yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *settings)), change
 
