@@ -108,9 +108,10 @@ class Layout(Struct, frozen=True):
         """As people write it: ``uint8 nx512``."""
         return f"{self.dtype} {'x'.join('n' if extent < 0 else str(extent) for extent in self.shape) or 'scalar'}"
 
-    def fits(self, shape: tuple[int, ...]) -> bool:
-        """Whether a buffer may have this shape."""
-        return len(shape) == len(self.shape) and all(m in (-1, n) for m, n in zip(self.shape, shape, strict=True))
+    def fits(self, buffer: Buffer) -> bool:
+        """Whether a buffer has this type, and a shape that this one allows."""
+        alike = self.dtype == buffer.dtype and len(buffer.shape) == len(self.shape)
+        return alike and all(m in (-1, n) for m, n in zip(self.shape, buffer.shape, strict=True))
 
     def shaped(self, data: bytes) -> Buffer:
         """A buffer of plain bytes, where its shape follows from their number.

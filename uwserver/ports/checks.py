@@ -107,7 +107,7 @@ def _checked_packed(field: Field, value: object) -> Buffer:
             value = layout.shaped(value.data)
     except ValueError as error:
         raise Refused("bad_argument", f'"{name}": {str(error)[:300]}', name) from None
-    if value.dtype != layout.dtype or not layout.fits(value.shape):
+    if not layout.fits(value):
         text = f'"{name}" must be {layout}, not {value.dtype} {list(value.shape)}'
         raise Refused("bad_shape", text, name)
     if not value.is_finite():

@@ -62,6 +62,10 @@ class Field(Struct, frozen=True):
         """Whether its values are bytes or buffers."""
         return self.type in ("bytes", "buffer")
 
+    def holds(self, buffer: Buffer) -> bool:
+        """Whether a buffer, or plain bytes, may be its value."""
+        return self.type == ("buffer" if buffer.dtype else "bytes") and (not self.buffer or self.buffer.fits(buffer))
+
     @property
     def form(self) -> str:
         """What one value looks like, for people: ``scalar``, ``3``, ``bytes`` or ``uint8 nx512``."""

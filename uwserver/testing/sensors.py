@@ -124,11 +124,7 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
                 f'{where}, field "{field.name}": {component!r} is a {type(component).__name__}, declared {field.type}'
             )
             if isinstance(component, Buffer):
-                layout = field.buffer
-                fits = (
-                    layout.dtype == component.dtype and layout.fits(component.shape) if layout else not component.dtype
-                )
-                assert fits, f'{where}, field "{field.name}": {component!r}, declared {field.form}'
+                assert field.holds(component), f'{where}, field "{field.name}": {component!r}, declared {field.form}'
             if valid and isinstance(component, float):
                 assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
 
