@@ -61,13 +61,9 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     )
     mode = Argument("mode", "str", "what it holds", choices=MODES)
     mode_doc = "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing."
-    place_doc = (
-        "Correct the dead reckoning: the vehicle is here. The depth is used only where there is no depth sensor."
-    )
-    yield (
-        Service(f"{path}/arm", "Take over the actuators; commands from others are refused until disarm.", (force,)),
-        arm,
-    )
+    place_doc = "Correct the dead reckoning: the vehicle is here. The depth is used only without a depth sensor."
+    arm_doc = "Take over the actuators; commands from others are refused until disarm."
+    yield Service(f"{path}/arm", arm_doc, (force,)), arm
     yield Service(f"{path}/disarm", "Stop, and let others command the actuators."), disarm
     yield Service(f"{path}/set_mode", mode_doc, (mode,)), set_mode
     yield Service(f"{path}/set_position", place_doc, (_PLACE,)), set_position
@@ -112,16 +108,8 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     speed = Argument(
         "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
     )
-    radius = Argument(
-        "radius_m",
-        "float",
-        "distance at which it has arrived",
-        "m",
-        required=False,
-        default=1.0,
-        minimum=0.01,
-        maximum=1e4,
-    )
+    near = "distance at which it has arrived"
+    radius = Argument("radius_m", "float", near, "m", required=False, default=1.0, minimum=0.01, maximum=1e4)
     items = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
     index = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
     go = "Go to a place in mode guided, and stay; replies when it is there."
