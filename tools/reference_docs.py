@@ -131,13 +131,12 @@ def _fields(fields: Iterable[Field]) -> Iterator[str]:
     yield "| field | shape | unit | frame | meaning |"
     yield "|---|---|---|---|---|"
     for field in fields:
-        shape = "x".join(map(str, field.shape)) or "scalar"
         limits = (
             f", {field.minimum:g} .. {field.maximum:g}"
             if field.minimum is not None and field.maximum is not None
             else ""
         )
-        yield f"| `{field.name}` | {shape} | {field.unit}{limits} | {field.frame or '-'} | {field.doc} |"
+        yield f"| `{field.name}` | {field.form} | {field.unit}{limits} | {field.frame or '-'} | {field.doc} |"
 
 
 def _service(service: Service) -> str:

@@ -1,4 +1,4 @@
-"""Every command and listing of README and tutorial runs as printed; only the port and an end are added."""
+"""Every command and listing of README and tutorial runs as printed, only the port and an end are added; and what pages name is there."""
 
 from __future__ import annotations
 
@@ -159,6 +159,27 @@ def test_every_link_between_pages_leads_somewhere():
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_file_that_is_named_is_there():
+    """A page that leads through the source has to lead somewhere; a path begins at the top, so that it can be looked up."""
+    top = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    for page in ("docs/explanation/architecture.md", "CONTRIBUTING.md"):
+        named = re.findall(r"`([\w.-]+/[\w./-]*|[\w./-]+\.py)`", (ROOT / page).read_text())
+        assert len(named) > 20, page
+        lost = [path for path in named if path.split("/")[0] not in top or not (ROOT / path).exists()]
+        assert not lost, f"{page}: {lost}"
+
+
+def test_every_room_is_in_the_table_of_rooms():
+    text = (ROOT / "docs/explanation/architecture.md").read_text()
+    rooms = [path.parent for path in (ROOT / "uwserver").glob("*/__init__.py")]
+    assert len(rooms) > 10
+    assert not [room.name for room in rooms if f"`uwserver/{room.name}/`" not in text]
+    inner = [
+        path.parent for path in (ROOT / "uwserver").glob("*/*/__init__.py") if path.parts[-3] in ("scenario", "physics")
+    ]
+    assert not [room.name for room in inner if f"`{room.name}`" not in text]
 
 
 def test_reference_pages_are_up_to_date():

@@ -205,12 +205,12 @@ class Autopilot:
         o.stick = (0.0,) * 6
         if o.pilot == "on" and o.armed and not o.failsafe:
             o.failsafe = "pilot"
-            self._say(f'"{self.craft.path}" fail-safe: no command of the pilot, the sticks are neutral')
+            self._say(f'"{self.craft.path}" fail-safe: no command from the pilot, the sticks are neutral')
         o.pilot = "lost"
 
     def test(self, outputs: tuple[float, ...]) -> None:
         """Give these parts of full commands to the actuators, instead of control."""
-        self.preempt("the actuators are tried")
+        self.preempt("the actuators are being tested")
         self.orders.test = outputs
         self.memory.tau = self.memory.lack = (0.0,) * 6
 

@@ -39,7 +39,7 @@ class _Number(click.FloatRange):
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
 @click.option("--metrics-bind", help="Address of /health and /metrics.")
-@click.option("--seed", type=click.IntRange(0), help="Instead of the scenario's.")
+@click.option("--seed", type=click.IntRange(0), help="Random seed, instead of the scenario's.")
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
 @click.option("--speed", type=_Number(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
 @click.option("--paused", is_flag=True, help="Start paused.")

@@ -22,7 +22,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__
-from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import tables
@@ -42,7 +42,14 @@ CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
 _SECRETS = ("token", "password", "secret")
-_JSON_TYPES = {"float": "number", "int": "integer", "bool": "boolean", "str": "string"}
+_JSON_TYPES = {
+    "float": "number",
+    "int": "integer",
+    "bool": "boolean",
+    "str": "string",
+    "bytes": "object",
+    "buffer": "object",
+}
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -61,7 +68,7 @@ class Request(Struct, frozen=True, omit_defaults=True):
     tick: int
     source: str
     port: str = ""
-    value: tuple[tuple[float, ...] | None, ...] = ()
+    value: Items = ()
     service: str = ""
     args: dict[str, Any] = {}
 
@@ -307,6 +314,12 @@ def _field_schema(field: Field) -> dict[str, Any]:
     about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
     # null where a sensor has no value.
     scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
+    if field.is_packed:
+        base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
+        if field.buffer:
+            about += f"; {field.buffer}, row-major, little-endian"
+            base64 |= {"dtype": {"const": field.buffer.dtype}, "shape": {"type": "array", "items": {"type": "integer"}}}
+        return {**scalar, "properties": base64, "description": about}
     if not field.shape:
         return {**scalar, "description": about}
     if len(field.shape) > 1:
@@ -322,6 +335,14 @@ def _field_schema(field: Field) -> dict[str, Any]:
 
 def _schema_of(type_: type) -> dict[str, Any]:
     """A flat JSON schema of a Struct, without references: not every viewer follows them."""
-    schema = msgspec.json.schema(type_)
-    found: dict[str, Any] = schema["$defs"][type_.__name__]
+    known = msgspec.json.schema(type_)["$defs"]
+
+    def flat(node: Any) -> Any:
+        if isinstance(node, list):
+            return [flat(entry) for entry in node]
+        if not isinstance(node, dict):
+            return node
+        return flat(known[node["$ref"].rpartition("/")[2]]) if "$ref" in node else {k: flat(v) for k, v in node.items()}
+
+    found: dict[str, Any] = flat(known[type_.__name__])
     return found

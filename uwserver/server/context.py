@@ -23,7 +23,7 @@ CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
 LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
-    Service("world/shutdown", "End the server in order, recording intact."),
+    Service("world/shutdown", "Shut the server down in an orderly way, with the recording intact."),
 )
 
 

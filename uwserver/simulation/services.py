@@ -6,7 +6,7 @@ from uwserver.ports import Argument, Service
 
 CLOCK_SERVICES = (
     Service("world/pause", "Stop time. Calls are still answered."),
-    Service("world/resume", "Let time go on."),
+    Service("world/resume", "Let time run on."),
     Service(
         "world/step",
         "Paused: run n ticks as fast as possible, then reply. Lockstep: let time go n ticks on from this client's side, reply when it did.",

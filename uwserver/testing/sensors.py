@@ -26,7 +26,7 @@ from uwserver.modifiers import (
     Stream,
     WhiteNoise,
 )
-from uwserver.ports import Field, Value
+from uwserver.ports import Buffer, Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
@@ -37,7 +37,14 @@ BOTTOM = FakeGeometry([Plane((0.0, 0.0, 30.0), (0.0, 0.0, -1.0))])
 """A flat bottom in 30 m."""
 _PLAIN = (bool, int, float, str, bytes, type(None))
 _RUN, _STEP_NS = 20, 100_000_000
-_TYPES: dict[str, type | tuple[type, ...]] = {"float": (float, int), "int": int, "bool": bool, "str": str}
+_TYPES: dict[str, type | tuple[type, ...]] = {
+    "float": (float, int),
+    "int": int,
+    "bool": bool,
+    "str": str,
+    "bytes": Buffer,
+    "buffer": Buffer,
+}
 
 
 def scopes() -> list[Scope]:
@@ -127,6 +134,8 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
             assert fits, (
                 f'{where}, field "{field.name}": {component!r} is a {type(component).__name__}, declared {field.type}'
             )
+            if isinstance(component, Buffer):
+                assert field.holds(component), f'{where}, field "{field.name}": {component!r}, declared {field.form}'
             if valid and isinstance(component, float):
                 assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
 

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta, Struct, structs
 
-from uwserver.actuators import Actuator, Given
+from uwserver.actuators import Actuator
 from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.geometry.shapes import Solid
-from uwserver.ports import Field, Port, Sample, Service, Value
+from uwserver.ports import Field, Items, Port, Sample, Service, Value
 from uwserver.ports.checks import check_given, check_values
 from uwserver.sensors import Scope, Sensor
 from uwserver.sensors.base import blank
@@ -228,7 +228,7 @@ class ActuatorState(State, frozen=True):
     active: bool
     timeout_ticks: Annotated[int, Meta(ge=0)]
     last_tick: int
-    last_value: Given
+    last_value: Items
     memory: bytes
     orders: Orders
 
@@ -249,7 +249,7 @@ class ActuatorSlot(Part):
     timeout_ticks: int
     active: bool = True
     last_tick: int = -1
-    last_value: Given = ()
+    last_value: Items = ()
     source: str = ""
     other_tick: int = NEVER
     conflicts: int = 0

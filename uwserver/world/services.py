@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 
+import msgspec
+
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
@@ -156,7 +158,7 @@ def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[
 
     def get(_: Mapping[str, Json]) -> Json:
         value: dict[str, Json] = {
-            field.name: None if part is None else list(part)
+            field.name: list(part) if isinstance(part, tuple) else msgspec.to_builtins(part)
             for field, part in zip(slot.port.fields, slot.last_value, strict=False)
         }
         return {

@@ -254,14 +254,13 @@ class World:
         self._requests.posted.append(Posted(item, on_reply))
 
     def command(self, port: str, **value: object) -> None:
-        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays. It acts from the next `step` on.
+        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.
 
         Raises:
-            Refused: unknown port or field, wrong shape, not finite, out of range.
+            Refused: unknown port or field, wrong type or shape, not finite, out of range, too large.
         """
         find("port", port, self.ports)
-        plain = {name: given.tolist() if hasattr(given, "tolist") else given for name, given in value.items()}
-        self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
+        self.submit(Command(port, checked_command(self.ports[port], value), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
         """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.

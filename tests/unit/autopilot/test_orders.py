@@ -256,7 +256,7 @@ def test_without_pilot_the_sticks_spring_back_and_a_new_command_heals(fly):
     f.run(1.5)
     assert f.state["failsafe"] == "pilot"
     assert not f.world.hydro.thrusters["command"].any()
-    assert any("no command of the pilot" in text for text in f.events)
+    assert any("no command from the pilot" in text for text in f.events)
     f.run(0.1, pilot={"u": [0] * 6})
     assert f.state["failsafe"] == ""
 

@@ -231,7 +231,9 @@ class ScenarioPopulation(Population):
             return None
 
         name = Argument("name", "str", "the first level of its paths")
-        like = Argument("like", "str", "a vehicle or object of the scenario, there or not", choices=kinds)
+        like = Argument(
+            "like", "str", "a vehicle or object of the scenario, whether or not it is in the world now", choices=kinds
+        )
         p_NB = Argument("p_NB", "float", "position of its origin in N", "m", shape=(3,), minimum=-1e6, maximum=1e6)
         q_NB = Argument(
             "q_NB",
@@ -245,11 +247,13 @@ class ScenarioPopulation(Population):
         if kinds:
             self._world.offer(
                 Service(
-                    "world/spawn", "Add a body with its components like one of the scenario.", (name, like, p_NB, q_NB)
+                    "world/spawn",
+                    "Add a body with its components, built like one of the scenario.",
+                    (name, like, p_NB, q_NB),
                 ),
                 spawn,
             )
-        self._world.offer(Service("world/remove", "Take a body and its components out of the world.", (name,)), remove)
+        self._world.offer(Service("world/remove", "Remove a body and its components from the world.", (name,)), remove)
 
 
 def _attitude(entry: VehicleEntry | ObjectEntry) -> Quat:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import msgspec
 
 from uwserver.adapter import AdapterContext, Conversation, port_of_kind, vehicle_of, vehicles_of
-from uwserver.ports import Event, Fault, Port, Refused, Reply, Sample, matches
+from uwserver.ports import Buffer, Event, Fault, Field, Port, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.bridge.mixing import Mixer
 from uwserver_adapters.moos.bridge.names import Outlet, variable
@@ -68,7 +68,7 @@ class Bridge:
         fix = self._nav.fix if self._nav is not None else Fix()
         teleport = port_of_kind("teleport", ports, vehicle)
         self._usm = UsmInputs(self._peer, teleport, fix, self._neutral, lambda name, value: post([(name, value)]))
-        self._direct: dict[str, tuple[Port, str]] = {}
+        self._direct: dict[str, tuple[Port, Field]] = {}
         self._open_ports()
 
     def _vehicle(self) -> str:
@@ -83,7 +83,7 @@ class Bridge:
         self._direct.clear()
         for path, port in self._context.ports.items():
             if port.direction == "actuator":
-                self._direct.update({variable(path, field.name): (port, field.name) for field in port.fields})
+                self._direct.update({variable(path, field.name): (port, field) for field in port.fields})
             elif any(matches(pattern, path) for pattern in table.publish):
                 self._outlets[path] = Outlet(port, table.vectors, table.on_change)
 
@@ -158,7 +158,7 @@ class Bridge:
         for name, value, source, time in written:
             source = readable(source)
             if isinstance(value, bytes):
-                value = value.decode("utf-8", "replace")
+                value = self._text_of(name, value)
             elif isinstance(value, str):
                 value = readable(value)
             if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
@@ -174,6 +174,11 @@ class Bridge:
                 self._tell(name, value, source, Fault("bad_argument", str(error), name))
         for path, source in commanded.items():
             self._command(path, self._mixer.command(path), source)
+
+    def _text_of(self, name: str, value: bytes) -> str:
+        """A binary variable: base64 as in JSON for a field of bytes or a buffer, else text."""
+        packed = name in self._direct and self._direct[name][1].is_packed
+        return (msgspec.json.encode(Buffer(data=value)) if packed else value).decode("utf-8", "replace")
 
     def _pass_over(self, name: str, value: float | str, source: str, time: float) -> None:
         """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""
@@ -193,7 +198,8 @@ class Bridge:
             commanded.update(dict.fromkeys(self._mixer.take(name, value), source))
         elif name in self._direct:
             port, field = self._direct[name]
-            self._command(port.path, {field: _given(value)}, source, name)
+            given = value if field.type == "str" else _given(value)
+            self._command(port.path, {field.name: given}, source, name)
         elif name == CALL:
             if self._table.services:
                 self._calls.take(str(value), source, self._reply)

@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from uwserver.ports import Field, Port, Sample, Scalar, Value
+from uwserver.ports import Buffer, Field, Port, Sample, Scalar, Value
 
 MOST_COMPONENTS = 16
 """A longer field is one JSON list whatever the scenario says: nobody wants 300 variables of one sonar ping."""
@@ -75,6 +75,8 @@ class Outlet:
 def _written(value: Value) -> float | str | None:
     if isinstance(value, tuple):
         return None if all(component is None for component in value) else _encode(_finite(value)).decode()
+    if isinstance(value, Buffer):
+        return _encode(value).decode()
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
