@@ -22,6 +22,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__
+from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
@@ -34,7 +35,8 @@ from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
-FORMAT = "uwserver-recording-1"
+FORMAT = "uwserver-recording-2"
+"""Of the requests and hashes; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
 METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
@@ -146,6 +148,7 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
     solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
     return {
         "format": FORMAT,
+        "physics": str(PHYSICS),
         **{key: str(value) for key, value in msgspec.structs.asdict(versions_here()).items()},
         "seed": str(seed),
         "timing": msgspec.json.encode(timing).decode(),
@@ -162,10 +165,14 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         more: kinds of the extensions that its scenario uses; their files are not in the recording.
 
     Raises:
-        ValueError: it is of another format, or the scenario in it does not fit this version.
+        ValueError: it is of another format or physics, or the scenario in it does not fit this version.
     """
-    if record.get("format") != FORMAT:
-        raise ValueError(f'the recording is of the format "{record.get("format")}", this uwserver reads {FORMAT}')
+    for name, here in (("format", FORMAT), ("physics", str(PHYSICS))):
+        then = record.get(name, "1")
+        if then != here:
+            made_by = f"uwserver {record.get('uwserver', 'of old')}"
+            text = f"the recording was made by {made_by}, whose {name} is {then}; here it is {here}, and the run would go otherwise"
+            raise ValueError(f"{text}: replay it with that version. MCAP tools and `uwserver plot` read it as before")
     try:
         whole = msgspec.json.decode(record["scenario"])
         if whole["scenario"].get("extensions") and not more:
