@@ -135,6 +135,10 @@ class Scope:
         x, y, z = self.p_NB
         return (x + dx, y + dy, z + dz)
 
+    def submergence(self, p: Vec3) -> float:
+        """How far a point of N is below the sea surface above it, m; negative in the air."""
+        return p[2] + self.water.elevation(p[0], p[1], self.t)
+
     def attitude(self, q_BS: Quat) -> Quat:
         """q_NS of a frame fixed to the body."""
         return multiply(self.q_NB, q_BS)

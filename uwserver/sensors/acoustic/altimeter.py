@@ -12,7 +12,7 @@ from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.rays.raycast import NOTHING, FloatArray, Hits
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
@@ -126,7 +126,7 @@ class Altimeter(Sensor):
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
         listening = 2.0 * self.settings.range / c
-        found = self._echo(scope, p_NS) if submergence(scope, p_NS) > 0.0 else None
+        found = self._echo(scope, p_NS) if scope.submergence(p_NS) > 0.0 else None
         self.memory.ready = now + listening
         wait = listening + self._config.processing_s
         if found is None:

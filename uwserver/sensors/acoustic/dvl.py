@@ -13,7 +13,7 @@ from uwserver.frames import Vec3, conjugate, matrix, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number, Time
 from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
 from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
@@ -172,7 +172,7 @@ class Dvl(Sensor):
         c = scope.water.sound_speed(p_NS[2])
         delay = 2.0 * high / self._cosine / c
         reading = Measurement(self._blank.copy(), False)
-        if submergence(scope, p_NS) > 0.0:
+        if scope.submergence(p_NS) > 0.0:
             echo = self._ping(scope, p_NS, c, low, high, reading)
             delay = 2.0 * echo / c if reading.valid else delay
         self.memory.ready = now + period

@@ -34,11 +34,6 @@ def load_kernels() -> None:
     echo_kernels()
 
 
-def submergence(scope: Scope, p: Vec3) -> float:
-    """How far a point of N is below the sea surface above it, m; negative in the air."""
-    return p[2] + scope.water.elevation(p[0], p[1], scope.t)
-
-
 def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) -> Hits:
     """The first solid or piece of sea surface that each ray meets, from a point under water.
 
@@ -53,7 +48,7 @@ def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) ->
     origins = np.empty(direction.shape)
     origins[:] = origin
     found = scope.geometry.raycast(origins, direction, max_range)
-    kernels()[1].meet_level(submergence(scope, origin), direction, max_range, SURFACE, *found)
+    kernels()[1].meet_level(scope.submergence(origin), direction, max_range, SURFACE, *found)
     return found
 
 

@@ -19,7 +19,7 @@ from uwserver.environment.eigenray import Path, eigenray, straight
 from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.modifiers.base import Memory, Number, Time
 from uwserver.ports import Argument, Value
-from uwserver.sensors.acoustic.echo import Absorption, submergence
+from uwserver.sensors.acoustic.echo import Absorption
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, earlier
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import NANOSECONDS
@@ -250,7 +250,7 @@ class Interrogator(Sensor):
             if now < m.wake:
                 return None
             p = beacon.position(scope, now - m.wake)
-            if p is None or now - m.wake > _STALE_S or submergence(scope, p) <= 0.0:
+            if p is None or now - m.wake > _STALE_S or scope.submergence(p) <= 0.0:
                 return self._over(scope, None)
             m.leg, m.left, m.p = ANSWER, m.wake, p
         return self._hear(scope, beacon)
@@ -268,7 +268,7 @@ class Interrogator(Sensor):
         m.asked = m.left = scope.t
         p_NS = scope.position(self._mount.p)
         p = table.beacons[self._name].position(scope)
-        if p is None or submergence(scope, p_NS) <= 0.0 or submergence(scope, p) <= 0.0:
+        if p is None or scope.submergence(p_NS) <= 0.0 or scope.submergence(p) <= 0.0:
             return False
         distance = math.dist(p, p_NS)
         if distance > self.settings.max_range or self._hidden(scope, p_NS, p, distance):
@@ -326,7 +326,7 @@ class Interrogator(Sensor):
         assert path is not None
         p = m.p
         distance = math.dist(p, p_NS)
-        if ago > _STALE_S or submergence(scope, p_NS) <= 0.0 or self._hidden(scope, p_NS, p, distance):
+        if ago > _STALE_S or scope.submergence(p_NS) <= 0.0 or self._hidden(scope, p_NS, p, distance):
             return self._over(scope, None)
         travel, snr = m.first + path.time, math.inf
         if not table.ideal:

@@ -12,7 +12,7 @@ from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.rays.raycast import FloatArray, Hits
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence
+from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
 from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
@@ -166,7 +166,7 @@ class ScanningSonar(Sensor):
             believed = self._config.assumed_sound_speed_mps
         angle = self._step()
         reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
-        if submergence(scope, p_NS) > 0.0:
+        if scope.submergence(p_NS) > 0.0:
             reading.valid = True
             reading.values[3] = self._picture(scope, p_NS, angle, believed / c)
         duration = 2.0 * reach / believed

@@ -113,7 +113,7 @@ class Gps(Sensor):
         north, east, down = m.error
         m.error = (decay * north + flat * draws[0], decay * east + flat * draws[1], decay * down + steep * draws[2])
         x, y, z = scope.position(self._mount.p)
-        in_air = -z - scope.water.elevation(x, y, scope.t) > c.clearance_m
+        in_air = -scope.submergence((x, y, z)) > c.clearance_m
         satellites = self.settings.satellites if in_air else 0
         if not self._has_fix(in_air and satellites >= 4, scope.t):
             return Measurement([None, None, None, (None,) * 3, None, None, None, satellites, 0], False)

@@ -28,6 +28,6 @@ class MotionCapture(IdealSensor):
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Invalid when the markers are above the surface."""
         p_NS = scope.position(self._mount.p)
-        if p_NS[2] + scope.water.elevation(p_NS[0], p_NS[1], scope.t) < 0.0:
+        if scope.submergence(p_NS) < 0.0:
             return False, [(None,) * 3, (None,) * 4]
         return True, [p_NS, scope.attitude(self._mount.q)]

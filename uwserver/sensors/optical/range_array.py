@@ -72,8 +72,7 @@ class RangeArray(Sensor):
         noise = self.rng.standard_normal(n) * self._sigma
         lost = self.rng.random(n) < self._loss
         p = scope.position(self._mount.p)
-        dry = p[2] + scope.water.elevation(p[0], p[1], scope.t) < 0.0
-        if dry and self._config.medium == "water":
+        if self._config.medium == "water" and scope.submergence(p) < 0.0:
             return Measurement([(None,) * n], False)
         q = scope.attitude(self._mount.q)
         direction = np.array([rotate(q, ray) for ray in self._rays])

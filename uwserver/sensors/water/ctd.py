@@ -87,10 +87,10 @@ class Ctd(Sensor):
         c, m, water = self._config, self.memory, scope.water
         p_NS = scope.position(self._mount.p)
         draws = self.rng.standard_normal(3).tolist()
-        depth = p_NS[2]
-        if depth + water.elevation(p_NS[0], p_NS[1], scope.t) < 0.0:
+        if scope.submergence(p_NS) < 0.0:
             m.wet = False
             return Measurement(blank(self.fields), False)
+        depth = p_NS[2]
         t, truth = water.temperature_at(depth), water.pressure(p_NS, scope.t)
         salinity, sea = water.salinity_at(depth), (truth - water.atmospheric_pressure) / _DECIBAR
         conductivity = 0.1 * float(gsw.C_from_SP(salinity, t, sea)) if salinity > 0.0 else 0.0

@@ -53,6 +53,6 @@ class SoundSpeed(Sensor):
         """Invalid in air."""
         p_NS = scope.position(self._mount.p)
         noise = self._sigma * self.rng.standard_normal()
-        if p_NS[2] + scope.water.elevation(p_NS[0], p_NS[1], scope.t) < 0.0:
+        if scope.submergence(p_NS) < 0.0:
             return Measurement([None], False)
         return Measurement([scope.water.sound_speed(p_NS[2]) + self.memory.offset + noise], True)
