@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from uwserver.adapter import installed_adapters
+from uwserver.scenario.files.convert import Converter, Node
+from uwserver.scenario.files.errors import KeyPath, dotted
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 VEHICLE = """\
 schema = 1
@@ -144,3 +156,54 @@ def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listings: dict[str, 
         if name != "tests":
             (tmp_path / name).write_text(code, encoding="utf-8")
     return tmp_path
+
+
+class Told:
+    """A `Report` that keeps what it is told: as ``path: text``, the place in brackets where it is another."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        place = "" if at is None or at == path else f" [{dotted(at)}]"
+        self.lines.append(f"{dotted(path)}{place}: {text}")
+
+
+@pytest.fixture
+def report() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def warn() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def tree_of(report: Told) -> Callable[..., Node]:
+    """A raw table as a tree, of a Scenario unless another type is given; its faults go to `report`."""
+    return lambda raw, type_=Scenario: Converter(report).tree(raw, type_)
+
+
+@pytest.fixture
+def raw_vehicle() -> dict[str, Any]:
+    """The raw tables of the tiny vehicle."""
+    return tomllib.loads(VEHICLE)
+
+
+@pytest.fixture
+def raw_device() -> dict[str, Any]:
+    """The raw tables of its thruster."""
+    return tomllib.loads(DEVICE)
+
+
+@pytest.fixture
+def tiny(raw_vehicle: dict[str, Any]) -> VehicleFile:
+    """The tiny vehicle."""
+    return msgspec.convert(raw_vehicle, VehicleFile)
+
+
+@pytest.fixture
+def motor(raw_device: dict[str, Any]) -> ThrusterDevice:
+    """Its thruster."""
+    return msgspec.convert(raw_device, ThrusterDevice)
