@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from uwserver.physics.dynamics.params import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.units import deg
 from uwserver.validation.closed_forms import tilt
 

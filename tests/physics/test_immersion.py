@@ -12,7 +12,8 @@ import pytest
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.immersion import box_fraction, disc_fraction, sphere_fraction
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
 from uwserver.validation.closed_forms import floating, tilt
 from uwserver.validation.motion import record

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load

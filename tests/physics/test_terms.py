@@ -10,7 +10,8 @@ import pytest
 
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.validation.motion import record
 
