@@ -14,8 +14,9 @@ from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.embree import Rays
-from uwserver.physics.rays.raycast import FloatArray, Geometry
+from uwserver.physics.rays.raycast import Geometry
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import (

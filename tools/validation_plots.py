@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from uwserver_bench.proofs.closed_forms import tilt
 
-from uwserver.physics.dynamics.params import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.units import deg
 
 # Before pyplot is imported: no display.

@@ -26,7 +26,8 @@ from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.energy import kinetic_energy, rotations
 from uwserver.physics.dynamics.immersion import immersion
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario

@@ -20,7 +20,8 @@ from uwserver.physics.dynamics.appendage_params import (
     ServoParams,
     WeightParams,
 )
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 
 RHO = 1025.0

@@ -12,7 +12,8 @@ from uwserver_bench.proofs.motion import momentum, record
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.energy import kinetic_energy, relative_velocities
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.validation.oracle import build, load_oracle
 

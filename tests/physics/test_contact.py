@@ -12,7 +12,8 @@ from uwserver_bench.proofs.contact_forms import DIAGONAL, FEET, HITS, OFF_DIAGON
 
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 
 DT = 1.0 / 240.0

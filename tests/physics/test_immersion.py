@@ -14,7 +14,8 @@ from uwserver_bench.proofs.motion import record
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.immersion import box_fraction, disc_fraction, sphere_fraction
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
 
 UP = np.array([0.0, 0.0, -1.0])

@@ -11,7 +11,8 @@ import pytest
 from uwserver_bench.proofs.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load

@@ -15,7 +15,8 @@ from uwserver.environment.waves import wave_number
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import (
     FLOW_GRADIENT,
     FLOW_V_T,

@@ -12,7 +12,8 @@ from uwserver_bench.proofs.closed_forms import ZERO6, table_a1
 from uwserver_bench.proofs.motion import DEEP, energy_excess, record
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"

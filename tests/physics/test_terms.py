@@ -11,7 +11,8 @@ from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 
 ZERO = np.zeros((6, 6))

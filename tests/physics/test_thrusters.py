@@ -15,7 +15,8 @@ from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.immersion import disc_fraction
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.vehicle.body import force_table, lag, thruster_params
 from uwserver.scenario.vehicle.tables import Thruster, ThrusterDevice

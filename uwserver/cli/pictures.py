@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from uwserver.physics.rays.raycast import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Port, Sample
 from uwserver.units import NANOSECONDS
 

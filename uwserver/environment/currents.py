@@ -8,12 +8,10 @@ from typing import Annotated, Literal, Protocol
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import PROFILE_SIZE
 from uwserver.table import NonNegative, Positive, Table, Vector3
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class CurrentTable(Table, tag_field="kind", kw_only=True, frozen=True):

@@ -14,9 +14,7 @@ from uwserver.physics.dynamics.appendage_params import appendage_rows, servo_row
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import (
     BodyParams,
-    FloatArray,
     ForceTable,
-    Records,
     body_row,
     concatenate,
     lag_row,
@@ -26,6 +24,7 @@ from uwserver.physics.dynamics.params import (
     wrench_rows,
 )
 from uwserver.physics.kernel import layout
+from uwserver.physics.kernel.arrays import FloatArray, Records
 
 
 @cache
@@ -82,6 +81,7 @@ class Hydrodynamics:
         collider: finds contacts; None in open water.
         touched: contacts of the last tick and their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
+        forces, values, scratch: work space of the kernels.
     """
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
@@ -106,6 +106,7 @@ class Hydrodynamics:
         self.weights: Records = np.zeros(0, layout.WEIGHT)
         self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
         self.hulls: Records = np.zeros(0, layout.HULL)
+        self.scratch: Records = np.zeros(1, layout.SCRATCH)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
@@ -144,7 +145,13 @@ class Hydrodynamics:
     def change(self, row: int, body: BodyParams) -> None:
         """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
         new = body_row(body)
-        kept = ("fitted", "retired", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
+        kept = (
+            "fitted",
+            "retired",
+            "external",
+            "acted",
+            *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))),
+        )
         for name in kept:
             new[name] = self.bodies[name][row]
         self.bodies[row] = new[0]
@@ -155,6 +162,7 @@ class Hydrodynamics:
         self.state[row] = 0.0
         self.state[row, layout.Q] = 1.0
         self.contact_nu_dot[row] = 0.0
+        self.bodies["external"][row] = self.bodies["acted"][row] = 0.0
 
     def set_bodies(self, params: Sequence[BodyParams]) -> None:
         """Have these bodies and no others, in this order, at rest at the origin. The rows are as if they had been added one by one."""
@@ -227,16 +235,24 @@ class Hydrodynamics:
             setattr(self, name, np.concatenate([present, rows]))
 
     def _gather(self) -> None:
-        """All rows of the world as the kernel takes them; the arrays change only when a body is added."""
-        fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
-        self.fitted = fitted if self.bodies["fitted"].any() else None
-        self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
-        self._table = layout.addresses((*self.rows, *fitted, self.state, self.flows))
+        """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
+        self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
+        self._table = layout.addresses(layout.WORLD, vars(self))
 
     @property
     def currents(self) -> FloatArray:
         """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
         return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
+
+    @property
+    def external(self) -> FloatArray:
+        """View (n, 6) of the external wrench on each body in the coming tick: force (N) and moment about the body origin (N m), in B.
+
+        Whoever acts on bodies from outside adds to it before the bodies move: ``hydro.external[row] += wrench``. It is constant within the tick,
+        acts in free motion and in contact, and is zero again after it; `rates_of_change` shows it until the end of the next tick.
+        """
+        external: FloatArray = self.bodies["external"]
+        return external
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
@@ -255,23 +271,20 @@ class Hydrodynamics:
         return int(_kernel().advance(self._table, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
-        """The stages are told in `contact.step`."""
+        """The stages are those of `contact.step`."""
         kernel, old = _contact_kernel(), self.touched
-        trial = self.rows._replace(thrusters=self.thrusters.copy())
-        fitted = self.fitted and self.fitted._replace(servos=self.servos.copy())
-        struck = kernel.strike(
-            trial, fitted, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt
-        )
+        struck = kernel.strike(self._table, contacts, old.contacts.key, old.impulse, t, self.dt)
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
-            kernel.settle(self.bodies, struck, self.state, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+            kernel.settle(self._table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B, and the applied wrench (n, 6) about the origin in B, at the present state.
 
-        nu_dot holds the mean of the last tick's contacts, as an accelerometer would; the wrench is that of thrusters and prescribed rows.
+        nu_dot holds the mean of the last tick's contacts, as an accelerometer would, and its external wrench; the wrench is that of thrusters,
+        prescribed rows and the external one.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
         if self.sea is not None:
@@ -284,8 +297,6 @@ class Hydrodynamics:
     def load_kernels(self) -> None:
         """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
         nothing = Hydrodynamics((), self.dt)
-        # Contact kernels with and without appendages are compiled apart.
-        nothing.fitted = self.fitted and layout.Fitted(*(rows[:0] for rows in self.fitted))
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)
         if self.collider is not None:

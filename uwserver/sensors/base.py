@@ -19,7 +19,8 @@ from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
 from uwserver.modifiers import Measurement, ModifierConfig
 from uwserver.modifiers.base import NOTHING, Memory, check_lengths
-from uwserver.physics.rays.raycast import FloatArray, Geometry, OpenWater
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table

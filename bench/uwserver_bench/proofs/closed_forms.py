@@ -9,7 +9,8 @@ import numpy as np
 
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
 from uwserver_bench.proofs.motion import DEEP, angular_frequency, record
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uwserver.frames import rotate
-from uwserver.physics.collision.contacts import Contacts, FloatArray
-
-Vec3 = tuple[float, float, float]
+from uwserver.frames import Vec3, rotate
+from uwserver.physics.collision.contacts import Contacts
+from uwserver.physics.kernel.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import numpy as np
 
 from uwserver.frames import Quat, Vec3, conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray, rigid_body_inertia
+from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver_bench.proofs.closed_forms import ClosedForm
 from uwserver_bench.proofs.colliders import Floor

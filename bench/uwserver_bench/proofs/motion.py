@@ -8,7 +8,8 @@ import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.energy import kinetic_energy, rotations
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, STATE_SIZE, P
 
 DEEP = 500.0

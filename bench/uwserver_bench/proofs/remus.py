@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.body import body_params

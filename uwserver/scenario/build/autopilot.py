@@ -35,7 +35,8 @@ from uwserver.autopilot.state import Six
 from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
-from uwserver.physics.dynamics.params import BodyParams, FloatArray, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, ThrusterParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.tables import VehicleFile

@@ -10,7 +10,8 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
-from uwserver.physics.rays.raycast import NOTHING, FloatArray, Hits
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.raycast import NOTHING, Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank

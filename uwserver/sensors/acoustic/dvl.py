@@ -11,7 +11,8 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3, conjugate, matrix, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number, Time
-from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.raycast import SURFACE, Hits
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
 from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, out_of_range

@@ -12,7 +12,8 @@ import numpy as np
 
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
 from uwserver.frames import Vec3
-from uwserver.physics.rays.raycast import SURFACE, FloatArray, Hits
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.raycast import SURFACE, Hits
 from uwserver.sensors.base import Scope
 
 MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
@@ -48,7 +49,7 @@ def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) ->
     origins = np.empty(direction.shape)
     origins[:] = origin
     found = scope.geometry.raycast(origins, direction, max_range)
-    kernels()[1].meet_level(scope.submergence(origin), direction, max_range, SURFACE, *found)
+    kernels()[1].intersect_level(scope.submergence(origin), direction, max_range, SURFACE, *found)
     return found
 
 

@@ -10,7 +10,8 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
-from uwserver.physics.rays.raycast import FloatArray, Hits
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.raycast import Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
 from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
@@ -227,9 +228,9 @@ class ScanningSonar(Sensor):
         bins = self._config.bins
         out: FloatArray = np.empty(bins)
         resolution = scope.water.sound_speed(z) / (2.0 * self._config.bandwidth_hz)
-        kernels()[0].intensity(
-            self._fan.cells, R, *hits, scope.lambert, MU_SURFACE, stretch * bins / self.settings.range, resolution, alpha, out,
-        )  # fmt: skip
+        echoes = kernels()[0]
+        pulse = echoes.Pulse(stretch * bins / self.settings.range, resolution, alpha)
+        echoes.intensity(self._fan.cells, R, hits, echoes.Ground(scope.lambert, MU_SURFACE), pulse, out)
         return out
 
 

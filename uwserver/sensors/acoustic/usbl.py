@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
 from uwserver.modifiers.base import Measurement
-from uwserver.physics.rays.raycast import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.acoustic.interrogation import Answer, InterrogationTable, Interrogator
 from uwserver.sensors.base import Pose, Scope, blank
