@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -50,50 +50,34 @@ class Control(NamedTuple):
     ends: bool
 
 
-class Codec(Protocol):
-    """One encoding in one framing.
+class Codec:
+    """One encoding in one framing; a derived class says how bytes become requests.
 
-    Attributes:
+    Args:
         encoding: in which the server speaks.
         frame: makes a body ready for the transport.
+
+    Attributes:
+        encoding, frame: as given.
         limit: longest message taken, bytes.
     """
 
-    encoding: Encoding
-    frame: Callable[[bytes], bytes]
     limit: int
-
-    def receive(self, data: bytes) -> None:
-        """Store bytes in pieces of any size."""
-
-    def next_event(self) -> Request | Malformed | Control | Waiting:
-        """The next message in what was received."""
-
-    def reply(self, request: RequestId, result: object) -> bytes:
-        """See `Encoding`, here and below."""
-
-    def error(self, request: RequestId, fault: Fault) -> bytes: ...
-
-    def sample(self, form: SampleForm, sample: Sample) -> bytes: ...
-
-    def event(self, event: Event) -> bytes: ...
-
-    def progress(self, request: RequestId, progress: Progress) -> bytes: ...
-
-    def raw(self, result: object) -> msgspec.Raw: ...
-
-    def ending(self, fault: Fault | None) -> bytes:
-        """What ends the conversation in this framing, for the reason of a fault or in good order."""
-
-
-class Framed:
-    """The writing half of a codec."""
 
     def __init__(self, encoding: Encoding, frame: Callable[[bytes], bytes]) -> None:
         self.encoding = encoding
         self.frame = frame
 
+    def receive(self, data: bytes) -> None:
+        """Store bytes in pieces of any size."""
+        raise NotImplementedError
+
+    def next_event(self) -> Request | Malformed | Control | Waiting:
+        """The next message in what was received."""
+        raise NotImplementedError
+
     def reply(self, request: RequestId, result: object) -> bytes:
+        """See `Encoding`, here and below."""
         return self.frame(self.encoding.reply(request, result))
 
     def error(self, request: RequestId, fault: Fault) -> bytes:
@@ -112,15 +96,16 @@ class Framed:
         return self.encoding.raw(result)
 
     def ending(self, fault: Fault | None) -> bytes:
+        """What ends the conversation in this framing, for the reason of a fault or in good order."""
         return b""
 
 
-class JsonCodec(Lines, Framed):
+class JsonCodec(Lines, Codec):
     """JSON-RPC 2.0, one object a line. msgspec writes every float that is not finite as null."""
 
     def __init__(self) -> None:
         Lines.__init__(self, LINE_LIMIT)
-        Framed.__init__(self, JSON, line)
+        Codec.__init__(self, JSON, line)
 
     def next_event(self) -> Request | Malformed | Waiting:
         """The next line; blank ones count for nothing."""
@@ -131,12 +116,12 @@ class JsonCodec(Lines, Framed):
         return NEED_DATA if body is None else parse_json(body)
 
 
-class MsgpackCodec(Frames, Framed):
+class MsgpackCodec(Frames, Codec):
     """u32 big-endian length, then one msgpack map."""
 
     def __init__(self) -> None:
         Frames.__init__(self, FRAME_LIMIT)
-        Framed.__init__(self, MSGPACK, frame)
+        Codec.__init__(self, MSGPACK, frame)
 
     def next_event(self) -> Request | Malformed | Waiting:
         """The next frame."""

@@ -17,7 +17,7 @@ from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
 from uwserver.ports import ErrorCode, Fault
-from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Control, Framed, Waiting
+from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK
 from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, parse_json, parse_msgpack
 
@@ -124,7 +124,7 @@ def _binary_frame(body: bytes) -> bytes:
     return Frame(Opcode.BINARY, body).serialize(mask=False)
 
 
-class WebSocketCodec(Framed):
+class WebSocketCodec(Codec):
     """One connection after its handshake.
 
     Args:

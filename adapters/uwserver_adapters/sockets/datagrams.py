@@ -18,7 +18,7 @@ import msgspec
 from uwserver.adapter import AdapterStats, Peer, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.native import verbs
-from uwserver_adapters.native.codec import NEED_DATA, Framed, Waiting
+from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
 from uwserver_adapters.native.limits import LOCKOUT_S, WRONG_TOKENS, Lockout
 from uwserver_adapters.native.outbox import Delivery
@@ -57,7 +57,7 @@ def _bare(body: bytes) -> bytes:
     return body
 
 
-class DatagramCodec(Framed):
+class DatagramCodec(Codec):
     """The writing half; datagrams are read one by one, so nothing ever waits here."""
 
     def __init__(self, encoding: Encoding) -> None:

@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any
 
 import pytest
+from websockets.http11 import Request as HttpRequest
 
 from uwserver.server import http
 from uwserver.testing.traces import Traces, assert_no_traces
@@ -66,7 +67,11 @@ def _imported() -> None:
     import websockets.asyncio.server  # noqa: F401
 
 
-@pytest.mark.parametrize("version", ["1.1", "1.0"])
+# Releases of the library for Python 3.10 take GET of HTTP/1.1 alone, and hang up on all else.
+knows_more_than_get = pytest.mark.skipif("method" not in HttpRequest.__dataclass_fields__, reason="an old websockets")
+
+
+@pytest.mark.parametrize("version", ["1.1", pytest.param("1.0", marks=knows_more_than_get)])
 def test_statuses_and_texts(version: str):
     async def scene() -> None:
         async with server() as port:
@@ -92,6 +97,7 @@ def test_after_a_failure_it_is_not_well():
     run(scene)
 
 
+@knows_more_than_get
 def test_head_has_the_head_alone():
     async def scene() -> None:
         async with server() as port:
