@@ -278,12 +278,13 @@ class Connection(asyncio.Protocol):
         self.finish_if_done()
 
     def _take_turn(self) -> None:
-        end = self.loop.time() + TURN_S
+        step, now = self.step, self.loop.time
+        end = now() + TURN_S
         while not self.is_closing:
-            if not self.step():
+            if not step():
                 self._read_on()
                 return
-            if self.loop.time() >= end and not self.is_closing:
+            if now() >= end and not self.is_closing:
                 self.transport.pause_reading()
                 self._turn = self.loop.call_soon(self._work)
                 return

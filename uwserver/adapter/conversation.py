@@ -79,23 +79,19 @@ class Conversation:
         Raises:
             Refused: see `AdapterContext.command`; or too many wait. `answer` is not called then.
         """
-        stats = self._context.stats
-        stats.commands += 1
-        self.owed.add()
-        is_done = False
+        owed = self.owed
+        self._context.stats.commands += 1
+        owed.add()
 
         def on_reply(outcome: Reply | Progress) -> None:
-            nonlocal is_done
-            if isinstance(outcome, Reply) and not is_done:
-                is_done = True
-                self.owed.count -= 1
-                if answer is not None and not self.is_closed:
-                    answer(outcome)
+            owed.count -= 1
+            if answer is not None and not self.is_closed and isinstance(outcome, Reply):
+                answer(outcome)
 
         try:
             self._context.command(port, value, source or self.source, on_reply)
         except BaseException:
-            self.owed.count -= not is_done
+            owed.count -= 1
             raise
 
     def call(
@@ -190,6 +186,8 @@ class Conversation:
 
 class _Running:
     """A call under way: its one answer, also when that comes too late."""
+
+    __slots__ = ("_answer", "_asked", "_overdue", "_progress", "_timer", "cancel", "is_done", "is_long", "key")
 
     def __init__(self, asked: Conversation, key: object, answer: OnAnswer, progress: OnProgress | None) -> None:
         self.key = self if key is None else key

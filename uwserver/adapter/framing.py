@@ -88,16 +88,14 @@ class Lines:
             if end > self.limit:
                 self._too_long(end + 1)
             line = bytes(self._buffer[:end]).strip()
-            self._forget(end + 1)
+            del self._buffer[: end + 1]
+            self._searched = 0
             if line:
                 return line
 
-    def _forget(self, size: int) -> None:
+    def _too_long(self, size: int) -> None:
         del self._buffer[:size]
         self._searched = 0
-
-    def _too_long(self, size: int) -> None:
-        self._forget(size)
         raise Refused("too_large", f"a line holds at most {self.limit} bytes: the rest of it is skipped")
 
 

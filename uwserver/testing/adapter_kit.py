@@ -190,6 +190,7 @@ async def running(kit: AdapterKit) -> AsyncIterator[Running]:
 
 
 async def cancelled(task: asyncio.Task[None]) -> None:
+    """Cancel an adapter and wait for its end; raises AssertionError when it takes longer than `CANCEL_S`."""
     task.cancel()
     await asyncio.wait([task], timeout=CANCEL_S)
     assert task.done(), (
@@ -209,5 +210,6 @@ async def until(condition: Callable[[], object], what: str) -> None:
 
 
 async def send(peer: Peer, data: bytes) -> None:
+    """Send, unless the adapter has closed; raises TimeoutError when it takes nothing for `SETTLE_S`."""
     with contextlib.suppress(OSError):  # the adapter may hang up on a peer that misbehaves
         await asyncio.wait_for(peer.send(data), SETTLE_S)

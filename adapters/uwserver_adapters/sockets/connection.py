@@ -185,8 +185,10 @@ class Connection(adapter.Connection):
     def step(self) -> bool:
         """Carry out one message."""
         session = self._session
-        event = NEED_DATA if session is None else session.codec.next_event()
-        if session is None or event is NEED_DATA:
+        if session is None:
+            return False
+        event = session.codec.next_event()
+        if event is NEED_DATA:
             return False
         self._take(event, session)
         return True

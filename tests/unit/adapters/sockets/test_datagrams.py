@@ -18,8 +18,7 @@ from uwserver_adapters.sockets.datagrams import DATAGRAM_LIMIT, numbered, parse_
 
 from uwserver.adapter import CannotListen
 from uwserver.ports import Event, Field, Port
-from uwserver.testing import FakeContext, sample_of
-from uwserver.testing.adapters import TcpPeer
+from uwserver.testing import FakeContext, TcpPeer, sample_of
 
 Serving = Callable[..., Any]
 HELLO = {"id": 1, "method": "hello", "params": {"version": 1}}
