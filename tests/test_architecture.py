@@ -278,12 +278,22 @@ def test_circles_are_found():
 
 
 def test_nothing_in_uwserver_knows_an_adapter_or_a_client():
-    """Adapters are found by entry point: a new one needs no edit here. Scenarios are read as package resources."""
+    """Adapters and the benchmark are found by entry point: a new one needs no edit here. Scenarios are read as package resources."""
     wrong = [
         at(m, i.line, i.target)
-        for m, i in importers("uwserver", {"uwserver_adapters", "uwclient", "uwserver_scenarios"})
+        for m, i in importers("uwserver", {"uwserver_adapters", "uwclient", "uwserver_scenarios", "uwserver_bench"})
     ]
     assert not wrong, wrong
+
+
+def test_only_validate_needs_the_oracle():
+    """`validation` is in the installed package for `uwserver validate` alone; other proofs stand beside the benchmark, which stays out."""
+    users = {m.name for m in modules("uwserver") for i in imports(m) if i.target.startswith("uwserver.validation")}
+    assert users == {"uwserver.cli.validate"}
+    assert {m.name for m in modules("uwserver") if m.part == "validation"} == {
+        "uwserver.validation",
+        "uwserver.validation.oracle",
+    }
 
 
 def test_adapters_know_the_contract_alone():
