@@ -35,8 +35,19 @@ Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
     help="Compare with the version of uwserver that is installed in this virtual environment.",
 )
 @click.option("--pairs", type=click.IntRange(1, 1000), help="With --against: how many pairs.  [default: 15]")
+@click.option(
+    "--minutes", type=click.FloatRange(0.0, min_open=True), help="With --against: no pair begins later.  [default: 60]"
+)
 @click.option("--only", default="", help="With --against: figures whose group or name has this text.")
-def bench(part: str | None, file: Path | None, quick: bool, venv: Path | None, pairs: int | None, only: str) -> None:
+def bench(
+    part: str | None,
+    file: Path | None,
+    quick: bool,
+    venv: Path | None,
+    pairs: int | None,
+    minutes: float | None,
+    only: str,
+) -> None:
     """Measure physics, solids, contact, sensors, server, start, net, moos, mavlink and sil (or one PART) on an idle machine; a quarter of an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
@@ -49,9 +60,9 @@ def bench(part: str | None, file: Path | None, quick: bool, venv: Path | None, p
         if venv is not None:
             if part is not None:
                 raise click.UsageError(f"--against measures parts of its own: leave {part} out, or choose with --only")
-            sys.exit(_against(venv, pairs, quick, only, file))
-        if pairs is not None or only:
-            raise click.UsageError("--pairs and --only belong to --against")
+            sys.exit(_against(venv, pairs, minutes, quick, only, file))
+        if pairs is not None or minutes is not None or only:
+            raise click.UsageError("--pairs, --minutes and --only belong to --against")
         _parts((part,) if part else PARTS, quick, file)
     except BenchFailed as error:
         click.echo(f"uwserver bench: {error}", err=True)
@@ -78,11 +89,11 @@ def _part(module: str) -> Part:
     return found
 
 
-def _against(venv: Path, pairs: int | None, quick: bool, only: str, file: Path | None) -> int:
+def _against(venv: Path, pairs: int | None, minutes: float | None, quick: bool, only: str, file: Path | None) -> int:
     """Compare with another version and print the report; returns the exit status."""
-    from uwserver_bench.against.compare import PAIRS, QUICK_PAIRS, compare
+    from uwserver_bench.against.compare import MINUTES, PAIRS, QUICK_PAIRS, compare
 
-    found = compare(venv, pairs or (QUICK_PAIRS if quick else PAIRS), quick, only, _say)
+    found = compare(venv, pairs or (QUICK_PAIRS if quick else PAIRS), minutes or MINUTES, quick, only, _say)
     _write(file, found.as_json())
     click.echo(found.table())
     return 1 if found.worse else 0

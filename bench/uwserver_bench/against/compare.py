@@ -15,15 +15,17 @@ from uwserver_bench.processes import BenchFailed
 from uwserver_bench.report import machine_facts
 
 PAIRS, QUICK_PAIRS = 15, 1
+MINUTES = 60.0
 _ORDER = {"loading": 0, "ticks": 1, "state": 2, "start": 3, "server": 4, "latencies": 5}
 
 
-def compare(venv: Path, pairs: int, quick: bool, only: str, say: Say) -> Comparison:
+def compare(venv: Path, pairs: int, minutes: float, quick: bool, only: str, say: Say) -> Comparison:
     """This version beside the one that is installed in another virtual environment.
 
     Args:
         venv: its folder.
-        pairs: how many.
+        pairs: how many at most.
+        minutes: no pair begins after so long.
         quick: hardly any work in each.
         only: figures whose group and name do not contain this text are left out.
         say: gets lines of progress.
@@ -38,14 +40,15 @@ def compare(venv: Path, pairs: int, quick: bool, only: str, say: Say) -> Compari
         facts = {side: version.facts(place) for side, version in versions.items()}
         worlds, servers = Worlds(versions, place, quick), Servers(versions, place, quick)
         worlds.warm_up(values, say)
-        begin = clock.now_ns()
-        for pair in range(pairs):
-            left = (clock.now_ns() - begin) * 1e-9 / 60.0 / pair * (pairs - pair) if pair else 0.0
-            say(f"pair {pair + 1} of {pairs}" + (f", about {left:.0f} minutes more" if pair else ""))
-            worlds.measure(pair, values)
-            measure_fresh(versions, worlds.files, place, pair, values)
-            servers.measure(pair, values)
+        begin, done = clock.now_ns(), 0
+        while done < pairs and (spent := (clock.now_ns() - begin) * 1e-9 / 60.0) < minutes:
+            left = f", about {min(spent / done * (pairs - done), minutes - spent):.0f} minutes more" if done else ""
+            say(f"pair {done + 1} of {pairs}{left}")
+            worlds.measure(done, values)
+            measure_fresh(versions, worlds.files, place, done, values)
+            servers.measure(done, values)
+            done += 1
     figures = tuple(values.figures(_ORDER))
     if not figures:
         raise BenchFailed(f'no figure has "{only}" in its name')
-    return Comparison(quick, pairs, machine, facts, figures)
+    return Comparison(quick, done, machine, facts, figures)
