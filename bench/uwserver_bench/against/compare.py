@@ -7,7 +7,7 @@ from pathlib import Path
 
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.against.figures import Comparison
-from uwserver_bench.against.installation import ours, theirs
+from uwserver_bench.against.installation import EXTRAS, ours, theirs
 from uwserver_bench.against.pairs import Pairs, Say
 from uwserver_bench.against.servers import Servers
 from uwserver_bench.against.worlds import Worlds, measure_fresh
@@ -38,7 +38,8 @@ def compare(venv: Path, pairs: int, minutes: float, quick: bool, only: str, say:
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         place = Path(folder)
         facts = {side: version.facts(place) for side, version in versions.items()}
-        worlds, servers = Worlds(versions, place, quick), Servers(versions, place, quick)
+        extras = [name for name in EXTRAS if all(name in told["extras"] for told in facts.values())]
+        worlds, servers = Worlds(versions, place, quick), Servers(versions, place, quick, extras)
         worlds.warm_up(values, say)
         begin, done = clock.now_ns(), 0
         while done < pairs and (spent := (clock.now_ns() - begin) * 1e-9 / 60.0) < minutes:

@@ -9,19 +9,24 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from uwserver_bench.processes import BenchFailed
 
 PACKAGES = ("uwserver", "numpy", "numba", "msgspec")
+EXTRAS = ("pymavlink", "zenoh")
+"""What some adapters need."""
 _FACTS = """
 import json, platform
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 import uwserver
 print(json.dumps({
     "folder": str(Path(uwserver.__file__).parent),
     "python": platform.python_version(),
     "packages": {name: metadata.version(name) for name in PACKAGES},
+    "extras": [name for name in EXTRAS if find_spec(name)],
     "distributions": len({distribution.name for distribution in metadata.distributions()}),
 }))
 """
@@ -41,8 +46,8 @@ class Installation:
     python: str
     environment: Mapping[str, str]
 
-    def facts(self, place: Path) -> Mapping[str, object]:
-        """Folder of the package, version of Python, versions of packages, and how many distributions are installed.
+    def facts(self, place: Path) -> Mapping[str, Any]:
+        """Folder of the package, version of Python, versions of packages, which extras there are, and how many distributions.
 
         Args:
             place: an empty folder to work in: Python would look for packages in any other.
@@ -50,14 +55,14 @@ class Installation:
         Raises:
             BenchFailed: there is no uwserver.
         """
-        code = f"PACKAGES = {PACKAGES!r}\n{_FACTS}"
+        code = f"PACKAGES, EXTRAS = {PACKAGES!r}, {EXTRAS!r}\n{_FACTS}"
         done = subprocess.run(
             [self.python, "-c", code], cwd=place, env=dict(self.environment), capture_output=True, text=True, check=False
         )  # fmt: skip
         if done.returncode != 0:
             last = (done.stderr.strip() or "no message").splitlines()[-1]
             raise BenchFailed(f"{self.python} cannot import uwserver: {last}")
-        facts: dict[str, object] = json.loads(done.stdout)
+        facts: dict[str, Any] = json.loads(done.stdout)
         return facts
 
 

@@ -41,6 +41,10 @@ class Pairs:
         """Whether this figure is measured."""
         return self._only in f"{kind.group}: {kind.name}".lower() and kind not in self._unable
 
+    def left_out(self, kind: Kind) -> bool:
+        """Whether it has turned out that this cannot be measured."""
+        return kind in self._unable
+
     def add(self, kind: Kind, side: str, value: float) -> None:
         """A value of one side; those of a pair belong together in the order in which they are added."""
         self._values.setdefault(kind, {name: [] for name in SIDES})[side].append(value)
@@ -60,20 +64,21 @@ class Pairs:
             except Unable as error:
                 if side == "ours":
                     raise BenchFailed(f"{kind.name}: {error}") from error
-                self._unable[kind] = str(error)
-                self._values.setdefault(kind, {name: [] for name in SIDES})
+                self.leave_out(kind, f"their version: {error}")
                 return
         for side, values in found.items():
             self.add(kind, side, sum(values) / len(values))
 
+    def leave_out(self, kind: Kind, why: str) -> None:
+        """Do not measure this from now on, and say why in the report."""
+        self._unable[kind] = why
+        self._values[kind] = {name: [] for name in SIDES}
+
     def figures(self, order: Mapping[str, int]) -> Iterator[Figure]:
         """All of them, by group."""
         for kind in sorted(self._values, key=lambda kind: order[kind.group]):
-            values, note = self._values[kind], self._unable.get(kind, "")
-            yield Figure(
-                kind.group, kind.name, kind.unit, tuple(values["ours"]), tuple(values["theirs"]), kind.bar,
-                f"their version: {note}" if note else "",
-            )  # fmt: skip
+            ours, theirs = (tuple(self._values[kind][side]) for side in SIDES)
+            yield Figure(kind.group, kind.name, kind.unit, ours, theirs, kind.bar, self._unable.get(kind, ""))
 
 
 def in_turns(pair: int) -> tuple[str, ...]:

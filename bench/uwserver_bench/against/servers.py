@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import selectors
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from threading import Event
@@ -23,7 +22,6 @@ from uwserver_bench.against.installation import Installation
 from uwserver_bench.against.pairs import Kind, Pairs, Unable, in_turns
 from uwserver_bench.mavlink_peer import MavlinkPeer
 from uwserver_bench.moos_peer import MoosPeer
-from uwserver_bench.net_processes import HAS_ZENOH
 from uwserver_bench.processes import BenchFailed, Served, processor_s, resident_mb, serving
 from uwserver_bench.rows import quantile
 from uwserver_bench.server import LATENESS_BAR_MS, STATUS, lateness_p99_ms
@@ -41,8 +39,8 @@ _clock = SystemTime()
 class Listener(Protocol):
     """A client that takes what comes."""
 
-    def fileno(self) -> int:
-        """For a selector."""
+    def fileno(self) -> int | None:
+        """For a selector; None where there is none to select."""
 
     def drain(self) -> int:
         """Take what has come; returns how much."""
@@ -71,6 +69,13 @@ class _Station(MavlinkPeer):
 
 class _Database(MoosPeer):
     """A MOOS client that counts notifications."""
+
+    def drain(self) -> int:
+        return len(self.receive(0.0))
+
+
+class _Session(ZenohPeer):
+    """A zenoh client that counts samples."""
 
     def drain(self) -> int:
         return len(self.receive(0.0))
@@ -118,17 +123,23 @@ class Running:
         with selectors.DefaultSelector() as selector:
             control = selector.register(self.control.fileno() or 0, selectors.EVENT_READ)
             for listener in listeners:
-                selector.register(listener, selectors.EVENT_READ, listener)
+                if (number := listener.fileno()) is not None:
+                    selector.register(number, selectors.EVENT_READ, listener)
             end, arrived = _clock.now_ns() + int(_PATIENCE_S * 1e9), False
             # Once it is there, what is still on its way is part of the work.
             while ready := selector.select(_QUIET_S if arrived else _PATIENCE_S):
                 for key, _ in ready:
                     if key is control:
-                        arrived = arrived or self._replied(identity)
+                        arrived = self._replied(identity) or arrived
                     else:
                         heard[key.data] += key.data.drain()
                 if _clock.now_ns() > end:
-                    raise BenchFailed(f"a server did not simulate {seconds:g} s within {_PATIENCE_S:g} s")
+                    break
+            if not arrived:
+                raise BenchFailed(f"a server did not simulate {seconds:g} s within {_PATIENCE_S:g} s")
+        for listener in listeners:
+            if listener.fileno() is None:
+                heard[listener] += listener.drain()
         if not all(heard.values()):
             raise BenchFailed(f"{sum(not n for n in heard.values())} of {len(heard)} clients heard nothing")
         return (self.cpu_s() - before) / seconds
@@ -198,14 +209,23 @@ def _navigation(server: Running) -> list[Listener]:
     return [reader]
 
 
-CROWDS: Mapping[str, Callable[[Running], list[Listener]]] = {
-    "world, sensors, adapters without a client": lambda server: [],
-    f"the same with {CLIENTS} clients of TCP JSON": _crowd("TCP JSON"),
-    f"with {CLIENTS} clients of TCP msgpack": _crowd("TCP msgpack"),
-    f"with {CLIENTS} clients of WebSocket": _crowd("WebSocket"),
-    f"with {STATIONS} MAVLink ground stations": _stations,
-    "with a MOOS client of NAV_*": _navigation,
+def _session(server: Running) -> list[Listener]:
+    session = _Session(server.addresses["zenoh"])
+    ask(session, "subscribe", pattern="**")
+    return [session]
+
+
+CROWDS: Mapping[str, tuple[str, Callable[[Running], list[Listener]]]] = {
+    "world, sensors, adapters without a client": ("", lambda server: []),
+    f"the same with {CLIENTS} clients of TCP JSON": ("", _crowd("TCP JSON")),
+    f"with {CLIENTS} clients of TCP msgpack": ("", _crowd("TCP msgpack")),
+    f"with {CLIENTS} clients of WebSocket": ("", _crowd("WebSocket")),
+    "with a zenoh client": ("zenoh", _session),
+    f"with {STATIONS} MAVLink ground stations": ("pymavlink", _stations),
+    "with a MOOS client of NAV_*": ("", _navigation),
 }
+"""Who listens, by name of the figure, with the extra that it needs."""
+_SERVERS = Kind("server", "all that needs a server", "")
 
 
 class Servers:
@@ -215,13 +235,14 @@ class Servers:
         versions: by side.
         place: an empty folder to work in; the scenario comes into it.
         quick: hardly any work in each turn.
+        extras: of `EXTRAS`, what both versions have.
     """
 
-    def __init__(self, versions: Mapping[str, Installation], place: Path, quick: bool) -> None:
-        self._versions, self._place = versions, place
+    def __init__(self, versions: Mapping[str, Installation], place: Path, quick: bool, extras: Collection[str]) -> None:
+        self._versions, self._place, self._extras = versions, place, extras
         self._seconds, self._calls, self._flow_s = (0.4, 10, 0.1) if quick else (2.0, 150, 0.4)
         self._scenario = place / "server.toml"
-        self._scenario.write_text(scenarios.server(find_spec("pymavlink") is not None, HAS_ZENOH), encoding="utf-8")
+        self._scenario.write_text(scenarios.server("pymavlink" in extras, "zenoh" in extras), encoding="utf-8")
 
     def measure(self, pair: int, pairs: Pairs) -> None:
         """One pair of every figure, with fresh servers.
@@ -230,22 +251,28 @@ class Servers:
             BenchFailed: ours did not do its part.
         """
         turns = in_turns(pair)
+        if pairs.left_out(_SERVERS):
+            return
         with contextlib.ExitStack() as stack:
             servers: dict[str, Running] = {}
             for side in turns[:2]:
                 try:
                     servers[side] = stack.enter_context(running(self._versions[side], self._scenario, self._place))
                 except Unable as error:
-                    raise BenchFailed(f"{side}: {error}") from error
+                    if side == "ours":
+                        raise BenchFailed(str(error)) from error
+                    pairs.leave_out(_SERVERS, f"their version: {error}")
+                    return
             self._starts(turns[:2], servers, pairs)
             self._latencies(turns[:2], servers, pairs)
             for server in servers.values():
                 server.call("world/set_speed", speed=SPEED)
                 server.run(0.2)
-            for name, join in CROWDS.items():
+            for name, (extra, join) in CROWDS.items():
                 kind = Kind("server", name, "ms/s")
+                if extra and extra not in self._extras:
+                    pairs.leave_out(kind, f"{extra} is not installed on both sides")
                 pairs.measure(kind, turns[:2], lambda side, join=join: self._crowd_ms(servers[side], join))  # type: ignore[misc]
-            self._zenoh(turns[:2], servers, pairs)
             self._requests(turns, servers, pairs)
             kind = Kind("server", "a double through the MOOS database", "us")
             pairs.measure(kind, turns, lambda side: self._flow_us(servers[side]))
@@ -297,19 +324,6 @@ class Servers:
         finally:
             for listener in listeners:
                 listener.close()
-
-    def _zenoh(self, turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
-        """A zenoh session here has threads of its own, so nothing is to be waited for."""
-
-        def cost(side: str) -> float:
-            if "zenoh" not in servers[side].addresses:
-                raise Unable('not measured: pip install "uwserver[zenoh]"')
-            with contextlib.closing(ZenohPeer(servers[side].addresses["zenoh"])) as peer:
-                ask(peer, "subscribe", pattern="**")
-                return 1e3 * servers[side].run(self._seconds)
-
-        if HAS_ZENOH:
-            pairs.measure(Kind("server", "with a zenoh client", "ms/s"), turns, cost)
 
     def _requests(self, turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
         """One after the other, while time stands still."""

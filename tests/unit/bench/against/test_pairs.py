@@ -63,3 +63,15 @@ def test_only_what_is_asked_for_is_measured() -> None:
     for kind in (TICK, LOAD):
         pairs.measure(kind, ("ours", "theirs"), lambda side, kind=kind: asked.append(kind.name) or 1.0)
     assert set(asked) == {"a tick"}
+
+
+def test_what_is_left_out_is_told_with_its_reason() -> None:
+    pairs = Pairs()
+    pairs.measure(TICK, ("ours", "theirs"), lambda side: 1.0)
+    pairs.leave_out(TICK, "zenoh is not installed on both sides")
+    pairs.measure(TICK, ("ours", "theirs"), lambda side: 1.0)
+    (figure,) = pairs.figures({"ticks": 0})
+    assert figure.verdict == "absent"
+    assert figure.note == "zenoh is not installed on both sides"
+    assert pairs.left_out(TICK)
+    assert not pairs.left_out(LOAD)
