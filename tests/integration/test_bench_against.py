@@ -61,12 +61,10 @@ def test_it_sees_that_both_sides_are_one(run) -> None:
     assert "same installation" in done.stdout
 
 
-def test_one_pair_never_says_worse_but_for_a_latency(run) -> None:
+def test_one_pair_never_says_worse(run) -> None:
     report, done = run
-    verdicts = {f["verdict"] for f in report["figures"] if f["bar"] is None}
-    assert verdicts == {"few"}
-    worse = any(f["verdict"] == "worse" for f in report["figures"])
-    assert done.returncode == int(worse)
+    assert {f["verdict"] for f in report["figures"]} <= {"few", "ok", "both miss"}
+    assert done.returncode == 0
 
 
 def test_progress_goes_to_stderr_and_the_table_to_stdout(run) -> None:

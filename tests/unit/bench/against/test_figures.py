@@ -59,6 +59,12 @@ def test_a_latency_is_judged_by_its_bar_whatever_the_ratio(ours: float, theirs: 
     assert Figure("latencies", "a reply", "ms", (ours,) * 15, (theirs,) * 15, bar=1.0).verdict == verdict
 
 
+def test_a_latency_that_misses_its_bar_by_chance_alone_is_open() -> None:
+    assert figure(around(1.05, 0.3), bar=2.05).verdict == "open"
+    assert figure(around(1.5, 0.3), bar=2.05).verdict == "worse"
+    assert figure([1.5] * 5, bar=2.05).verdict == "few"
+
+
 def test_what_could_not_be_measured_has_no_verdict() -> None:
     absent = Figure("ticks", "a tick", "us", (), (), note="their version: no such sensor")
     assert absent.verdict == "absent"
