@@ -213,7 +213,7 @@ class SensorSlot(Part):
                 yield modifier, modifier.stream.rng
 
 
-class Orders(Struct, frozen=True):
+class Sources(Struct, frozen=True):
     """Who commanded an actuator, who else did, and how often they disagreed or fell silent."""
 
     source: str = ""
@@ -230,11 +230,11 @@ class ActuatorState(State, frozen=True):
     last_tick: int
     last_value: Items
     memory: bytes
-    orders: Orders
+    sources: Sources
 
     def deciding(self) -> ActuatorState:
         """Who commanded does not change the run."""
-        return structs.replace(self, orders=Orders())
+        return structs.replace(self, sources=Sources())
 
 
 @dataclass(slots=True, eq=False)
@@ -275,7 +275,7 @@ class ActuatorSlot(Part):
             self.last_tick,
             self.last_value,
             b"" if memory is None else record(memory),
-            Orders(self.source, self.other_tick, self.conflicts, self.timeouts),
+            Sources(self.source, self.other_tick, self.conflicts, self.timeouts),
         )
 
     def check(self, state: Any) -> None:
@@ -294,7 +294,7 @@ class ActuatorSlot(Part):
         memory = getattr(self.actuator, "memory", None)
         if memory is not None:
             self.actuator.memory = read_record(state.memory, memory)  # type: ignore[attr-defined]  # those that remember
-        by = state.orders
+        by = state.sources
         self.source, self.other_tick, self.conflicts, self.timeouts = (
             by.source,
             by.other_tick,
