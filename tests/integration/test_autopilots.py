@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 from autopilot_server import PATIENCE_S, PRESSURE_50_HZ, SCENARIO, ardusub_scenario, free_port, serving, until
-
-from uwserver.testing.ardupilot import ArduPilotPeer
+from uwserver_bench.ardupilot_peer import ArduPilotPeer
 
 
 def test_a_new_frame_is_exactly_one_tick(tmp_path: Path) -> None:

@@ -47,66 +47,65 @@ LOAD = Service(
 
 def offer_state_services(world: World) -> None:
     """Add ``world/save`` and ``world/load`` to a finished world."""
-    saved: dict[str, tuple[int, int, bytes]] = {}
-    coming: dict[str, bytearray] = {}
+    exchange = _Exchange(world)
+    world.offer(SAVE, exchange.save)
+    world.offer(LOAD, exchange.load)
 
-    def save(args: Mapping[str, Json]) -> Json:
+
+class _Exchange:
+    """States on their way out and in, by their SHA-256."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._saved: dict[str, tuple[int, int, bytes]] = {}
+        self._coming: dict[str, bytearray] = {}
+
+    def save(self, args: Mapping[str, Json]) -> Json:
+        """A piece of the state: of now at offset 0, else of one that is kept."""
         _refuse_name(args)
-        offset, digest = _whole(args, "offset"), str(args["sha256"])
+        world, offset, digest = self._world, _whole(args, "offset"), str(args["sha256"])
         if offset == 0:
             data = snapshot.to_bytes(world, snapshot.take(world))
             digest = hashlib.sha256(data).hexdigest()
-            _make_room(saved, digest)
-            saved[digest] = (world.tick, world.t_ns, data)
-        if digest not in saved:
+            _make_room(self._saved, digest)
+            self._saved[digest] = (world.tick, world.t_ns, data)
+        if digest not in self._saved:
             raise Refused("bad_argument", "no state of this sha256 is kept: begin again at offset 0", "sha256")
-        tick, t_ns, data = saved[digest]
-        piece = data[offset : offset + _whole(args, "length")]
-        return {
-            "tick": tick,
-            "t_ns": t_ns,
-            "bytes": len(data),
-            "sha256": digest,
-            "offset": offset,
-            "data": base64.b64encode(piece).decode(),
-        }
+        tick, t_ns, data = self._saved[digest]
+        piece = base64.b64encode(data[offset : offset + _whole(args, "length")]).decode()
+        return {"tick": tick, "t_ns": t_ns, "bytes": len(data), "sha256": digest, "offset": offset, "data": piece}
 
-    def load(args: Mapping[str, Json]) -> Json:
+    def load(self, args: Mapping[str, Json]) -> Json:
+        """Take a piece in; the last one puts the world there."""
         _refuse_name(args)
         digest, size, offset = str(args["sha256"]), _whole(args, "bytes"), _whole(args, "offset")
         piece = _decoded(str(args["data"]))
         if len(digest) != 64 or size == 0:
-            raise Refused(
-                "bad_argument",
-                "nothing is no saved state: give the size (bytes) and the sha256 of the whole state",
-                "sha256",
-            )
+            text = "nothing is no saved state: give the size (bytes) and the sha256 of the whole state"
+            raise Refused("bad_argument", text, "sha256")
         if size > MAX_BYTES:
             raise Refused("out_of_range", f"{size} bytes are no saved state: one has at most {MAX_BYTES}", "bytes")
         if offset == 0:
-            _make_room(coming, digest)
-            coming[digest] = bytearray()
-        buffer = coming.get(digest, bytearray())
+            _make_room(self._coming, digest)
+            self._coming[digest] = bytearray()
+        buffer = self._coming.get(digest, bytearray())
         if offset != len(buffer):
             raise Refused("bad_argument", f"the next piece belongs at offset {len(buffer)}, not {offset}", "offset")
         if offset + len(piece) > size:
             raise Refused("out_of_range", f"more than the {size} bytes that were announced", "data")
-        if sum(map(len, coming.values())) + len(piece) > MAX_BYTES:
+        if sum(map(len, self._coming.values())) + len(piece) > MAX_BYTES:
             raise Refused("busy", f"{MAX_BYTES} bytes of states are coming in already: try again later", "data")
         buffer += piece
         if len(buffer) < size:
             return {"received": len(buffer)}
-        del coming[digest]
+        del self._coming[digest]
         if hashlib.sha256(buffer).hexdigest() != digest.lower():
-            raise Refused(
-                "bad_argument", "the pieces do not add up to the sha256: send them again from offset 0", "sha256"
-            )
+            text = "the pieces do not add up to the sha256: send them again from offset 0"
+            raise Refused("bad_argument", text, "sha256")
+        world = self._world
         snapshot.from_bytes(world, bytes(buffer))
         world.say("reset", f"the world is at a saved state of tick {world.tick}")
         return {"tick": world.tick, "t_ns": world.t_ns}
-
-    world.offer(SAVE, save)
-    world.offer(LOAD, load)
 
 
 def in_one_piece(data: bytes) -> dict[str, Json]:

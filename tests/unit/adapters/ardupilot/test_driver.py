@@ -15,11 +15,11 @@ import pytest
 from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.wire import Scale
 from uwserver_adapters.sil.channels import Outputs, OutputTable
+from uwserver_bench.ardupilot_peer import ArduPilotPeer, read, servo_packet
 
 from uwserver.adapter import AdapterStats, CannotServe, Order, Readings
 from uwserver.frames import conjugate, rotate
 from uwserver.ports import Fault, Field, Port, Sample
-from uwserver.testing.ardupilot import ArduPilotPeer, read, servo_packet
 
 POSE = Port(
     "rov/truth/pose",

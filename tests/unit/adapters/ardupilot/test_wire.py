@@ -8,8 +8,7 @@ import math
 import pytest
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.wire import Frame, Scale
-
-from uwserver.testing.ardupilot import Misread, read, servo_packet
+from uwserver_bench.ardupilot_peer import Misread, read, servo_packet
 
 STATE = (
     1_500_000_000,
