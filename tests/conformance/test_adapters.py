@@ -18,9 +18,9 @@ from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
-from uwserver.ports import Field, Port
+from uwserver.ports import Field, Layout, Port
 from uwserver.testing import FakeContext, Requests, TcpPeer, check_adapter
-from uwserver.testing.adapter_kit import Connect
+from uwserver.testing.adapter_kit import AdapterKit, Connect
 from uwserver.testing.adapters import CHECKS
 from uwserver.testing.fake_context import PORTS
 
@@ -97,6 +97,28 @@ TRUTH_VELOCITY = Port(
 
 def _with_truth() -> FakeContext:
     return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY)})
+
+
+CAMERA = Port(
+    "rov/camera",
+    "sensor",
+    "camera",
+    (Field("picture", "1", "a picture", type="buffer", buffer=Layout("float32", (-1, 512))),),
+    "Camera.",
+    rate_hz=250.0,
+)
+MODEM = Port(
+    "rov/modem",
+    "sensor",
+    "modem",
+    (Field("payload", "1", "what came", type="bytes"), Field("sender", "1", "from whom", type="str")),
+    "Modem.",
+    rate_hz=250.0,
+)
+
+
+def _with_buffers() -> FakeContext:
+    return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY, CAMERA, MODEM)})
 
 
 class UdpPeer:
@@ -350,6 +372,18 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
         )
     )
     assert passed == list(CHECKS)
+
+
+@pytest.mark.parametrize("check", ["check_strange_samples", "check_events"])
+@pytest.mark.parametrize("kind", sorted(adapter_entries()))
+def test_pictures_payloads_and_texts_are_no_trouble(kind: str, check: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+    if kind == "mavlink":
+        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
+    table, connect, greeting = KITS[kind]
+    adapter = load_adapter(kind)
+    kit = AdapterKit(adapter, adapter.Config(**table), connect, greeting, _with_buffers)
+    run(lambda: CHECKS[check](kit))
 
 
 def test_sockets_is_installed() -> None:

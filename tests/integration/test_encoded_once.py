@@ -27,9 +27,9 @@ def shaped(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
     count: Counter[str] = Counter()
     real = SampleForm.value
 
-    def counting(self: SampleForm, sample: Any) -> Any:
+    def counting(self: SampleForm, sample: Any, binary: bool = False) -> Any:
         count[sample.port] += 1
-        return real(self, sample)
+        return real(self, sample, binary)
 
     monkeypatch.setattr(SampleForm, "value", counting)
     return count

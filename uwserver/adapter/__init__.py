@@ -37,7 +37,7 @@ from uwserver.adapter.roles import field_of, port_of, port_of_kind, vehicle_of, 
 from uwserver.adapter.serial_port import SerialPort
 from uwserver.adapter.threads import Inbox, Worker
 from uwserver.adapter.tls import tls_context
-from uwserver.adapter.values import SampleForm, in_pieces
+from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 
 __all__ = [
@@ -47,6 +47,6 @@ __all__ = [
     "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "Undecodable",
     "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
     "decode", "did_you_mean", "field_of", "frame", "in_pieces", "installed_adapters", "is_loopback", "line",
-    "load_adapter", "port_of", "port_of_kind", "port_of_server", "serve_tcp", "serving", "tls_context", "vehicle_of",
+    "load_adapter", "port_of", "port_of_kind", "port_of_server", "raw_field", "serve_tcp", "serving", "tls_context", "vehicle_of",
     "vehicles_of",
 ]  # fmt: skip

@@ -12,6 +12,8 @@ MAX_DEPTH = 32
 """Maps and lists within each other."""
 MAX_VALUES = 1 << 18
 """Values in one msgpack message: bounds the time of its check."""
+MAX_BINARY = 4 << 20
+"""Bytes in all binary values of one msgpack message."""
 
 # The closing quote is optional: the pattern then never has to give back what it took, and an unterminated string costs linear time.
 _JSON_STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"?', re.DOTALL)
@@ -31,11 +33,11 @@ def json_fault(line: bytes) -> str | None:
 
 
 def msgpack_fault(frame: bytes) -> str | None:
-    """Why a msgpack frame is not decoded; None when exactly one complete value of maps, lists, texts and numbers fills it."""
+    """Why a msgpack frame is not decoded; None when exactly one complete value of maps, lists, texts, bytes and numbers fills it."""
     position, end = 0, len(frame)
     open_containers: list[int] = []  # values that each enclosing container still waits for
     awaited = 1
-    values = 0
+    values = binary = 0
     while awaited or open_containers:
         if not awaited:
             awaited = open_containers.pop()
@@ -48,16 +50,17 @@ def msgpack_fault(frame: bytes) -> str | None:
         if size > 0:
             position += size
         elif size == _REFUSED:
-            return (
-                f"type byte 0x{lead:02x} is not part of the schema: send maps, lists, texts, numbers, booleans and nil"
-            )
+            return f"type byte 0x{lead:02x} is not part of the schema: send maps, lists, texts, bytes, numbers, booleans and nil"
         else:
             width = _WIDTHS[lead]
             # Of a one-byte header the low bits count: 4 for maps and lists (texts so short are in _SIZES).
             count = int.from_bytes(frame[position + 1 : position + 1 + width], "big") if width else lead & 0x0F
             position += 1 + width
-            if size == _TEXT:
+            if size in (_TEXT, _BINARY):
                 position += count
+                binary += count if size == _BINARY else 0
+                if binary > MAX_BINARY:
+                    return f"more than {MAX_BINARY} bytes in binary values: send several messages"
                 continue
             count *= -size  # a map holds a key and a value for each entry
             values += count
@@ -74,7 +77,7 @@ def _too_deep() -> str:
     return f"nested deeper than {MAX_DEPTH} levels: flatten the message"
 
 
-_LIST, _MAP, _TEXT, _REFUSED = -1, -2, -3, -4
+_LIST, _MAP, _TEXT, _BINARY, _REFUSED = -1, -2, -3, -4, -5
 
 
 def _sizes() -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -86,13 +89,20 @@ def _sizes() -> tuple[tuple[int, ...], tuple[int, ...]]:
         sizes[lead] = _LIST
     for lead in range(0xA0, 0xC0):
         sizes[lead] = 1 + (lead & 0x1F)
-    for lead in (0xC1, *range(0xC4, 0xCA), *range(0xD4, 0xD9)):  # unused, binary, extensions
+    for lead in (0xC1, *range(0xC7, 0xCA), *range(0xD4, 0xD9)):  # unused, extensions
         sizes[lead] = _REFUSED
     for lead, size in zip(range(0xCA, 0xD4), (5, 9, 2, 3, 5, 9, 2, 3, 5, 9), strict=True):  # floats, then integers
         sizes[lead] = size
     for lead, (size, width) in zip(
-        range(0xD9, 0xE0),
-        ((_TEXT, 1), (_TEXT, 2), (_TEXT, 4), (_LIST, 2), (_LIST, 4), (_MAP, 2), (_MAP, 4)),
+        (*range(0xC4, 0xC7), *range(0xD9, 0xE0)),
+        (
+            *((_BINARY, n) for n in (1, 2, 4)),
+            *((_TEXT, n) for n in (1, 2, 4)),
+            (_LIST, 2),
+            (_LIST, 4),
+            (_MAP, 2),
+            (_MAP, 4),
+        ),
         strict=True,
     ):
         sizes[lead], widths[lead] = size, width

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import termios
 import tty
 from collections.abc import Callable
+
+from uwserver.adapter.contract import AdapterContext
+
+log = logging.getLogger(__name__)
 
 _PIECE = 1 << 14
 WAITING = 1 << 16
@@ -19,23 +24,25 @@ class SerialPort:
 
     Args:
         path: of the device; its speed stays as the system has set it (`stty`).
+        context: of the adapter; its `stats` and the log tell why the device cannot be opened, or why it closed.
         opened: called when it is open.
         received: takes bytes.
         closed: called when it was open and is not any more.
-        failed: takes why it cannot be opened, or why it closed.
     """
 
     def __init__(
         self,
         path: str,
+        context: AdapterContext,
         *,
         opened: Callable[[], None],
         received: Callable[[bytes], None],
         closed: Callable[[], None],
-        failed: Callable[[str], None],
     ) -> None:
         self._path = path
-        self._opened, self._received, self._closed, self._failed = opened, received, closed, failed
+        self._context = context
+        self._opened, self._received, self._closed = opened, received, closed
+        self._told = ""
         self._file = -1
         self._waiting = bytearray()
 
@@ -60,12 +67,18 @@ class SerialPort:
         except (OSError, termios.error) as error:
             self._fail(str(error))
             return
+        self._told = ""
         self._opened()
         asyncio.get_running_loop().add_reader(self._file, self._read)
 
     def _fail(self, reason: str) -> None:
+        """Say so, in the log once until it is open again or fails for another reason."""
         self.close()
-        self._failed(f"serial line {self._path}: {reason}; it is tried again")
+        text = f"serial line {self._path}: {reason}; it is tried again"
+        self._context.stats.last_error = text
+        if text != self._told:
+            self._told = text
+            log.warning("%s: %s", self._context.name, text)
 
     def _read(self) -> None:
         try:

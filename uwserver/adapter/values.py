@@ -6,10 +6,15 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from uwserver.ports import Field, Port, Sample, Value
+from uwserver.ports import Field, Port, Sample, Value, binary_form
 
 LONG = 2048
 """Numbers of a field that are encoded in one call."""
+
+
+def raw_field(port: Port) -> Field | None:
+    """The field of a port that has no other, where it holds bytes or a buffer."""
+    return port.fields[0] if len(port.fields) == 1 and port.fields[0].is_packed else None
 
 
 class SampleForm:
@@ -17,20 +22,26 @@ class SampleForm:
 
     Attributes:
         is_long: a field may hold more than `LONG` numbers.
+        raw: the field of a port that has no other, and that holds bytes or a buffer: a wire may carry these as they are.
     """
 
     def __init__(self, port: Port, selected: Sequence[str] | None = None) -> None:
         picked = [(i, field) for i, field in enumerate(port.fields) if selected is None or field.name in selected]
-        self._plain = len(picked) == len(port.fields) and all(len(field.shape) < 2 for field in port.fields)
+        self._plain = len(picked) == len(port.fields) and all(
+            len(field.shape) < 2 and not field.is_packed for field in port.fields
+        )
         self._names = [field.name for field in port.fields]
         self._picked = picked
         self.is_long = any(field.size > LONG for _, field in picked)
+        self.raw = raw_field(port)
 
-    def value(self, sample: Sample) -> dict[str, object]:
-        """Field name -> number, list, or lists in lists where the field has more than one dimension."""
+    def value(self, sample: Sample, binary: bool = False) -> dict[str, object]:
+        """Field name -> number, list, or lists in lists where the field has more than one dimension; buffers in the form of
+        binary encodings where that is asked for."""
         if self._plain:
             return dict(zip(self._names, sample.value, strict=True))
-        return {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
+        shaped = {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
+        return {name: binary_form(value) for name, value in shaped.items()} if binary else shaped
 
 
 def _nested(field: Field, value: Value) -> object:

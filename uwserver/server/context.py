@@ -11,8 +11,11 @@ from uwserver import __version__
 from uwserver.adapter import AdapterStats, Driver, Order, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
 from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox
-from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import Simulation
+from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
 CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
@@ -20,7 +23,7 @@ CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
 LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
-    Service("world/shutdown", "End the server in order, recording intact."),
+    Service("world/shutdown", "Shut the server down in an orderly way, with the recording intact."),
 )
 
 
@@ -32,6 +35,7 @@ class Hub:
         server: name of the server.
         shutdown: begins an orderly end of the server.
         status: the `world/status` answer.
+        files: saved states.
     """
 
     server: str
@@ -40,6 +44,7 @@ class Hub:
     mailbox: Mailbox
     shutdown: Callable[[str], None]
     status: Callable[[], dict[str, Json]]
+    files: StateFiles
     stats: dict[str, AdapterStats] = field(default_factory=dict)
 
     @property
@@ -150,6 +155,9 @@ class Context:
         source = f"{self.name}:{source}"
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
+            return _too_late
+        if service in (SAVE.path, LOAD.path) and checked["name"]:
+            self._hub.files.call(service, checked, source, on_reply)
             return _too_late
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply)

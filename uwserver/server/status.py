@@ -105,12 +105,16 @@ class Metrics:
             "uwserver_real_time_factor", "Simulated over wall time.", self._monitor.real_time_factor
         )
         yield GaugeMetricFamily("uwserver_paused", "1 while time stands still.", int(simulation.paused))
-        yield CounterMetricFamily("uwserver_overruns", "Times the deadlines started anew.", simulation.pace.overruns)
+        yield CounterMetricFamily(
+            "uwserver_overruns", "Times the clock fell behind and started anew.", simulation.pace.overruns
+        )
         yield CounterMetricFamily(
             "uwserver_bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped
         )
         conflicts = sum(slot.conflicts for slot in simulation.world.actuators.values())
-        yield CounterMetricFamily("uwserver_command_conflicts", "Commands against another commander.", conflicts)
+        yield CounterMetricFamily(
+            "uwserver_command_conflicts", "Commands to an actuator that somebody else commands too.", conflicts
+        )
         for name, doc in _ADAPTER_COUNTERS.items():
             family = CounterMetricFamily(f"uwserver_adapter_{name}", doc, labels=["adapter"])
             for adapter, stats in self._hub.stats.items():

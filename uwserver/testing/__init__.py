@@ -1,4 +1,4 @@
-"""Public testing kit for those who write adapters, codecs, sensors and modifiers.
+"""Public testing kit for those who write adapters, codecs and components.
 
 - `check_adapter` (`uwserver.testing.adapters`): the conformance suite that every adapter of uwserver passes; run it on yours:
 
@@ -8,6 +8,7 @@
 - `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
 - `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
 - `check_modifier` (`uwserver.testing.modifiers`): the contract of a modifier, from its config.
+- `check_actuator`, `check_current` (`uwserver.testing.actuators`, `currents`): likewise.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
 - `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
 - `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads when the test says so.
@@ -16,9 +17,11 @@
 All checks raise AssertionError with a text that says what the contract wants; none needs pytest.
 """
 
+from uwserver.testing.actuators import check_actuator
 from uwserver.testing.adapter_kit import Requests, TcpPeer
 from uwserver.testing.adapters import check_adapter
 from uwserver.testing.codecs import CodecCase, check_codec
+from uwserver.testing.currents import check_current
 from uwserver.testing.fake_context import FakeContext, sample_of
 from uwserver.testing.fake_geometry import FakeGeometry
 from uwserver.testing.loopback import Loopback
@@ -28,5 +31,5 @@ from uwserver.testing.sensors import check_sensor
 
 __all__ = [
     "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "Requests", "TcpPeer",
-    "check_adapter", "check_codec", "check_modifier", "check_sensor", "sample_of",
+    "check_actuator", "check_adapter", "check_codec", "check_current", "check_modifier", "check_sensor", "sample_of",
 ]  # fmt: skip

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
+import numpy as np
 
 from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Argument,
+    Buffer,
     Command,
     Event,
     Field,
@@ -312,6 +314,11 @@ def _value(field: Field, base: float, valid: bool) -> Value:
         components = [int(base) + component for component in range(field.size)]
     elif field.type == "bool":
         components = [component % 2 == 0 for component in range(field.size)]
+    elif field.buffer:
+        shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
+        return Buffer.of(np.full(shape, base % 128, field.buffer.dtype)) if valid else None
+    elif field.type == "bytes":
+        return Buffer(data=f"{field.name} {base}".encode()) if valid else None
     else:
         components = [f"{field.name}{component}" for component in range(field.size)]
     if not valid:

@@ -92,7 +92,7 @@ class Encoding:
 
     def sample(self, form: SampleForm, sample: Sample) -> bytes:
         """What a sensor said."""
-        value = form.value(sample)
+        value = form.value(sample, binary=self.name == "msgpack")
         if form.is_long and self.name == "json":
             value = in_pieces(value, self._encode)
         params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from uwserver.adapter import AdapterContext, SampleForm, Worker
@@ -124,10 +125,9 @@ class Publications:
             if outlet is None or outlet.publisher is None or not outlet.is_heard:
                 continue
             try:
-                payload = self._codec.payload(outlet.form, sample)
-                attachment = self._codec.attachment(sample)
+                payload, media, attachment = self._codec.sample(outlet.form, sample)
                 stats.encoded += 1
-                if not self._put(outlet, outlet.publisher, payload, attachment):
+                if not self._put(outlet, outlet.publisher, payload, media, attachment):
                     continue
             except Exception as error:  # noqa: BLE001  # a fault of ours, or of a closing session, must not end the adapter
                 stats.errors += 1
@@ -137,17 +137,19 @@ class Publications:
             stats.samples_sent += 1
             stats.bytes_sent += len(payload)
 
-    def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, attachment: bytes) -> bool:
+    def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, media: str, attachment: bytes) -> bool:
         """Number it, and put it; whether it went out."""
         from zenoh import SourceInfo
 
         numbered = SourceInfo(publisher.id, outlet.number)
+        encoding = None if media == self._codec.media else media  # the publisher has that of all others
+        put = partial(publisher.put, payload, encoding=encoding, attachment=attachment, source_info=numbered)
         if len(payload) > LARGE_BYTES or outlet.is_large:
             outlet.is_large = True  # from now on always, so that samples do not overtake each other
-            if not self._put_large(outlet, lambda: publisher.put(payload, attachment=attachment, source_info=numbered)):
+            if not self._put_large(outlet, put):
                 return False
         else:
-            publisher.put(payload, attachment=attachment, source_info=numbered)
+            put()
         outlet.number = (outlet.number + 1) & 0xFFFFFFFF
         return True
 

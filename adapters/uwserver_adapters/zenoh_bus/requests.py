@@ -13,6 +13,7 @@ from uwserver_adapters.zenoh_bus.codec import (
     Caller,
     Codec,
     FaultText,
+    command_value,
     decode_caller,
     decode_map,
     encoding_of,
@@ -109,7 +110,8 @@ class Requests:
             if put.is_delete:
                 raise Refused("bad_argument", f'"{path}" cannot be deleted: put a value to command an actuator', path)
             self._check_port(path)
-            value = decode_map(put.payload, encoding_of(put.media, self._default))
+            encoding = encoding_of(put.media, self._default)
+            value = command_value(self._context.ports[path], put.payload, put.media, encoding)
             self._context.stats.commands += 1
             self._context.command(path, value, client, self._put_refused(client, path))
         except Refused as refused:
@@ -213,13 +215,13 @@ class Requests:
             self._last_values(question)
             return True
         caller = decode_caller(question.attachment)
-        value = decode_map(question.payload, codec.name)
         if port is not None:
 
             def answer(reply: Reply) -> None:
                 result = {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}
                 self._settle(question, codec, reply, result)
 
+            value = command_value(port, question.payload, question.media, codec.name)
             self._conversation(caller).command(path, value, answer, caller.client)
             return False
         if path not in self._context.services:
@@ -229,7 +231,7 @@ class Requests:
                 f'no port or service "{path[:256]}"{did_you_mean(path, known)}; get {self._keys.describe} lists them',
                 path,
             )
-        self._call(question, codec, path, value, caller)
+        self._call(question, codec, path, decode_map(question.payload, codec.name), caller)
         return False
 
     def _last_values(self, question: Question) -> None:
@@ -240,8 +242,7 @@ class Requests:
             if port.direction == "sensor" and question.intersects(key):
                 sample: Sample | None = self._context.last(path)
                 if sample is not None:
-                    payload = codec.payload(SampleForm(port), sample)
-                    question.answer.reply(key, payload, codec.media, codec.attachment(sample))
+                    question.answer.reply(key, *codec.sample(SampleForm(port), sample))
 
     # -- calls ------------------------------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ import msgpack
 import msgspec
 import pytest
 
-from uwserver.adapter.nesting import MAX_DEPTH, MAX_VALUES, json_fault, msgpack_fault
+from uwserver.adapter.nesting import MAX_BINARY, MAX_DEPTH, MAX_VALUES, json_fault, msgpack_fault
 
 
 def nested(depth: int) -> object:
@@ -61,6 +61,7 @@ VALUES = [
     None, True, False, 0, 127, -1, -32, -33, 128, 255, 256, 65535, 65536, 2**32, 2**64 - 1, -129, -32769, -(2**31) - 1, -(2**63),
     1.5, "", "x" * 31, "x" * 32, "x" * 255, "x" * 256, "x" * 65536, [], [1] * 15, [1] * 16, [None] * 70000, {},
     {str(i): i for i in range(15)}, {str(i): i for i in range(16)}, {str(i): [i] for i in range(70000)}, {"a": {"b": [1, "c", None]}},
+    b"", b"x" * 255, b"x" * 256, b"x" * 65536, [b"x", {"a": b"\xc1"}], b"x" * MAX_BINARY,
 ]  # fmt: skip
 
 
@@ -80,8 +81,8 @@ def test_single_precision() -> None:
 @pytest.mark.parametrize(
     "frame",
     [
-        b"\xc1", msgpack.packb(b"bytes"), msgpack.packb(b"x" * 300), msgpack.packb(b"x" * 70000), msgpack.packb(msgpack.ExtType(5, b"x")),
-        msgpack.packb(msgpack.ExtType(5, b"x" * 3)), msgpack.packb(msgpack.Timestamp(1, 0)), msgpack.packb(["a", b"b"]),
+        b"\xc1", msgpack.packb(msgpack.ExtType(5, b"x")),
+        msgpack.packb(msgpack.ExtType(5, b"x" * 3)), msgpack.packb(msgpack.Timestamp(1, 0)), msgpack.packb(["a", msgpack.ExtType(5, b"b")]),
     ],
 )  # fmt: skip
 def test_types_outside_the_schema(frame: bytes) -> None:
@@ -90,7 +91,15 @@ def test_types_outside_the_schema(frame: bytes) -> None:
 
 @pytest.mark.parametrize(
     "header",
-    [b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xdc\xff\xff", b"\xde\x80\x00", b"\xdb\xff\xff\xff\xff"],
+    [
+        b"\xdd\xff\xff\xff\xff",
+        b"\xdf\xff\xff\xff\xff",
+        b"\xdc\xff\xff",
+        b"\xde\x80\x00",
+        b"\xdb\xff\xff\xff\xff",
+        b"\xc6\xff\xff\xff\xff",
+        b"\xc6\x00\x3f\xff\xff",
+    ],
 )
 def test_claimed_length_allocates_nothing(header: bytes) -> None:
     tracemalloc.start()
@@ -105,3 +114,10 @@ def test_number_of_values_is_bounded() -> None:
     assert msgpack_fault(msgpack.packb([0] * MAX_VALUES)) is None
     assert "values in one message" in str(msgpack_fault(msgpack.packb([0] * (MAX_VALUES + 1))))
     assert "values in one message" in str(msgpack_fault(msgpack.packb([[0] * 200_000] * 2)))
+
+
+def test_number_of_binary_bytes_is_bounded() -> None:
+    half = b"x" * (MAX_BINARY // 2)
+    assert msgpack_fault(msgpack.packb([half, half])) is None
+    assert "bytes in binary values" in str(msgpack_fault(msgpack.packb([half, half, b"x"])))
+    assert msgpack_fault(msgpack.packb("x" * (MAX_BINARY + 1))) is None
