@@ -1,0 +1,24 @@
+"""Requests of one peer are counted in windows of wall time."""
+
+from __future__ import annotations
+
+import pytest
+
+from uwserver.adapter import RateMeter, limits
+
+
+def test_so_many_in_a_window_and_then_a_new_one():
+    meter = RateMeter(3, window_s=2.0)
+    assert [meter.take(10.0) for _ in range(5)] == [True, True, True, False, False]
+    assert meter.is_flooded(11.9)
+    assert not meter.is_flooded(12.0)
+    assert meter.take(12.0)
+    assert not meter.is_flooded(12.0)
+    assert (meter.count, meter.end) == (1, 14.0)
+
+
+def test_a_window_is_a_second_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(limits, "WINDOW_S", 7.0)
+    meter = RateMeter(1)
+    meter.take(0.0)
+    assert meter.end == 7.0
