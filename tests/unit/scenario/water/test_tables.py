@@ -1,5 +1,6 @@
 """The table `environment`: limits, defaults, and which density forces act with."""
 
+# ruff: noqa: E501 - one case a line
 from __future__ import annotations
 
 from typing import Any
