@@ -17,12 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 import validation_plots as plots
+from uwserver_bench.proofs.closed_forms import closed_forms, tilt
+from uwserver_bench.proofs.contact_forms import contact_forms
+from uwserver_bench.proofs.motion import energy_excess, momentum, record
+from uwserver_bench.proofs.remus import SIMULATED, STEPS, Remus, remus_track
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.energy import kinetic_energy, rotations
 from uwserver.physics.dynamics.immersion import immersion
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -30,11 +35,7 @@ from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import deg
-from uwserver.validation.closed_forms import closed_forms, tilt
-from uwserver.validation.contact_forms import contact_forms
-from uwserver.validation.motion import energy_excess, momentum, record
 from uwserver.validation.oracle import build, load_oracle, run, validate
-from uwserver.validation.remus import SIMULATED, STEPS, Remus, remus_track
 
 ROOT = Path(__file__).parents[1]
 ORACLES = ROOT / "tests" / "physics" / "oracles"

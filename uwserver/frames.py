@@ -74,6 +74,16 @@ def rotate(q: Sequence[float], v: Sequence[float]) -> Vec3:
     )
 
 
+def matrix(q: Sequence[float]) -> tuple[Vec3, Vec3, Vec3]:
+    """The rows of the matrix that turns vectors as `rotate` does: R_NB for ``q_NB``, a unit quaternion."""
+    w, x, y, z = q
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
 def ned_from_enu(v: Sequence[float]) -> Vec3:
     """A vector's NED components from its ENU components (the same swap leads back)."""
     return (v[1], v[0], -v[2])

@@ -10,9 +10,10 @@ import numpy as np
 
 from uwserver.environment.water import Water
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.contacts import Contacts, FloatArray
+from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
 from uwserver.physics.geometry.shapes import ConvexHull, Placed, Solid
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.simulation.clock import SystemTime
 from uwserver.units import STANDARD_ATMOSPHERE_PA

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.dynamics.params import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray
 
 SPACING_M = 5.0
 """Bodies stand apart so far that none ever meets another."""

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uwserver.physics.geometry.shapes import ConvexHull, FloatArray, Placed, Solid, TriangleMesh
+from uwserver.physics.geometry.shapes import ConvexHull, Placed, Solid, TriangleMesh
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.solids.bathymetry import Grid, triangulate
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.rows import Row

@@ -14,7 +14,8 @@ import pytest
 import uwserver
 from uwserver.adapter import installed_adapters
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.geometry.shapes import Box, turned
+from uwserver.frames import matrix
+from uwserver.physics.geometry.shapes import Box
 from uwserver.ports import Port
 from uwserver.scenario.load.scenario import load
 from uwserver.units import rad
@@ -36,10 +37,10 @@ def corners(world: World, name: str) -> np.ndarray:
     solid, row = world.members[name].solid, state_of(world, name)
     assert solid is not None
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    placed = [(s.shape, s.p, turned(s.q)) for s in solid.shapes]
+    placed = [(s.shape, s.p, s.R) for s in solid.shapes]
     assert all(isinstance(shape, Box) for shape, _, _ in placed)
     local = np.concatenate([(signs * shape.half) @ R.T + p for shape, p, R in placed])
-    return local @ turned(tuple(row[3:7])).T + row[:3]
+    return local @ np.array(matrix(row[3:7])).T + row[:3]
 
 
 def forces_on(world: World, name: str) -> np.ndarray:

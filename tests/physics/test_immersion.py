@@ -8,14 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.closed_forms import floating, tilt
+from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.immersion import box_fraction, disc_fraction, sphere_fraction
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
-from uwserver.validation.closed_forms import floating, tilt
-from uwserver.validation.motion import record
 
 UP = np.array([0.0, 0.0, -1.0])
 

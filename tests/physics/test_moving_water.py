@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.motion import record
 
 from uwserver.environment.currents import ProfileConfig, profile_rows
 from uwserver.environment.sea import Sea
@@ -14,7 +15,8 @@ from uwserver.environment.waves import wave_number
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import (
     FLOW_GRADIENT,
     FLOW_V_T,
@@ -27,7 +29,6 @@ from uwserver.physics.kernel.layout import (
     Q,
     SeaRows,
 )
-from uwserver.validation.motion import record
 
 G, RHO = 9.81, 1025.0
 NO_PROFILES, NO_WAVES = np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))

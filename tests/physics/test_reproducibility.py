@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
 
 STEPS = 480

@@ -190,3 +190,10 @@ def test_attitude_in_enu_leads_back(q):
 def test_degrees():
     assert rad(180.0) == math.pi
     assert deg(math.pi / 6) == pytest.approx(30.0)
+
+
+@given(quaternions, vectors)
+def test_the_matrix_turns_as_the_quaternion_does(q, v):
+    R = np.array(frames.matrix(q))
+    assert np.allclose(R @ v, frames.rotate(q, v), rtol=0.0, atol=1e-9)
+    assert np.allclose(R, scipy_of(q).as_matrix(), rtol=0.0, atol=1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol
 
 from msgspec import Meta
 
@@ -12,8 +12,7 @@ from uwserver.ports import Field
 from uwserver.table import Table
 
 Given = tuple[tuple[float, ...] | None, ...]
-"""A checked command: one tuple of floats per field of the port, None where the sender left the field out."""
-
+"""A checked command to an actuator that takes numbers alone: a tuple of floats per field, None where the sender left the field out."""
 
 LONGEST_TIMEOUT_S = 1e6
 Timeout = Annotated[float, Meta(ge=0, le=LONGEST_TIMEOUT_S)]
@@ -76,8 +75,8 @@ class Actuator(Protocol):
     def doc(self) -> str:
         """One or two sentences for the port."""
 
-    def apply(self, value: Given) -> None:
-        """Carry out a command that fits the fields."""
+    def apply(self, value: tuple[Any, ...]) -> None:
+        """Carry out a checked command: for each field what its type says (`uwserver.ports.Item`), None where it was left out."""
 
     def neutral(self) -> None:
         """Go to the safe state."""

@@ -17,11 +17,9 @@ from operator import mul
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from uwserver.autopilot.state import Six
-
-FloatArray = npt.NDArray[np.float64]
+from uwserver.physics.kernel.arrays import FloatArray
 
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 IMPORTANCE = (HEAVE, YAW, SURGE, SWAY, ROLL, PITCH)

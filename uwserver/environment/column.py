@@ -9,13 +9,12 @@ from typing import Annotated, Literal
 
 import gsw
 import numpy as np
-import numpy.typing as npt
 from msgspec import Meta
 
 from uwserver.environment.absorption import absorption
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.table import Positive, Table
 
-FloatArray = npt.NDArray[np.float64]
 Temperature = Annotated[float, Meta(ge=-2, le=40)]
 Salinity = Annotated[float, Meta(ge=0, le=42)]
 

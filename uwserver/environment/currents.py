@@ -8,12 +8,10 @@ from typing import Annotated, Literal, Protocol
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import PROFILE_SIZE
 from uwserver.table import NonNegative, Positive, Table, Vector3
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class CurrentTable(Table, tag_field="kind", kw_only=True, frozen=True):
@@ -51,7 +49,7 @@ class UniformConfig(CurrentTable, tag="uniform", kw_only=True, frozen=True):
 
 
 class ProfileConfig(CurrentTable, tag="profile", kw_only=True, frozen=True):
-    """Velocity by depth, steady; above the first and below the last depth that of the first and last.
+    """Steady velocity by depth; constant above the first depth and below the last.
 
     Attributes:
         depth_m: rising, below the still water level.

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from uwserver.physics.kernel.arrays import FloatArray
 
 _TOLERANCE = 1e-9
 """m of horizontal distance."""

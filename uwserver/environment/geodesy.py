@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from uwserver.physics.kernel.arrays import FloatArray
 
 SEMI_MAJOR_AXIS = 6_378_137.0
 """m; WGS84 (NIMA TR8350.2)."""

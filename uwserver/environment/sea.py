@@ -7,13 +7,11 @@ from functools import cache
 from types import ModuleType
 
 import numpy as np
-import numpy.typing as npt
 
 from uwserver.environment.currents import Drift
 from uwserver.frames import Vec3
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SeaRows
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @cache

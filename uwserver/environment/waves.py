@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import (
     WAVE_AMPLITUDE,
     WAVE_DEPTH,
@@ -20,8 +20,6 @@ from uwserver.physics.kernel.layout import (
     WAVE_SIZE,
 )
 from uwserver.table import NonNegative, Positive, Table
-
-FloatArray = npt.NDArray[np.float64]
 
 BAND = (0.5, 5.0)
 """Frequencies of the components, in peak frequencies: 0.2 % of the energy of a Pierson-Moskowitz sea lies above."""

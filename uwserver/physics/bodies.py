@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import cache
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from uwserver.physics.dynamics.appendage_params import appendage_rows, servo_row
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import (
     BodyParams,
-    FloatArray,
     ForceTable,
-    Records,
     body_row,
     concatenate,
     lag_row,
@@ -26,6 +24,7 @@ from uwserver.physics.dynamics.params import (
     wrench_rows,
 )
 from uwserver.physics.kernel import layout
+from uwserver.physics.kernel.arrays import FloatArray, Records
 
 
 @cache
@@ -54,36 +53,19 @@ def _sea_kernel() -> ModuleType:
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
-_FIXED = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")
-"""Arrays that only `add` changes, by making new ones."""
+_FLAGS = {
+    "touching": 1,
+    "retired": 1,
+    "by_force": 1,
+    "fresh": 1,
+    "stuck": 2,
+    "frame": 1,
+    "harmonic": 1,
+} | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+"""Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
 
-
-@dataclass(frozen=True, eq=False)
-class Saved:
-    """All rows of a world at an instant; equal if their bits are.
-
-    Attributes:
-        params, tables, lags, fixed: what only `add` changes.
-        running: copies of the other arrays.
-        touched: contacts of the last tick.
-    """
-
-    params: tuple[BodyParams, ...]
-    tables: dict[ForceTable, int]
-    lags: dict[Lag, int]
-    fixed: tuple[Records, ...]
-    running: tuple[Records | FloatArray, ...]
-    touched: Impulses
-
-    def bits(self) -> tuple[bytes, ...]:
-        """Everything that changes in a run."""
-        arrays = (*self.running, *self.touched.contacts, self.touched.impulse)
-        return tuple(array.tobytes() for array in arrays)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Saved) and self.bits() == other.bits()
-
-    __hash__ = None  # type: ignore[assignment]  # as of any mutable thing
+Saved = dict[str, bytes]
+"""All that changes in a run, by the name of the array, and of the contacts' arrays."""
 
 
 class Hydrodynamics:
@@ -99,10 +81,16 @@ class Hydrodynamics:
         collider: finds contacts; None in open water.
         touched: contacts of the last tick and their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
+        forces, values, scratch: work space of the kernels.
     """
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
+        self.collider: Collider | None = None
+        self.sea: layout.SeaRows | None = None
+        self.set_bodies(bodies)
+
+    def _clear(self) -> None:
         self.params: tuple[BodyParams, ...] = ()
         self._tables: dict[ForceTable, int] = {}
         self._lags: dict[Lag, int] = {}
@@ -118,15 +106,12 @@ class Hydrodynamics:
         self.weights: Records = np.zeros(0, layout.WEIGHT)
         self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
         self.hulls: Records = np.zeros(0, layout.HULL)
+        self.scratch: Records = np.zeros(1, layout.SCRATCH)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
-        self.collider: Collider | None = None
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
         self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
-        self.sea: layout.SeaRows | None = None
         self._gather()
-        for body in bodies:
-            self.add(body)
 
     def __len__(self) -> int:
         return len(self.params)
@@ -160,7 +145,13 @@ class Hydrodynamics:
     def change(self, row: int, body: BodyParams) -> None:
         """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
         new = body_row(body)
-        kept = ("fitted", "retired", *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))))
+        kept = (
+            "fitted",
+            "retired",
+            "external",
+            "acted",
+            *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))),
+        )
         for name in kept:
             new[name] = self.bodies[name][row]
         self.bodies[row] = new[0]
@@ -171,26 +162,68 @@ class Hydrodynamics:
         self.state[row] = 0.0
         self.state[row, layout.Q] = 1.0
         self.contact_nu_dot[row] = 0.0
+        self.bodies["external"][row] = self.bodies["acted"][row] = 0.0
+
+    def set_bodies(self, params: Sequence[BodyParams]) -> None:
+        """Have these bodies and no others, in this order, at rest at the origin. The rows are as if they had been added one by one."""
+        self._clear()
+        for body in params:
+            self.add(body)
+
+    def arrays(self) -> dict[str, Any]:
+        """All attributes as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
+        return {name: dict(value) if isinstance(value, dict) else value for name, value in self.__dict__.items()}
+
+    def go_back(self, arrays: dict[str, Any]) -> None:
+        """Undo what was added since."""
+        self.__dict__.update(arrays)
 
     def save(self) -> Saved:
-        """All rows as they are."""
-        running = tuple(getattr(self, name).copy() for name in _RUNNING)
-        fixed = tuple(getattr(self, name) for name in _FIXED)
-        return Saved(self.params, dict(self._tables), dict(self._lags), fixed, running, self.touched)
+        """Copies of all arrays that change in a run. The water at the bodies is not among them."""
+        return {name: array.tobytes() for name, array in self._running()}
+
+    def check(self, saved: Saved) -> None:
+        """Refuse arrays from outside that cannot be those of these bodies.
+
+        Raises:
+            ValueError: of other names or lengths, not finite where they are now, a quaternion that is no rotation, or other rows.
+        """
+        running = dict(self._running())
+        if saved.keys() != running.keys():
+            raise ValueError("other arrays than those of bodies and contacts")
+        k, rest = divmod(len(saved["gap"]), 8)
+        for name, array in running.items():
+            count = k if name in _CONTACTS else len(array)
+            size = count * array.dtype.itemsize * int(np.prod(array.shape[1:]))
+            if rest or len(saved[name]) != size:
+                raise ValueError(f'{len(saved[name])} bytes of "{name}", not {size}')
+            _check_rows(name, np.frombuffer(saved[name], array.dtype), array)
+        q = np.frombuffer(saved["state"]).reshape(-1, layout.STATE_SIZE)[:, layout.Q : layout.Q + 4]
+        if (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
+            raise ValueError("a quaternion that is no rotation")
+        for name in ("body_a", "body_b"):
+            rows = np.frombuffer(saved[name], np.int64)
+            if ((rows < -1) | (rows >= len(self))).any():
+                raise ValueError(f'a row in "{name}" that is no body\'s')
 
     def load(self, saved: Saved) -> None:
-        """Put all rows back, bit for bit; bodies that were added since are gone. The water at the bodies is not part of it."""
-        if saved.params is not self.params:
-            self.params, self._tables, self._lags = saved.params, dict(saved.tables), dict(saved.lags)
-            for name, rows in zip(_FIXED, saved.fixed, strict=True):
-                setattr(self, name, rows)
-            for name, array in zip(_RUNNING, saved.running, strict=True):
-                setattr(self, name, array.copy())
-            self.flows = np.zeros((len(self), layout.FLOW_SIZE))
-            self._gather()
-        for name, array in zip(_RUNNING, saved.running, strict=True):
-            getattr(self, name)[...] = array
-        self.touched = saved.touched
+        """Put all arrays back, bit for bit; they are of these bodies (`check`)."""
+        for name in _RUNNING:
+            array = getattr(self, name)
+            array[...] = np.frombuffer(saved[name], array.dtype).reshape(array.shape)
+        found = {
+            name: np.frombuffer(saved[name], array.dtype).reshape(-1, *array.shape[1:]).copy()
+            for name, array in self._running()
+            if name in _CONTACTS
+        }
+        impulse = found.pop("impulse")
+        self.touched = Impulses(Contacts(**found), impulse)
+
+    def _running(self) -> Iterator[tuple[str, Any]]:
+        for name in _RUNNING:
+            yield name, getattr(self, name)
+        yield from self.touched.contacts._asdict().items()
+        yield "impulse", self.touched.impulse
 
     def _append_appendages(self, body: BodyParams, row: Records) -> None:
         """Rows of the body's appendages; their ranges go into its BODY row."""
@@ -202,16 +235,24 @@ class Hydrodynamics:
             setattr(self, name, np.concatenate([present, rows]))
 
     def _gather(self) -> None:
-        """All rows of the world as the kernel takes them; the arrays change only when a body is added."""
-        fitted = layout.Fitted(self.servos, self.foils, self.propellers, self.weights, self.derivatives, self.hulls)
-        self.fitted = fitted if self.bodies["fitted"].any() else None
-        self.rows = layout.Rows(self.bodies, self.shapes, self.thrusters, self.tables, self.lags, self.wrenches)
-        self._table = layout.addresses((*self.rows, *fitted, self.state, self.flows))
+        """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
+        self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
+        self._table = layout.addresses(layout.WORLD, vars(self))
 
     @property
     def currents(self) -> FloatArray:
         """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
         return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
+
+    @property
+    def external(self) -> FloatArray:
+        """View (n, 6) of the external wrench on each body in the coming tick: force (N) and moment about the body origin (N m), in B.
+
+        Whoever acts on bodies from outside adds to it before the bodies move: ``hydro.external[row] += wrench``. It is constant within the tick,
+        acts in free motion and in contact, and is zero again after it; `rates_of_change` shows it until the end of the next tick.
+        """
+        external: FloatArray = self.bodies["external"]
+        return external
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
@@ -230,23 +271,20 @@ class Hydrodynamics:
         return int(_kernel().advance(self._table, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
-        """The stages are told in `contact.step`."""
+        """The stages are those of `contact.step`."""
         kernel, old = _contact_kernel(), self.touched
-        trial = self.rows._replace(thrusters=self.thrusters.copy())
-        fitted = self.fitted and self.fitted._replace(servos=self.servos.copy())
-        struck = kernel.strike(
-            trial, fitted, self.state, self.flows, contacts, old.contacts.key, old.impulse, t, self.dt
-        )
+        struck = kernel.strike(self._table, contacts, old.contacts.key, old.impulse, t, self.dt)
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
-            kernel.settle(self.bodies, struck, self.state, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+            kernel.settle(self._table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B, and the applied wrench (n, 6) about the origin in B, at the present state.
 
-        nu_dot holds the mean of the last tick's contacts, as an accelerometer would; the wrench is that of thrusters and prescribed rows.
+        nu_dot holds the mean of the last tick's contacts, as an accelerometer would, and its external wrench; the wrench is that of thrusters,
+        prescribed rows and the external one.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
         if self.sea is not None:
@@ -259,8 +297,6 @@ class Hydrodynamics:
     def load_kernels(self) -> None:
         """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
         nothing = Hydrodynamics((), self.dt)
-        # Contact kernels with and without appendages are compiled apart.
-        nothing.fitted = self.fitted and layout.Fitted(*(rows[:0] for rows in self.fitted))
         nothing.advance(0.0)
         nothing.rates_of_change(0.0)
         if self.collider is not None:
@@ -274,3 +310,24 @@ class Hydrodynamics:
         from uwserver.physics.dynamics.energy import kinetic_energy
 
         return kinetic_energy(self.bodies, self.state, self.currents)
+
+
+_CONTACTS = (*Contacts._fields, "impulse")
+
+
+def _check_rows(name: str, new: Any, now: Any) -> None:
+    """Raise ValueError for numbers that are not finite (but for limits, which are as they were), and for whole numbers that cannot be."""
+    if new.dtype.names is None:
+        if new.dtype.kind == "f" and not np.isfinite(new).all():
+            raise ValueError(f'"{name}" holds what is not finite')
+        return
+    for field in new.dtype.names:
+        after, before = new[field], now[field]
+        if after.dtype.kind == "f":
+            if not (np.isfinite(after) | (after == before)).all():
+                raise ValueError(f'"{name}" holds a {field} that is not finite')
+        elif field in _FLAGS:
+            if ((after < 0) | (after > _FLAGS[field])).any():
+                raise ValueError(f'"{name}" holds an impossible {field}')
+        elif (after != before).any():
+            raise ValueError(f'"{name}" is of other bodies ({field})')

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from uwserver.physics.collision.bullet import Solids
 from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.geometry.shapes import Solid
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.embree import Rays
-from uwserver.physics.rays.raycast import FloatArray, Hits
+from uwserver.physics.rays.raycast import Hits
 
 
 class Scene:

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.contacts import Contacts, FloatArray
+from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel import layout
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.compiled import cache_state
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
 from uwserver.physics.rays.raycast import SURFACE, no_hits
@@ -129,7 +130,8 @@ def solid_kernels() -> tuple[Any, ...]:
         if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
             raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
     return (
-        broad_phase.search, broad_phase.place, broad_phase.bound, narrow_phase.collect, mesh.fill_cells, hits.look, hits.enter, hits.settle,
+        broad_phase.find_pairs, broad_phase.place, broad_phase.bound, narrow_phase.find_contacts, mesh.fill_cells, hits.intersect_few,
+        hits.enter_box, hits.refine,
     )  # fmt: skip
 
 
@@ -144,14 +146,14 @@ def echo_kernels() -> tuple[Any, ...]:
 
     down, answer, cells = np.array([[0.0, 0.0, 1.0]]), no_hits(1), np.zeros(1, layout.CELL)
     cells["direction"], cells["emitted"], counts = down, 1.0, np.zeros(8, np.int64)
-    hits.meet_level(5.5, -down, 10.0, SURFACE, *answer)
-    picture, mu = np.empty(8), np.ones(1)
-    echoes.intensity(cells, np.eye(3), *answer, mu, 1.0, 1.0, 0.01, 0.01, picture)
-    echoes.backscatter(down, answer.normal, answer.body, answer.material, mu, 1.0, np.empty(1))
+    hits.intersect_level(5.5, -down, 10.0, SURFACE, *answer)
+    picture, ground = np.empty(8), echoes.Ground(np.ones(1), 1.0)
+    echoes.intensity(cells, np.eye(3), answer, ground, echoes.Pulse(1.0, 0.01, 0.01), picture)
+    echoes.backscatter(down, answer.normal, answer.body, answer.material, *ground, np.empty(1))
     echoes.compress(picture, 1.0, 30.0, 0.01, 60.0, 100.0, 1.0, 255.0, counts)
     if answer.distance[0] != 5.5 or not 0 < counts[5] < 255:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
-    return hits.meet_level, echoes.intensity, echoes.backscatter, echoes.compress
+    return hits.intersect_level, echoes.intensity, echoes.backscatter, echoes.compress
 
 
 _KEPT = 4

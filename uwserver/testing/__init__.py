@@ -4,6 +4,7 @@
 
       asyncio.run(check_adapter(MyAdapter, MyAdapter.Config(port=0), connect=TcpPeer.connect, greeting=b"subscribe everything"))
 
+  With `requests=Requests(...)`, how a peer calls a service, it also covers leaving in the middle of a call, cancel, time-out and flood.
 - `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
 - `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
 - `check_modifier` (`uwserver.testing.modifiers`): the contract of a modifier, from its config.
@@ -17,7 +18,8 @@ All checks raise AssertionError with a text that says what the contract wants; n
 """
 
 from uwserver.testing.actuators import check_actuator
-from uwserver.testing.adapters import TcpPeer, check_adapter
+from uwserver.testing.adapter_kit import Requests, TcpPeer
+from uwserver.testing.adapters import check_adapter
 from uwserver.testing.codecs import CodecCase, check_codec
 from uwserver.testing.currents import check_current
 from uwserver.testing.fake_context import FakeContext, sample_of
@@ -28,6 +30,6 @@ from uwserver.testing.modifiers import check_modifier
 from uwserver.testing.sensors import check_sensor
 
 __all__ = [
-    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "TcpPeer",
+    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "Requests", "TcpPeer",
     "check_actuator", "check_adapter", "check_codec", "check_current", "check_modifier", "check_sensor", "sample_of",
 ]  # fmt: skip

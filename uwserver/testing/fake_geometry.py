@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwserver.physics.rays.raycast import FloatArray, Hits, no_hits
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.raycast import Hits, no_hits
 
 Vec3 = tuple[float, float, float]
 

@@ -15,7 +15,8 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams, FloatArray
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.units import deg
 

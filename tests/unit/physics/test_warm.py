@@ -62,7 +62,7 @@ from uwserver.physics.dynamics import integrator
 from uwserver.physics.collision import broad_phase
 from uwserver.physics.collision import narrow_phase
 from uwserver.physics.contact import step
-kernels = integrator.advance, step.strike, step.settle, broad_phase.search, narrow_phase.collect
+kernels = integrator.advance, step.strike, step.settle, broad_phase.find_pairs, narrow_phase.find_contacts
 world = uwserver.load("slope")
 loaded = [len(kernel.signatures) for kernel in kernels]
 world.step(30)

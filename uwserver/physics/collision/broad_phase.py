@@ -10,19 +10,59 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray
 
-from uwserver.physics.dynamics.fossen import rotation
 from uwserver.physics.geometry.mesh import any_triangle_in
-from uwserver.physics.geometry.rows import SLOT
-from uwserver.physics.kernel.compiled import compiled, inlined
-from uwserver.physics.kernel.handles import pointer_at
-from uwserver.physics.kernel.layout import NU, P, Q
+from uwserver.physics.geometry.slots import HALF_SPACE, MESH, SHAPES, Shapes
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.handles import arrays_at
+from uwserver.physics.kernel.layout import NU, Forms, P, Q, columns
 from uwserver.physics.kernel.linear import dot
+from uwserver.physics.kernel.rotation import product, rotation
 
-Array = Any  # numpy array inside compiled code
 
-_HALF_SPACE, _MESH = 4, 5  # as in solid_rows
+class Search(NamedTuple):
+    """What a search works on, beside the shapes.
+
+    Attributes:
+        bodies: (m, 3) first slot, count of slots, row in the state, in rising order of the slots.
+        fixed: slots of static shapes, in rising order.
+        Q: (n, 4) attitudes of the engine's shapes, x y z w.
+        reach: (n) by how much each shape's box is larger than the shape, m.
+        low, high: (n, 3) boxes around the shapes, in N.
+        body_low, body_high: (m, 3) boxes around the bodies.
+        order: (m) bodies as they were sorted last.
+        overlapping: (m) whether a body's box meets that of another body.
+    """
+
+    bodies: Array
+    fixed: Array
+    Q: Array
+    reach: Array
+    low: Array
+    high: Array
+    body_low: Array
+    body_high: Array
+    order: Array
+    overlapping: Array
+
+
+SEARCH: Forms = {
+    **SHAPES,
+    "bodies": columns(np.int64, 3),
+    "fixed": columns(np.int64),
+    "Q": columns(np.float64, 4),
+    "reach": columns(np.float64),
+    "low": columns(np.float64, 3),
+    "high": columns(np.float64, 3),
+    "body_low": columns(np.float64, 3),
+    "body_high": columns(np.float64, 3),
+    "order": columns(np.int64),
+    "overlapping": columns(np.bool_),
+}
+"""Of the table that a search and `narrow_phase` get."""
+
+_shapes_at, _search_at = arrays_at(Shapes, SEARCH), arrays_at(Search, SEARCH)
 
 
 @compiled
@@ -44,24 +84,16 @@ def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) 
 
 
 @compiled
-def move(
-    slots: Array, bodies: Array, state: Array, dt: float, margin: float, Ps: Array, Rs: Array, Qs: Array, reach: Array,
-    low: Array, high: Array, body_low: Array, body_high: Array,
-) -> None:  # fmt: skip
-    """Poses, reaches and boxes of all shapes of moving bodies, and the box around each body. One whose state is not finite is nowhere.
-
-    Args:
-        bodies: (m, 3) first slot, count of slots, row in the state, in rising order of the slots.
-        margin: m, added to the way that the body can go in dt.
-        Qs: receives the attitudes of the engine's shapes, x y z w.
-    """
-    R = Rs[0].copy()
-    for b in range(len(bodies)):
-        first, count, row = bodies[b]
+def _update_boxes(shapes: Shapes, search: Search, state: Array, dt: float, margin: float) -> None:
+    """Poses, reaches and boxes of all shapes of moving bodies, and the box around each body. One whose state is not finite is nowhere."""
+    slots, low, high, body_low, body_high = shapes.slots, search.low, search.high, search.body_low, search.body_high
+    R, engine = shapes.R[0].copy(), search.Q
+    for b in range(len(search.bodies)):
+        first, count, row = search.bodies[b]
         x = state[row]
         rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
         speed = math.sqrt(x[NU] ** 2 + x[NU + 1] ** 2 + x[NU + 2] ** 2)
-        turn = math.sqrt(x[NU + 3] ** 2 + x[NU + 4] ** 2 + x[NU + 5] ** 2)
+        rate = math.sqrt(x[NU + 3] ** 2 + x[NU + 4] ** 2 + x[NU + 5] ** 2)
         finite = True
         for i in range(len(x)):
             finite = finite and math.isfinite(x[i])
@@ -76,24 +108,18 @@ def move(
         for i in range(3):
             body_low[b, i], body_high[b, i] = 1e300, -1e300
         for s in range(first, first + count):
-            reach[s] = margin + dt * (speed + turn * radius)
-            place(slots[s], x[P : P + 3], R, Ps[s], Rs[s])
-            _turn(x[Q : Q + 4], slots[s].q, Qs[s])
-            bound(slots[s], Ps[s], Rs[s], reach[s], low[s], high[s])
+            search.reach[s] = margin + dt * (speed + rate * radius)
+            place(slots[s], x[P : P + 3], R, shapes.P[s], shapes.R[s])
+            q = slots[s].q
+            engine[s, 3], engine[s, 0], engine[s, 1], engine[s, 2] = product(
+                x[Q], x[Q + 1], x[Q + 2], x[Q + 3], q[0], q[1], q[2], q[3]
+            )
+            bound(slots[s], shapes.P[s], shapes.R[s], search.reach[s], low[s], high[s])
             if not finite:
                 low[s], high[s] = 1e300, -1e300
             for i in range(3):
                 body_low[b, i] = min(body_low[b, i], low[s, i])
                 body_high[b, i] = max(body_high[b, i], high[s, i])
-
-
-@compiled
-def _turn(a: Array, b: Array, xyzw: Array) -> None:
-    """Hamilton product of two quaternions w x y z, as the engine writes it."""
-    xyzw[3] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    xyzw[0] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    xyzw[1] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    xyzw[2] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
 
 
 @compiled
@@ -106,7 +132,7 @@ def overlap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> bool:
 
 
 @compiled
-def _below(slot: Any, P: Array, R: Array, low: Array, high: Array) -> bool:
+def _below(P: Array, R: Array, low: Array, high: Array) -> bool:
     """Whether any corner of a box is inside a half-space."""
     depth = 0.0
     for i in range(3):
@@ -115,8 +141,9 @@ def _below(slot: Any, P: Array, R: Array, low: Array, high: Array) -> bool:
 
 
 @compiled
-def _find_company(low: Array, high: Array, order: Array, company: Array) -> None:
-    """company[b]: whether the box of body b meets that of another. Sweep along x: `order` keeps its sense from tick to tick, nothing else."""
+def sweep(search: Search) -> None:
+    """Which bodies' boxes meet that of another: sweep and prune along x. `order` keeps its sense from tick to tick, nothing else."""
+    low, high, order, overlapping = search.body_low, search.body_high, search.order, search.overlapping
     n = len(order)
     for i in range(1, n):
         b, k = order[i], i
@@ -125,7 +152,7 @@ def _find_company(low: Array, high: Array, order: Array, company: Array) -> None
             k -= 1
         order[k] = b
     for i in range(n):
-        company[i] = False
+        overlapping[i] = False
     for i in range(n):
         b = order[i]
         for j in range(i + 1, n):
@@ -138,45 +165,41 @@ def _find_company(low: Array, high: Array, order: Array, company: Array) -> None
                 and low[c, 2] <= high[b, 2]
                 and low[b, 2] <= high[c, 2]
             ):
-                company[b] = company[c] = True
+                overlapping[b] = overlapping[c] = True
 
 
 @compiled
-def near_pairs(
-    slots: Array, bodies: Array, fixed: Array, Ps: Array, Rs: Array, low: Array, high: Array, body_low: Array,
-    body_high: Array, company: Array, vertices: Array, triangles: Array, cell_start: Array, cell_triangles: Array, gate: bool,
-    pairs: Array,
-) -> int:  # fmt: skip
+def overlapping_pairs(shapes: Shapes, search: Search, gate: bool, pairs: Array) -> int:
     """Pairs of slots (a moving, b static or of a later body) whose boxes meet, into `pairs` (k, 2) as far as they fit.
 
     Args:
-        fixed: slots of static shapes, in rising order.
-        company: (m) whether a body's box meets that of another body.
-        gate: False takes every pair, for tests.
+        gate: False gives every pair, for tests.
 
     Returns:
         How many there are.
     """
+    slots, bodies, fixed, low, high = shapes.slots, search.bodies, search.fixed, search.low, search.high
+    body_low, body_high = search.body_low, search.body_high
     count = 0
     for b in range(len(bodies)):
         first, size = bodies[b, 0], bodies[b, 1]
         for f in range(len(fixed)):
             t = fixed[f]
-            endless = slots[t].kind == _HALF_SPACE
+            endless = slots[t].kind == HALF_SPACE
             if gate and not endless and not overlap(body_low[b], body_high[b], low[t], high[t]):
                 continue
             for s in range(first, first + size):
                 if endless:
-                    hit = _below(slots[t], Ps[t], Rs[t], low[s], high[s])
-                elif slots[t].kind == _MESH:
-                    hit = any_triangle_in(slots[t], low[s], high[s], vertices, triangles, cell_start, cell_triangles)
+                    hit = _below(shapes.P[t], shapes.R[t], low[s], high[s])
+                elif slots[t].kind == MESH:
+                    hit = any_triangle_in(shapes, t, low[s], high[s])
                 else:
                     hit = overlap(low[s], high[s], low[t], high[t])
                 if hit or not gate:
                     if count < len(pairs):
                         pairs[count, 0], pairs[count, 1] = s, t
                     count += 1
-        if gate and not company[b]:
+        if gate and not search.overlapping[b]:
             continue
         for c in range(b + 1, len(bodies)):
             if gate and not overlap(body_low[b], body_high[b], body_low[c], body_high[c]):
@@ -190,71 +213,22 @@ def near_pairs(
     return count
 
 
-class Search(NamedTuple):
-    """What a search works on, in the order of its table.
-
-    Attributes:
-        slots, vertices, triangles, cell_start, cell_triangles: as in `solid_rows.Rows`.
-        others: as `move` and `near_pairs` take them.
-    """
-
-    slots: Any
-    bodies: Any
-    fixed: Any
-    Ps: Any
-    Rs: Any
-    Qs: Any
-    reach: Any
-    low: Any
-    high: Any
-    body_low: Any
-    body_high: Any
-    order: Any
-    company: Any
-    vertices: Any
-    triangles: Any
-    cell_start: Any
-    cell_triangles: Any
-
-
-@inlined
-def _search_at(table: Array) -> Search:
-    n, m = table[0, 1], table[1, 1]
-    return Search(
-        carray(pointer_at(table, 0), (n,), SLOT),
-        carray(pointer_at(table, 1), (m, 3), np.int64),
-        carray(pointer_at(table, 2), (table[2, 1],), np.int64),
-        carray(pointer_at(table, 3), (n, 3), np.float64),
-        carray(pointer_at(table, 4), (n, 3, 3), np.float64),
-        carray(pointer_at(table, 5), (n, 4), np.float64),
-        carray(pointer_at(table, 6), (n,), np.float64),
-        carray(pointer_at(table, 7), (n, 3), np.float64),
-        carray(pointer_at(table, 8), (n, 3), np.float64),
-        carray(pointer_at(table, 9), (m, 3), np.float64),
-        carray(pointer_at(table, 10), (m, 3), np.float64),
-        carray(pointer_at(table, 11), (m,), np.int64),
-        carray(pointer_at(table, 12), (m,), np.bool_),
-        carray(pointer_at(table, 13), (table[13, 1], 3), np.float64),
-        carray(pointer_at(table, 14), (table[14, 1], 3), np.int64),
-        carray(pointer_at(table, 15), (table[15, 1],), np.int64),
-        carray(pointer_at(table, 16), (table[16, 1],), np.int64),
-    )
-
-
 @compiled
-def search(table: Array, state: Array, dt: float, margin: float, gate: bool, pairs: Array) -> int:
-    """`move`, then `near_pairs`.
+def find_pairs(table: Array, state: Array, dt: float, margin: float, gate: bool, pairs: Array) -> int:
+    """Pairs of shapes that may touch within a tick; moves the shapes to where the bodies are.
 
     Args:
-        table: addresses (`layout`) of a `Search`.
-        others: as there.
+        table: made by `SEARCH`.
+        state: (n, 13) of the bodies.
+        dt: length of the tick, s.
+        margin: m, added to the way that a body can go in dt.
+        gate: False gives every pair, for tests.
+        pairs: (k, 2) receives slots, as far as they fit.
+
+    Returns:
+        How many there are.
     """
-    s = _search_at(table)
-    move(
-        s.slots, s.bodies, state, dt, margin, s.Ps, s.Rs, s.Qs, s.reach, s.low, s.high, s.body_low, s.body_high
-    )  # fmt: skip
-    _find_company(s.body_low, s.body_high, s.order, s.company)
-    return near_pairs(
-        s.slots, s.bodies, s.fixed, s.Ps, s.Rs, s.low, s.high, s.body_low, s.body_high, s.company, s.vertices, s.triangles,
-        s.cell_start, s.cell_triangles, gate, pairs,
-    )  # fmt: skip
+    shapes, search = _shapes_at(table), _search_at(table)
+    _update_boxes(shapes, search, state, dt, margin)
+    sweep(search)
+    return overlapping_pairs(shapes, search, gate, pairs)

@@ -17,8 +17,8 @@ from typing import Any, cast
 import numpy as np
 
 from uwserver.frames import multiply
-from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts, FloatArray
-from uwserver.physics.geometry.rows import Part, part, rows
+from uwserver.physics.collision.contacts import NO_CONTACTS, NUMBERS, Contacts
+from uwserver.physics.geometry.rows import Part, part, shapes_of
 from uwserver.physics.geometry.shapes import (
     BadSolid,
     Box,
@@ -32,6 +32,7 @@ from uwserver.physics.geometry.shapes import (
     TriangleMesh,
     check_shape,
 )
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import addresses
 
 MARGIN = 0.005
@@ -40,7 +41,7 @@ _ENGINE_SLACK = 0.004
 """m; Bullet rounds edges and thickens meshes by margins, so it is asked a little farther than needed."""
 _IDENTS, _MOVING_IDENTS, _SHAPES_OF_A_BODY = 16384, 12288, 16
 """Numbers of shapes in keys; those of static shapes begin where those of 768 bodies end, beyond which keys may repeat."""
-_TURN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
+_AXIS = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 """Axis x of our cylinders and capsules is axis z of Bullet's."""
 
 
@@ -204,33 +205,23 @@ class Solids:
         moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
         entries = [entry for key in (*moving, *static) for entry in self._parts[key]]
-        self._all = rows([p for p, _ in entries])
         self._engine = [body for _, body in entries]
         first, bodies = 0, []
         for key in moving:
             bodies.append((first, len(self._parts[key]), self._rows_of[key]))
             first += len(self._parts[key])
-        n = len(entries)
-        self._bodies = np.array(bodies, dtype=np.int64).reshape(-1, 3)
-        self._fixed = np.arange(first, n)
-        self._P, self._R, self._reach = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n)
-        self._Q = np.zeros((n, 4))
-        self._low, self._high = np.zeros((n, 3)), np.zeros((n, 3))
-        self._order, self._company = np.arange(len(bodies)), np.zeros(len(bodies), np.bool_)
-        self._body_low, self._body_high = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
+        n, m = len(entries), len(bodies)
         broad_phase, _ = _kernels()
-        every = self._all
-        self._table = addresses(
-            broad_phase.Search(
-                every.slots, self._bodies, self._fixed, self._P, self._R, self._Q, self._reach, self._low, self._high,
-                self._body_low, self._body_high, self._order, self._company, every.vertices, every.triangles,
-                every.cell_start, every.cell_triangles,
-            )
+        self._shapes = shapes_of([p for p, _ in entries])
+        self._search = broad_phase.Search(
+            np.array(bodies, dtype=np.int64).reshape(-1, 3), np.arange(first, n), np.zeros((n, 4)), np.zeros(n),
+            np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), np.zeros(m, np.bool_),
         )  # fmt: skip
+        self._table = addresses(broad_phase.SEARCH, {**self._shapes._asdict(), **self._search._asdict()})
+        slots, P, R = self._shapes[:3]
         for s in range(first, n):
-            slot = self._all.slots[s]
-            broad_phase.place(slot, np.zeros(3), np.eye(3), self._P[s], self._R[s])
-            broad_phase.bound(slot, self._P[s], self._R[s], 0.0, self._low[s], self._high[s])
+            broad_phase.place(slots[s], np.zeros(3), np.eye(3), P[s], R[s])
+            broad_phase.bound(slots[s], P[s], R[s], 0.0, self._search.low[s], self._search.high[s])
 
     # -- contacts -------------------------------------------------------------------------------------------------------------------
 
@@ -239,26 +230,27 @@ class Solids:
 
         At most four contacts of each pair of convex shapes (or shape and mesh) and direction. `NO_CONTACTS` when everybody is far away.
         """
-        if not len(self._bodies):
+        if not len(self._search.bodies):
             return NO_CONTACTS
-        pairs = self._near(state, dt)
+        pairs = self._find_pairs(state, dt)
         if not len(pairs):
             return NO_CONTACTS
-        first, found = self._ask(pairs)
+        first, found = self._closest_points(pairs)
         return self._collect(pairs, first, found)
 
-    def _near(self, state: FloatArray, dt: float) -> Any:
+    def _find_pairs(self, state: FloatArray, dt: float) -> Any:
         broad_phase, _ = _kernels()
         while True:
-            count = broad_phase.search(self._table, state, dt, MARGIN, self._gate, self._pairs)
+            count = broad_phase.find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs)
             if count <= len(self._pairs):
                 return self._pairs[:count]
             self._pairs = np.zeros((2 * count, 2), np.int64)
 
-    def _ask(self, pairs: Any) -> tuple[Any, FloatArray]:
+    def _closest_points(self, pairs: Any) -> tuple[Any, FloatArray]:
         """Bullet's lines of all pairs: where each pair's begin, and (k, 7) normal, point on b, distance."""
-        bullet, client, engine, reach = self._bullet, self._client, self._engine, self._reach
-        moving = len(engine) - len(self._fixed)
+        bullet, client, engine = self._bullet, self._client, self._engine
+        P, Q, reach = self._shapes.P, self._search.Q, self._search.reach
+        moving = len(engine) - len(self._search.fixed)
         placed: set[int] = set()
         first, numbers = [0], array("d")
         for a, b in pairs.tolist():
@@ -267,7 +259,7 @@ class Solids:
                     if s < moving and s not in placed:
                         placed.add(s)
                         bullet.resetBasePositionAndOrientation(
-                            engine[s], self._P[s].tolist(), self._Q[s].tolist(), physicsClientId=client
+                            engine[s], P[s].tolist(), Q[s].tolist(), physicsClientId=client
                         )
                 distance = float(reach[a] + reach[b]) + _ENGINE_SLACK
                 for line in bullet.getClosestPoints(engine[a], engine[b], distance, physicsClientId=client):
@@ -280,19 +272,13 @@ class Solids:
 
     def _collect(self, pairs: Any, first: Any, found: FloatArray) -> Contacts:
         _, narrow_phase = _kernels()
-        every = self._all
         most = 32 * len(pairs)
-        bodies, numbers = np.empty((most, 2), np.int64), np.empty((most, narrow_phase.NUMBERS))
+        bodies, numbers = np.empty((most, 2), np.int64), np.empty((most, NUMBERS))
         keys, coefficients = np.empty(most, np.int64), np.empty((most, 2))
-        n = narrow_phase.collect(
-            every.slots, self._P, self._R, self._reach, pairs, first, found,
-            (every.vertices, every.face_normals, every.face_start, every.face_vertices),
-            (every.triangles, every.triangle_normals, every.cell_start, every.cell_triangles),
-            bodies, numbers, keys, coefficients,
-        )  # fmt: skip
+        n = narrow_phase.find_contacts(self._table, pairs, first, found, bodies, numbers, keys, coefficients)
         if n == 0:
             return NO_CONTACTS
-        columns = (
+        columns: tuple[Any, ...] = (
             bodies[:n, 0], bodies[:n, 1], numbers[:n, 0:3], numbers[:n, 3:6], numbers[:n, 6], keys[:n],
             coefficients[:n, 0], coefficients[:n, 1],
         )  # fmt: skip
@@ -302,4 +288,4 @@ class Solids:
 
 def _engine_attitude(placed: Placed) -> tuple[float, float, float, float]:
     """Attitude of Bullet's shape (w x y z) in the solid."""
-    return multiply(placed.q, _TURN) if isinstance(placed.shape, Cylinder | Capsule) else placed.q
+    return multiply(placed.q, _AXIS) if isinstance(placed.shape, Cylinder | Capsule) else placed.q

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+
+NUMBERS = 7
+"""Columns of a contact on its way: point (3) midway between the surfaces, normal (3) from b to a, gap."""
 
 
 class Contacts(NamedTuple):
@@ -19,7 +20,7 @@ class Contacts(NamedTuple):
         point: (k, 3) in N, m: midway between the two surfaces.
         normal: (k, 3) unit vector in N, from b towards a.
         gap: (k) distance along the normal, m; negative where they penetrate.
-        key: (k) tells the same contact in two successive ticks.
+        key: (k) identifies the same contact in two successive ticks.
         friction, restitution: (k) geometric mean, and the larger, of the two.
     """
 

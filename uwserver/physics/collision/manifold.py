@@ -1,21 +1,21 @@
 """Contact points between two features, and the few of them that a solver needs (compiled).
 
-A contact has `NUMBERS` columns: point (3) midway between the surfaces, normal (3) from b to a, gap; its key stands beside it.
+A contact has the columns of `contacts.NUMBERS`; its key stands beside it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
+from uwserver.physics.collision.contacts import NUMBERS
+from uwserver.physics.geometry.support import RING
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot
 
-Array = Any  # numpy array inside compiled code
-
-NUMBERS = 7
 CANDIDATES = 256
 """Most points of one pair before they are reduced."""
 FULL = 96
@@ -30,12 +30,42 @@ _CROSSING = 256
 """Codes above this belong to crossings of edges, below to corners."""
 
 
-@compiled
-def clip(ring: Array, codes: Array, count: int, cut: Array, cuts: int, t: Array) -> int:
-    """Cut a ring by the sides of another, seen along t: only what stands over the other stays, in `ring`. Returns its corner count.
+class Work(NamedTuple):
+    """Work space of one pair.
 
-    Sutherland and Hodgman 1974. `cut` is counter-clockwise about t; with two corners it is a line, cut at its ends.
+    Attributes:
+        ring, codes: corners (k, 3) of the feature that is cut, and a number of each.
+        cut, cut_codes: of the feature that cuts.
+        contacts, keys: (CANDIDATES, NUMBERS) and (CANDIDATES) found so far.
+        t, face: (3) normals.
     """
+
+    ring: Array
+    codes: Array
+    cut: Array
+    cut_codes: Array
+    contacts: Array
+    keys: Array
+    t: Array
+    face: Array
+
+
+@compiled
+def new_work() -> Work:
+    """Work space for any pair."""
+    return Work(
+        np.empty((4 * RING, 3)), np.empty(4 * RING, np.int64), np.empty((RING, 3)), np.empty(RING, np.int64),
+        np.empty((CANDIDATES, NUMBERS)), np.empty(CANDIDATES, np.int64), np.empty(3), np.empty(3),
+    )  # fmt: skip
+
+
+@compiled
+def clip(work: Work, count: int, cuts: int, t: Array) -> int:
+    """Clip the polygon work.ring of `count` corners by the sides of another, as projected along t. Returns its corner count.
+
+    Sutherland and Hodgman 1974. work.cut, of `cuts` corners, is counter-clockwise about t; with two corners it is a line, cut at its ends.
+    """
+    ring, codes, cut = work.ring, work.codes, work.cut
     kept, kept_codes = np.empty_like(ring), np.empty_like(codes)
     side = np.empty(3)
     for e in range(cuts):
@@ -69,17 +99,18 @@ def clip(ring: Array, codes: Array, count: int, cut: Array, cuts: int, t: Array)
 
 
 @compiled
-def add_ring(
-    ring: Array, codes: Array, count: int, origin: Array, t: Array, on_a: bool, code: int, reach: float, contacts: Array,
-    keys: Array, n: int,
-) -> int:  # fmt: skip
-    """Add the corners of a cut ring, which are over the plane through `origin` with the outward normal t, as contacts.
+def add_polygon(work: Work, count: int, origin: Array, t: Array, on_a: bool, code: int, reach: float, n: int) -> int:
+    """Add the corners of the clipped polygon, which are over the plane through `origin` with the outward normal t, to n contacts.
 
     Args:
-        on_a: the ring is of a and the plane of b; otherwise the other way round.
+        on_a: the polygon is of a and the plane of b; otherwise the other way round.
         code: of the feature under a crossing; a corner's key does not depend on it.
         reach: m; farther corners are left out.
+
+    Returns:
+        How many contacts there are.
     """
+    ring, codes, contacts, keys = work.ring, work.codes, work.contacts, work.keys
     for k in range(count):
         gap = 0.0
         for i in range(3):
@@ -109,8 +140,9 @@ def _facing(t: Array) -> int:
 
 
 @compiled
-def add_point(x: Array, normal: Array, top_b: float, gap: float, key: int, contacts: Array, keys: Array, n: int) -> int:
-    """Add one contact at x, moved along the normal to midway between the surfaces, b's being at x . normal = top_b."""
+def add_point(work: Work, x: Array, normal: Array, top_b: float, gap: float, key: int, n: int) -> int:
+    """Add one contact to n others: at x, moved along the normal to midway between the surfaces, b's being at x . normal = top_b."""
+    contacts, keys = work.contacts, work.keys
     if n >= len(contacts):
         return n
     lift = top_b + 0.5 * gap - dot(x, normal)
@@ -131,7 +163,7 @@ def reduce(contacts: Array, keys: Array, n: int, chosen: Array) -> int:
     free = np.ones(n, np.bool_)
     for k in range(n):
         for j in range(k):
-            if free[j] and free[k] and _twins(contacts[j], contacts[k], keys[j] == keys[k]):
+            if free[j] and free[k] and _duplicates(contacts[j], contacts[k], keys[j] == keys[k]):
                 free[j if _before(contacts, keys, k, j) else k] = False
     total = 0
     while True:
@@ -159,7 +191,7 @@ def reduce(contacts: Array, keys: Array, n: int, chosen: Array) -> int:
 
 
 @compiled
-def _twins(a: Array, b: Array, same_feature: bool) -> bool:
+def _duplicates(a: Array, b: Array, same_feature: bool) -> bool:
     """Whether two contacts are one: at one place or of one feature, and of like normals."""
     if dot(a[3:6], b[3:6]) <= _LIKE:
         return False
@@ -167,8 +199,9 @@ def _twins(a: Array, b: Array, same_feature: bool) -> bool:
 
 
 @compiled
-def thin_out(contacts: Array, keys: Array, n: int) -> int:
-    """Keep what `reduce` would choose of the contacts so far, at the front. Returns how many."""
+def thin_out(work: Work, n: int) -> int:
+    """Keep what `reduce` would choose of the n contacts so far, at the front. Returns how many."""
+    contacts, keys = work.contacts, work.keys
     chosen = np.empty(8 * KEPT, np.int64)
     count = reduce(contacts, keys, n, chosen)
     kept, kept_keys = contacts[chosen[:count]], keys[chosen[:count]]

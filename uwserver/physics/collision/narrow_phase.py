@@ -8,27 +8,27 @@ one; and no contact where a body would catch on an edge inside a smooth surface.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from uwserver.physics.collision.broad_phase import SEARCH
 from uwserver.physics.collision.manifold import (
-    CANDIDATES,
     FULL,
     KEPT,
-    NUMBERS,
+    Work,
     add_point,
-    add_ring,
+    add_polygon,
     clip,
+    new_work,
     reduce,
     thin_out,
 )
-from uwserver.physics.geometry.mesh import AT_POINT, supported, triangles_at
-from uwserver.physics.geometry.support import RING, best_face, reach_along, ring_along
+from uwserver.physics.geometry.mesh import AT_POINT, in_normal_cone, triangles_at
+from uwserver.physics.geometry.slots import CYLINDER, HALF_SPACE, MESH, SPHERE, Shapes
+from uwserver.physics.geometry.support import support, support_face, support_feature
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.physics.kernel.linear import dot
-
-Array = Any  # numpy array inside compiled code
 
 ENGINE_MARGIN = 1e-3
 """m; Bullet's points on a mesh lie this far outside it, but for spheres."""
@@ -36,103 +36,87 @@ _FLAT = 1.0 - 5e-6
 """Cosine above which a direction is that of a face: 3 mrad, the engine's rounding in bad cases."""
 _POINT = 1 << 33
 """Keys of single points, beside those of corners and crossings."""
-_HALF_SPACE, _MESH = 4, 5  # as in solid_rows
+
+_shapes_at = arrays_at(Shapes, SEARCH)
+_reach_at = array_at(SEARCH, "reach")
 
 
 @compiled
-def _flat_on(
-    slots: Array, Ps: Array, Rs: Array, a: int, b: int, n: Array, reach: float, shapes: Any, work: Any, count: int
-) -> int:
+def _face_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work: Work, count: int) -> int:
     """Contacts of two convex shapes whose nearest direction n (b to a) is that of a face of one; none if it is of neither."""
-    vertices, face_normals, face_start, face_vertices = shapes
-    ring, codes, cut, cut_codes, contacts, keys, t, face = work
+    slots, R, t, face = shapes.slots, shapes.R, work.t, work.face
     d = -n
-    of_a = best_face(slots[a], Rs[a], d, face_normals, t)
-    of_b = best_face(slots[b], Rs[b], n, face_normals, face)
+    of_a = support_face(slots[a], R[a], d, shapes.face_normals, t)
+    of_b = support_face(slots[b], R[b], n, shapes.face_normals, face)
     if max(of_a, of_b) < _FLAT:
-        return _line_on_line(slots, Ps, Rs, a, b, n, reach, shapes, work, count)
+        return _line_contacts(shapes, a, b, n, reach, work, count)
     plane_of_b = of_b >= of_a - 1e-9
     if plane_of_b:
         t[:] = face
     plane, other = (b, a) if plane_of_b else (a, b)
-    cuts = ring_along(
-        slots[plane], Ps[plane], Rs[plane], t, vertices, face_normals, face_start, face_vertices, cut, cut_codes
-    )
+    cuts = support_feature(shapes, plane, t, work.cut, work.cut_codes)
     d = -t
-    size = ring_along(
-        slots[other], Ps[other], Rs[other], d, vertices, face_normals, face_start, face_vertices, ring, codes
-    )
-    size = clip(ring, codes, size, cut, cuts, t)
-    return add_ring(ring, codes, size, cut[0], t, plane_of_b, 0, reach, contacts, keys, count)
+    size = support_feature(shapes, other, d, work.ring, work.codes)
+    size = clip(work, size, cuts, t)
+    return add_polygon(work, size, work.cut[0], t, plane_of_b, 0, reach, count)
 
 
 @compiled
-def _line_on_line(
-    slots: Array, Ps: Array, Rs: Array, a: int, b: int, n: Array, reach: float, shapes: Any, work: Any, count: int
-) -> int:
+def _line_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work: Work, count: int) -> int:
     """Contacts of two round sides whose lines run along each other."""
-    vertices, face_normals, face_start, face_vertices = shapes
-    ring, codes, cut, cut_codes, contacts, keys, _, _ = work
-    if slots[a].kind > 2 or slots[b].kind > 2:
+    if shapes.slots[a].kind > CYLINDER or shapes.slots[b].kind > CYLINDER:
         return count
     d = -n
-    size = ring_along(slots[a], Ps[a], Rs[a], d, vertices, face_normals, face_start, face_vertices, ring, codes)
-    cuts = ring_along(slots[b], Ps[b], Rs[b], n, vertices, face_normals, face_start, face_vertices, cut, cut_codes)
+    size = support_feature(shapes, a, d, work.ring, work.codes)
+    cuts = support_feature(shapes, b, n, work.cut, work.cut_codes)
     if size != 2 or cuts != 2:
         return count
-    u, v = ring[1] - ring[0], cut[1] - cut[0]
+    u, v = work.ring[1] - work.ring[0], work.cut[1] - work.cut[0]
     if dot(u, v) ** 2 < 0.999 * dot(u, u) * dot(v, v):
         return count
-    size = clip(ring, codes, size, cut, cuts, n)
-    return add_ring(ring, codes, size, cut[0], n, True, 0, reach, contacts, keys, count)
+    size = clip(work, size, cuts, n)
+    return add_polygon(work, size, work.cut[0], n, True, 0, reach, count)
 
 
 @compiled
-def convex_pair(
-    slots: Array, Ps: Array, Rs: Array, a: int, b: int, found: Array, reach: float, shapes: Any, work: Any
-) -> int:
+def convex_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: Work) -> int:
     """Contacts of two convex shapes from the engine's answer `found` (k, 7): normal (b to a), point on b, distance."""
-    contacts, keys = work[4], work[5]
+    slots, P, R, contacts = shapes.slots, shapes.P, shapes.R, work.contacts
     count = 0
     for j in range(len(found)):
         n = found[j, :3].copy()
-        count = _flat_on(slots, Ps, Rs, a, b, n, reach, shapes, work, count)
+        count = _face_contacts(shapes, a, b, n, reach, work, count)
         deepest = 1e300
         for k in range(count):
             deepest = min(deepest, contacts[k, 6])
-        top = reach_along(slots[b], Ps[b], Rs[b], n, shapes[0])
-        gap = -reach_along(slots[a], Ps[a], Rs[a], -n, shapes[0]) - top
+        top = support(slots[b], P[b], R[b], n, shapes.vertices)
+        gap = -support(slots[a], P[a], R[a], -n, shapes.vertices) - top
         # Features that miss each other leave the one point that the engine found.
         if gap <= reach and (count == 0 or gap < deepest - 1e-4):
-            count = add_point(found[j, 3:6], n, top, gap, _POINT + j, contacts, keys, count)
+            count = add_point(work, found[j, 3:6], n, top, gap, _POINT + j, count)
     return count
 
 
 @compiled
-def space_pair(slots: Array, Ps: Array, Rs: Array, a: int, b: int, reach: float, shapes: Any, work: Any) -> int:
+def half_space_pair(shapes: Shapes, a: int, b: int, reach: float, work: Work) -> int:
     """Contacts of a convex shape with a half-space, which needs no engine."""
-    vertices, face_normals, face_start, face_vertices = shapes
-    ring, codes, _, _, contacts, keys, t, _ = work
+    t = work.t
     for i in range(3):
-        t[i] = -Rs[b, i, 2]
+        t[i] = -shapes.R[b, i, 2]
     d = -t
-    size = ring_along(slots[a], Ps[a], Rs[a], d, vertices, face_normals, face_start, face_vertices, ring, codes)
-    return add_ring(ring, codes, size, Ps[b], t, True, 0, reach, contacts, keys, 0)
+    size = support_feature(shapes, a, d, work.ring, work.codes)
+    return add_polygon(work, size, shapes.P[b], t, True, 0, reach, 0)
 
 
 @compiled
-def mesh_pair(
-    slots: Array, Ps: Array, Rs: Array, a: int, b: int, found: Array, reach: float, shapes: Any, mesh: Any, work: Any
-) -> int:
+def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: Work) -> int:
     """Contacts of a convex shape with a mesh from the engine's answer `found` (k, 7), a line for each near triangle."""
-    vertices = shapes[0]
-    triangles, normals, cell_start, cell_triangles = mesh
-    contacts, keys = work[4], work[5]
+    slots, normals = shapes.slots, shapes.triangle_normals
     here, done = np.empty(AT_POINT, np.int64), np.empty(256, np.int64)
     x, flip = np.empty(3), np.empty(3)
     count = known = 0
     last = slots[b].face_first + slots[b].face_count
-    lift = 0.0 if slots[a].kind == 0 else ENGINE_MARGIN
+    lift = 0.0 if slots[a].kind == SPHERE else ENGINE_MARGIN
     for j in range(len(found)):
         n = found[j, :3].copy()
         meeting = 0
@@ -140,7 +124,7 @@ def mesh_pair(
             if meeting == 0:
                 for i in range(3):
                     x[i] = found[j, 3 + i] - (lift if attempt == 0 else 0.0) * n[i]
-                meeting = triangles_at(slots, x, 2e-4, vertices, triangles, cell_start, cell_triangles, here)
+                meeting = triangles_at(shapes, x, 2e-4, here)
         on_face = False
         for m in range(meeting):
             k = here[m]
@@ -159,78 +143,61 @@ def mesh_pair(
             sense = -1.0 if along < 0.0 and slots[b].oriented == 0 else 1.0
             for i in range(3):
                 flip[i] = sense * normals[k, i]
-            count = _on_triangle(slots, Ps, Rs, a, k, flip, reach, shapes, triangles, work, count)
+            count = _triangle_contacts(shapes, a, k, flip, reach, work, count)
             if count > FULL:
-                count = thin_out(contacts, keys, count)
-        if not on_face and supported(x, n, vertices, triangles, normals, here, meeting):
-            count = _on_edge(slots, Ps, Rs, a, x, n, here, meeting, reach, shapes, triangles, work, count)
+                count = thin_out(work, count)
+        if not on_face and in_normal_cone(shapes, x, n, here, meeting):
+            count = _edge_contacts(shapes, a, x, n, here, meeting, reach, work, count)
     if count == 0:
-        count = _last_resort(slots, Ps, Rs, a, found, reach, vertices, contacts, keys)
+        count = _deepest_point(shapes, a, found, reach, work)
     return count
 
 
 @compiled
-def _on_triangle(
-    slots: Array, Ps: Array, Rs: Array, a: int, k: int, t: Array, reach: float, shapes: Any, triangles: Array, work: Any,
-    count: int,
-) -> int:  # fmt: skip
+def _triangle_contacts(shapes: Shapes, a: int, k: int, t: Array, reach: float, work: Work, count: int) -> int:
     """Contacts of what a shape shows to the plane of a triangle, over the triangle, whose normal towards the shape is t."""
-    vertices, face_normals, face_start, face_vertices = shapes
-    ring, codes, cut, _, contacts, keys, _, _ = work
-    across = np.empty(3)
+    cut, across = work.cut, np.empty(3)
     for i in range(3):
         for c in range(3):
-            cut[c, i] = vertices[triangles[k, c], i]
+            cut[c, i] = shapes.vertices[shapes.triangles[k, c], i]
     u, v = cut[1] - cut[0], cut[2] - cut[0]
     across[0], across[1], across[2] = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
     if dot(across, t) < 0.0:  # the other side of a sheet
         for i in range(3):
             cut[1, i], cut[2, i] = cut[2, i], cut[1, i]
     d = -t
-    size = ring_along(slots[a], Ps[a], Rs[a], d, vertices, face_normals, face_start, face_vertices, ring, codes)
-    size = clip(ring, codes, size, cut, 3, t)
-    return add_ring(ring, codes, size, cut[0], t, True, 8 * k, reach, contacts, keys, count)
+    size = support_feature(shapes, a, d, work.ring, work.codes)
+    size = clip(work, size, 3, t)
+    return add_polygon(work, size, cut[0], t, True, 8 * k, reach, count)
 
 
 @compiled
-def _on_edge(
-    slots: Array, Ps: Array, Rs: Array, a: int, x: Array, n: Array, here: Array, meeting: int, reach: float, shapes: Any,
-    triangles: Array, work: Any, count: int,
-) -> int:  # fmt: skip
+def _edge_contacts(
+    shapes: Shapes, a: int, x: Array, n: Array, here: Array, meeting: int, reach: float, work: Work, count: int
+) -> int:
     """Contacts with an edge or a corner of the surface at x: all of the edge that a face of the shape lies on, or one point."""
-    vertices, face_normals, face_start, face_vertices = shapes
-    ring, codes, cut, cut_codes, contacts, keys, t, _ = work
+    slot, P, R, t, ring, codes = shapes.slots[a], shapes.P[a], shapes.R[a], work.t, work.ring, work.codes
     d = -n
     before = count
-    if best_face(slots[a], Rs[a], d, face_normals, t) >= _FLAT:
-        cuts = ring_along(slots[a], Ps[a], Rs[a], t, vertices, face_normals, face_start, face_vertices, cut, cut_codes)
+    if support_face(slot, R, d, shapes.face_normals, t) >= _FLAT:
+        cuts = support_feature(shapes, a, t, work.cut, work.cut_codes)
         for m in range(meeting):
             for c in range(3):
                 codes[c] = c
                 for i in range(3):
-                    ring[c, i] = vertices[triangles[here[m], c], i]
-            size = clip(ring, codes, 3, cut, cuts, t)
-            count = add_ring(ring, codes, size, cut[0], t, False, 8 * here[m], reach, contacts, keys, count)
+                    ring[c, i] = shapes.vertices[shapes.triangles[here[m], c], i]
+            size = clip(work, 3, cuts, t)
+            count = add_polygon(work, size, work.cut[0], t, False, 8 * here[m], reach, count)
     if count == before:
         top = dot(x, n)
-        gap = -reach_along(slots[a], Ps[a], Rs[a], d, vertices) - top
+        gap = -support(slot, P, R, d, shapes.vertices) - top
         if gap <= reach:
-            count = add_point(x, n, top, gap, _POINT + 8 * here[0], contacts, keys, count)
+            count = add_point(work, x, n, top, gap, _POINT + 8 * here[0], count)
     return count
 
 
 @compiled
-def _last_resort(
-    slots: Array,
-    Ps: Array,
-    Rs: Array,
-    a: int,
-    found: Array,
-    reach: float,
-    vertices: Array,
-    contacts: Array,
-    keys: Array,
-) -> int:
+def _deepest_point(shapes: Shapes, a: int, found: Array, reach: float, work: Work) -> int:
     """The engine's deepest point as it is, where a shape is inside the surface and no feature explains how."""
     best = -1
     for j in range(len(found)):
@@ -240,48 +207,52 @@ def _last_resort(
         return 0
     n = found[best, :3].copy()
     top = dot(found[best, 3:6], n) - ENGINE_MARGIN
-    gap = -reach_along(slots[a], Ps[a], Rs[a], -n, vertices) - top
-    return add_point(found[best, 3:6], n, top, gap, _POINT + best, contacts, keys, 0) if gap <= reach else 0
+    gap = -support(shapes.slots[a], shapes.P[a], shapes.R[a], -n, shapes.vertices) - top
+    return add_point(work, found[best, 3:6], n, top, gap, _POINT + best, 0) if gap <= reach else 0
 
 
 @compiled
-def collect(
-    slots: Array, Ps: Array, Rs: Array, reach: Array, pairs: Array, first: Array, found: Array, shapes: Any, mesh: Any,
-    rows: Array, numbers: Array, out_keys: Array, pair_numbers: Array,
-) -> int:  # fmt: skip
+def find_contacts(
+    table: Array,
+    pairs: Array,
+    first: Array,
+    found: Array,
+    rows: Array,
+    numbers: Array,
+    keys: Array,
+    coefficients: Array,
+) -> int:
     """Contacts of all near pairs, reduced.
 
     Args:
+        table: made by `broad_phase.SEARCH`.
         pairs: (m, 2) slots; the engine's lines of pair i are found[first[i]:first[i + 1]].
-        rows, numbers, out_keys, pair_numbers: receive rows of a and b (k, 2), `NUMBERS` columns, keys, and friction and restitution (k, 2).
+        rows, numbers, keys, coefficients: receive rows of a and b (k, 2), `NUMBERS` columns, keys, and friction and restitution (k, 2).
 
     Returns:
         How many there are, as far as they fit.
     """
-    contacts, keys = np.empty((CANDIDATES, NUMBERS)), np.empty(CANDIDATES, np.int64)
-    work = (
-        np.empty((4 * RING, 3)), np.empty(4 * RING, np.int64), np.empty((RING, 3)), np.empty(RING, np.int64),
-        contacts, keys, np.empty(3), np.empty(3),
-    )  # fmt: skip
+    shapes, reach, work = _shapes_at(table), _reach_at(table), new_work()
+    slots = shapes.slots
     chosen = np.empty(8 * KEPT, np.int64)
     total = 0
     for i in range(len(pairs)):
         a, b = pairs[i]
         near = reach[a] + reach[b]
         lines = found[first[i] : first[i + 1]]
-        if slots[b].kind == _HALF_SPACE:
-            count = space_pair(slots, Ps, Rs, a, b, near, shapes, work)
-        elif slots[b].kind == _MESH:
-            count = mesh_pair(slots, Ps, Rs, a, b, lines, near, shapes, mesh, work)
+        if slots[b].kind == HALF_SPACE:
+            count = half_space_pair(shapes, a, b, near, work)
+        elif slots[b].kind == MESH:
+            count = mesh_pair(shapes, a, b, lines, near, work)
         else:
-            count = convex_pair(slots, Ps, Rs, a, b, lines, near, shapes, work)
-        kept = reduce(contacts, keys, count, chosen)
+            count = convex_pair(shapes, a, b, lines, near, work)
+        kept = reduce(work.contacts, work.keys, count, chosen)
         pair_key = (slots[a].ident % 16384) * 16384 + slots[b].ident % 16384
         for k in range(min(kept, len(rows) - total)):
             rows[total, 0], rows[total, 1] = slots[a].row, slots[b].row
-            numbers[total] = contacts[chosen[k]]
-            out_keys[total] = pair_key * (1 << 34) + keys[chosen[k]]
-            pair_numbers[total, 0] = np.sqrt(slots[a].friction * slots[b].friction)
-            pair_numbers[total, 1] = max(slots[a].restitution, slots[b].restitution)
+            numbers[total] = work.contacts[chosen[k]]
+            keys[total] = pair_key * (1 << 34) + work.keys[chosen[k]]
+            coefficients[total, 0] = np.sqrt(slots[a].friction * slots[b].friction)
+            coefficients[total, 1] = max(slots[a].restitution, slots[b].restitution)
             total += 1
     return total

@@ -13,18 +13,37 @@ fixed points are exactly Coulomb's law (de Saxce and Feng, 1998).
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
-from uwserver.physics.dynamics.fossen import rotation
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.kernel.rotation import rotation
 
 MAX_SWEEPS = 300
 TOLERANCE = 1e-10  # m/s: what a sweep may still change
 
 # Blocks of the (k, 4, 3, 6) array of rows: Jacobians of bodies a and b, and M^-1 J^T of both; three directions each.
 J_A, J_B, R_A, R_B = range(4)
+
+
+class Constraints(NamedTuple):
+    """The rows of k contacts between m bodies.
+
+    Attributes:
+        slot_a, slot_b: (k) places of the contacts' bodies among the m; -1 for what does not move.
+        order, bounds: contacts island by island; island i is order[bounds[i]:bounds[i + 1]].
+        axes: (k, 3, 3) normal and tangents in N.
+        rows: (k, 4, 3, 6) blocks as named above.
+        gains: (k, 2) of `set_gains`.
+    """
+
+    slot_a: Array
+    slot_b: Array
+    order: Array
+    bounds: Array
+    axes: Array
+    rows: Array
+    gains: Array
 
 
 @compiled
@@ -92,6 +111,27 @@ def relative_velocity(rows: Array, c: int, d: int, nu: Array, a: int, b: int) ->
 
 
 @compiled
+def set_jacobians(constraints: Constraints, state: Array, point: Array, R: Array) -> None:
+    """Jacobians of all contacts at points (k, 3), for the poses in `state` (m, 13); R (3, 3) is work space."""
+    slot_a, slot_b, axes, rows = constraints.slot_a, constraints.slot_b, constraints.axes, constraints.rows
+    for c in range(point.shape[0]):
+        set_jacobian(state[slot_a[c]], point[c], axes[c], 1.0, R, rows, c, J_A)
+        if slot_b[c] >= 0:
+            set_jacobian(state[slot_b[c]], point[c], axes[c], -1.0, R, rows, c, J_B)
+
+
+@compiled
+def set_responses(constraints: Constraints, M_inv: Array) -> None:
+    """Responses and gains of all contacts, for the inverse inertias M_inv (m, 6, 6); after `set_jacobians`."""
+    slot_a, slot_b, rows = constraints.slot_a, constraints.slot_b, constraints.rows
+    for c in range(slot_a.shape[0]):
+        set_response(M_inv, slot_a[c], rows, c, J_A)
+        if slot_b[c] >= 0:
+            set_response(M_inv, slot_b[c], rows, c, J_B)
+        set_gains(rows, c, slot_b[c] >= 0, constraints.gains[c])
+
+
+@compiled
 def _coupling(rows: Array, c: int, d: int, e: int, moving_b: bool) -> float:
     """Change of w in direction d by a unit impulse in direction e of the same contact, 1/kg."""
     total = 0.0
@@ -112,7 +152,7 @@ def set_gains(rows: Array, c: int, moving_b: bool, gains: Array) -> None:
 
 
 @compiled
-def _push(rows: Array, c: int, d: int, impulse: float, a: int, b: int, change: Array) -> None:
+def _respond(rows: Array, c: int, d: int, impulse: float, a: int, b: int, change: Array) -> None:
     """Add to the velocity changes of both bodies what an impulse in direction d does."""
     for i in range(6):
         change[a, i] += rows[c, R_A, d, i] * impulse
@@ -122,23 +162,22 @@ def _push(rows: Array, c: int, d: int, impulse: float, a: int, b: int, change: A
 
 
 @compiled
-def push_all(rows: Array, c: int, impulse: Array, a: int, b: int, change: Array) -> None:
+def add_response(rows: Array, c: int, impulse: Array, a: int, b: int, change: Array) -> None:
     """The same for all three directions; impulse (3) along normal and tangents."""
     for d in range(3):
         if impulse[d] != 0.0:
-            _push(rows, c, d, impulse[d], a, b, change)
+            _respond(rows, c, d, impulse[d], a, b, change)
 
 
 @compiled
-def solve_rows(
-    order: Array, first: int, end: int, body_a: Array, body_b: Array, rows: Array, gains: Array, bias: Array, friction: Array,
-    frozen: Array, impulse: Array, change: Array,
-) -> int:  # fmt: skip
-    """Projected Gauss-Seidel over the contacts order[first:end].
+def solve_island(
+    constraints: Constraints, island: int, bias: Array, friction: Array, frozen: Array, impulse: Array, change: Array
+) -> int:
+    """Projected Gauss-Seidel over the contacts of one island.
 
     Args:
-        body_a, body_b: (k) slots of `change`; body_b -1 for what does not move.
-        rows, gains: as set by `set_side` and `set_gains`.
+        constraints: of all contacts.
+        island: number of the island.
         bias: (k, 3) w without any change of velocity, plus what the open gap allows along the normal.
         friction: (k) coefficients.
         frozen: (k) contacts that are left as they are.
@@ -146,21 +185,23 @@ def solve_rows(
         change: (m, 6) in and out, change of nu of each body.
 
     Returns:
-        Sweeps taken.
+        Sweeps done.
     """
+    order, rows, gains = constraints.order, constraints.rows, constraints.gains
+    first, end = constraints.bounds[island], constraints.bounds[island + 1]
     for sweep in range(MAX_SWEEPS):
         worst = 0.0
         for k in range(first, end):
             c = order[k]
             if frozen[c]:
                 continue
-            a, b = body_a[c], body_b[c]
+            a, b = constraints.slot_a[c], constraints.slot_b[c]
             w = bias[c, 0] + relative_velocity(rows, c, 0, change, a, b)
             new = max(0.0, impulse[c, 0] - gains[c, 0] * w)
             step = new - impulse[c, 0]
             if step != 0.0:
                 impulse[c, 0] = new
-                _push(rows, c, 0, step, a, b, change)
+                _respond(rows, c, 0, step, a, b, change)
                 worst = max(worst, abs(step) / gains[c, 0])
             if friction[c] <= 0.0:
                 continue
@@ -172,8 +213,8 @@ def solve_rows(
             du, dv = u - impulse[c, 1], v - impulse[c, 2]
             if du != 0.0 or dv != 0.0:
                 impulse[c, 1], impulse[c, 2] = u, v
-                _push(rows, c, 1, du, a, b, change)
-                _push(rows, c, 2, dv, a, b, change)
+                _respond(rows, c, 1, du, a, b, change)
+                _respond(rows, c, 2, dv, a, b, change)
                 worst = max(worst, math.sqrt(du * du + dv * dv) / gains[c, 1])
         if worst <= TOLERANCE:
             return sweep + 1

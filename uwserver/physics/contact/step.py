@@ -1,6 +1,6 @@
 """One tick of bodies that touch (compiled): the free step as a trial, impulses at its start, the real step, and what is left at its end.
 
-    1. predict: every body near a contact takes the free RK4 step as a trial.
+    1. predict: every body near a contact does the free RK4 step as a trial.
     2. strike:  impulses, so that the velocity at the end of the tick satisfies the contacts. They act as a force over the tick, so a body
                 at rest stays at rest within it too; a hit that bounces is reversed at its start. Bodies without an impulse keep their
                 free step, bit for bit.
@@ -16,88 +16,47 @@ elsewhere in the world changes nothing.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from uwserver.physics.contact.forces import act, let_go
+from uwserver.physics.contact.forces import Struck, apply_impulses, clear_contact
 from uwserver.physics.contact.islands import fill_slots, find_islands
 from uwserver.physics.contact.solver import (
-    J_A,
-    J_B,
-    push_all,
+    Constraints,
+    add_response,
     relative_velocity,
     set_axes,
-    set_gains,
-    set_jacobian,
-    set_response,
-    solve_rows,
+    set_jacobians,
+    set_responses,
+    solve_island,
 )
-from uwserver.physics.dynamics.fossen import rotation
-from uwserver.physics.dynamics.integrator import STATE, scratch, servo_count, step_any
+from uwserver.physics.dynamics.integrator import step_any
+from uwserver.physics.dynamics.scratch import STATE
 from uwserver.physics.dynamics.thruster import set_demand
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.layout import STATE_SIZE
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, model_at, scratch_at, state_at
+from uwserver.physics.kernel.layout import STATE_SIZE, Fitted, Model
+from uwserver.physics.kernel.rotation import product, rotation
 
 BOUNCE_SPEED = 0.01  # m/s: slower hits do not bounce, or a body at rest would tremble
 SLOP = 1e-5  # m of penetration that is left alone; Bullet's own figure
-RECOVERY = 0.2  # part of the penetration beyond that is taken back each tick
+RECOVERY = 0.2  # part of the penetration beyond that is recovered each tick
 MAX_RECOVERY = 0.5  # m/s
-
-
-class Struck(NamedTuple):
-    """What `strike` hands to `settle`, for k contacts of m bodies.
-
-    Attributes:
-        bodies: (m) rows of the bodies near a contact.
-        start: (m, 13) their states at the start of the tick.
-        M_inv: (m, 6, 6).
-        slot_a, slot_b: (k) places of the contacts' bodies in `bodies`; -1 for what does not move.
-        order, bounds: contacts island by island; island i is order[bounds[i]:bounds[i + 1]].
-        axes: (k, 3, 3) normal and tangents in N.
-        rows, gains: of the solver.
-        impulse: (k, 3) along the axes, N s.
-        bounced: (k) whether the contact was a hit that bounces.
-        change: (m, 6) of nu by all impulses of the tick.
-    """
-
-    bodies: Array
-    start: Array
-    M_inv: Array
-    slot_a: Array
-    slot_b: Array
-    order: Array
-    bounds: Array
-    axes: Array
-    rows: Array
-    gains: Array
-    impulse: Array
-    bounced: Array
-    change: Array
 
 
 @compiled
 def predict(
-    rows: Any,
-    fitted: Any,
-    bodies: Array,
-    state: Array,
-    flows: Array,
-    t: float,
-    dt: float,
-    predicted: Array,
-    M_inv: Array,
+    table: Array, model: Model, fitted: Any, bodies: Array, t: float, dt: float, predicted: Array, M_inv: Array
 ) -> None:
-    """The free step of some bodies, as a trial; moves lags and servos on, so their rows must be copies."""
-    thrusters = rows.thrusters
-    w = scratch(thrusters.shape[0], servo_count(fitted))
-    for k in range(thrusters.shape[0]):
-        set_demand(thrusters[k], rows.tables)
+    """The free step of some bodies, as a trial; moves lags and servos on, so their rows in `model` and `fitted` must be copies."""
+    state, flows, w = state_at(table), flows_at(table), scratch_at(table)[0]
+    for k in range(model.thrusters.shape[0]):
+        set_demand(model.thrusters[k], model.tables)
     for i in range(bodies.shape[0]):
         n = bodies[i]
-        step_any(rows, fitted, n, state[n], flows[n], t, dt, w)
+        step_any(model, fitted, n, state[n], flows[n], t, dt, w)
         for j in range(STATE_SIZE):
             predicted[i, j] = w.s[STATE, j]
         for j in range(6):
@@ -106,7 +65,7 @@ def predict(
 
 
 @compiled
-def _warm(key: Array, old_key: Array, old_impulse: Array, axes: Array, impulse: Array) -> None:
+def _warm_start(key: Array, old_key: Array, old_impulse: Array, axes: Array, impulse: Array) -> None:
     """impulse (k, 3) along the axes from the tick before, where the same contact was there."""
     old = old_key.shape[0]
     for c in range(key.shape[0]):
@@ -122,45 +81,34 @@ def _warm(key: Array, old_key: Array, old_impulse: Array, axes: Array, impulse: 
 
 
 @compiled
-def _set_jacobians(
-    state: Array, point: Array, axes: Array, slot_a: Array, slot_b: Array, R: Array, rows: Array
-) -> None:
-    """Jacobians of all contacts at the poses in `state` (m, 13)."""
-    for c in range(point.shape[0]):
-        set_jacobian(state[slot_a[c]], point[c], axes[c], 1.0, R, rows, c, J_A)
-        if slot_b[c] >= 0:
-            set_jacobian(state[slot_b[c]], point[c], axes[c], -1.0, R, rows, c, J_B)
-
-
-@compiled
-def _set_responses(M_inv: Array, slot_a: Array, slot_b: Array, rows: Array, gains: Array) -> None:
-    for c in range(slot_a.shape[0]):
-        set_response(M_inv, slot_a[c], rows, c, J_A)
-        if slot_b[c] >= 0:
-            set_response(M_inv, slot_b[c], rows, c, J_B)
-        set_gains(rows, c, slot_b[c] >= 0, gains[c])
-
-
-@compiled
-def strike(
-    rows: Any,
-    fitted: Any,
-    state: Array,
-    flows: Array,
-    contacts: Any,
-    old_key: Array,
-    old_impulse: Array,
-    t: float,
-    dt: float,
-) -> Struck:
-    """Stages 1 and 2: impulses at the start of the tick; `state` receives the new velocities.
+def strike(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float) -> Struck:
+    """Stages 1 and 2: impulses at the start of the tick; the states receive the new velocities.
 
     Args:
-        rows, fitted: with copies of the rows whose lags and servos a step moves on.
-        contacts: `contact.Contacts`.
+        table: of the world, as for `integrator.advance`.
+        contacts: `contacts.Contacts`.
         old_key, old_impulse: (j), (j, 3, in N) of the tick before, for the warm start.
-        others: as for `integrator.advance`.
+        t, dt: start and length of the tick, s.
     """
+    if is_fitted(table):
+        present = fitted_at(table)
+        trial = Fitted(
+            present.servos.copy(), present.foils, present.propellers, present.weights, present.derivatives, present.hulls,
+            present.values,
+        )  # fmt: skip
+        return _strike(table, trial, contacts, old_key, old_impulse, t, dt)
+    return _strike(table, None, contacts, old_key, old_impulse, t, dt)
+
+
+@compiled
+def _strike(
+    table: Array, fitted: Any, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float
+) -> Struck:
+    """`fitted` has a copy of the servos, or is None for a world without appendages."""
+    present, state = model_at(table), state_at(table)
+    model = Model(
+        present.bodies, present.shapes, present.thrusters.copy(), present.tables, present.lags, present.wrenches, present.forces
+    )  # fmt: skip
     k = contacts.gap.shape[0]
     slot_a, slot_b = np.empty(k, np.int64), np.empty(k, np.int64)
     slot_of, bodies = np.full(state.shape[0], -1), np.empty(state.shape[0], np.int64)
@@ -171,50 +119,54 @@ def strike(
     islands = find_islands(slot_a, slot_b, m, order, bounds)
 
     start, predicted, M_inv = state[bodies], np.empty((m, STATE_SIZE)), np.empty((m, 6, 6))
-    predict(rows, fitted, bodies, state, flows, t, dt, predicted, M_inv)
+    predict(table, model, fitted, bodies, t, dt, predicted, M_inv)
 
-    axes, solver, gains = np.empty((k, 3, 3)), np.empty((k, 4, 3, 6)), np.empty((k, 2))
-    bias, R = np.empty((k, 3)), np.empty((3, 3))
+    axes, rows, gains = np.empty((k, 3, 3)), np.empty((k, 4, 3, 6)), np.empty((k, 2))
     for c in range(k):
         set_axes(contacts.normal[c], axes[c])
+    constraints = Constraints(slot_a, slot_b, order, bounds[: islands + 1].copy(), axes, rows, gains)
+    bias, R = np.empty((k, 3)), np.empty((3, 3))
     nu, nu_free = start[:, 7:], predicted[:, 7:]
-    _set_jacobians(predicted, contacts.point, axes, slot_a, slot_b, R, solver)
-    for c in range(k):
-        for d in range(3):
-            bias[c, d] = relative_velocity(solver, c, d, nu_free, slot_a[c], slot_b[c])
-    _set_jacobians(start, contacts.point, axes, slot_a, slot_b, R, solver)
-    _set_responses(M_inv, slot_a, slot_b, solver, gains)
+    set_jacobians(constraints, predicted, contacts.point, R)
+    _set_velocities(constraints, nu_free, bias)
+    set_jacobians(constraints, start, contacts.point, R)
+    set_responses(constraints, M_inv)
 
     impulse, change = np.zeros((k, 3)), np.zeros((m, 6))
     bounced, frozen = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
-    _warm(contacts.key, old_key, old_impulse, axes, impulse)
-    _aim(contacts, slot_a, slot_b, solver, nu, dt, bias, bounced, impulse)
+    _warm_start(contacts.key, old_key, old_impulse, axes, impulse)
+    _set_targets(contacts, constraints, nu, dt, bias, bounced, impulse)
     for c in range(k):
-        push_all(solver, c, impulse[c], slot_a[c], slot_b[c], change)
+        add_response(rows, c, impulse[c], slot_a[c], slot_b[c], change)
     for i in range(islands):
-        solve_rows(
-            order, bounds[i], bounds[i + 1], slot_a, slot_b, solver, gains, bias, contacts.friction, frozen, impulse, change
-        )  # fmt: skip
+        solve_island(constraints, i, bias, contacts.friction, frozen, impulse, change)
     _drop_untouched(slot_a, slot_b, impulse, change)
-    struck = Struck(
-        bodies, start, M_inv, slot_a, slot_b, order, bounds[: islands + 1].copy(), axes, solver, gains, impulse, bounced, change
-    )  # fmt: skip
-    act(rows.bodies, struck, contacts.point, state, dt)
+    struck = Struck(bodies, start, M_inv, constraints, impulse, bounced, change)
+    apply_impulses(model.bodies, struck, contacts.point, state, dt)
     return struck
 
 
 @compiled
-def _aim(
-    contacts: Any, slot_a: Array, slot_b: Array, rows: Array, nu: Array, dt: float, bias: Array, bounced: Array, impulse: Array
-) -> None:  # fmt: skip
+def _set_velocities(constraints: Constraints, nu: Array, bias: Array) -> None:
+    """bias (k, 3) = w of all contacts at the velocities nu (m, 6)."""
+    for c in range(bias.shape[0]):
+        for d in range(3):
+            bias[c, d] = relative_velocity(constraints.rows, c, d, nu, constraints.slot_a[c], constraints.slot_b[c])
+
+
+@compiled
+def _set_targets(
+    contacts: Any, constraints: Constraints, nu: Array, dt: float, bias: Array, bounced: Array, impulse: Array
+) -> None:
     """What each contact asks of the velocity: at the start of the tick where it bounces, at the end where it holds.
 
     Args:
         nu: (m, 6) at the start of the tick.
-        bias: (k, 3) in: w at the end of the free step; out: as `solve_rows` takes it.
+        bias: (k, 3) in: w at the end of the free step; out: as `solve_island` has it.
         bounced: (k) out.
         impulse: (k, 3) warm start, in and out.
     """
+    rows, slot_a, slot_b = constraints.rows, constraints.slot_a, constraints.slot_b
     for c in range(contacts.gap.shape[0]):
         approach = relative_velocity(rows, c, 0, nu, slot_a[c], slot_b[c])
         e, gap = contacts.restitution[c], contacts.gap[c]
@@ -246,36 +198,29 @@ def _drop_untouched(slot_a: Array, slot_b: Array, impulse: Array, change: Array)
 
 
 @compiled
-def settle(
-    rows: Array, struck: Struck, state: Array, contacts: Any, dt: float, impulse_N: Array, contact_nu_dot: Array
-) -> None:
+def settle(table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Array, contact_nu_dot: Array) -> None:
     """Stage 4, after the real step: the rest of the impulses, poses, recovery.
 
     Args:
-        rows: BODY rows; what acted on them in the tick is taken off.
-        state: (n, 13) after the step; in place.
+        table: of the world; what contacts did to its BODY rows is cleared, and its states become those at the end of the tick.
         impulse_N: (k, 3) out, impulse on body a in N, N s.
         contact_nu_dot: (n, 6) out, mean acceleration in B by contacts in the tick; zeros for the others.
     """
+    rows, state, constraints = model_at(table).bodies, state_at(table), struck.constraints
     k, m = contacts.gap.shape[0], struck.bodies.shape[0]
-    slot_a, slot_b, solver, bounds = struck.slot_a, struck.slot_b, struck.rows, struck.bounds
     now = state[struck.bodies]
     for i in range(m):
-        let_go(rows[struck.bodies[i]])
+        clear_contact(rows[struck.bodies[i]])
     bias, R, rest = np.empty((k, 3)), np.empty((3, 3)), np.zeros((m, 6))
     nu = now[:, 7:]
-    _set_jacobians(now, contacts.point, struck.axes, slot_a, slot_b, R, solver)
-    _set_responses(struck.M_inv, slot_a, slot_b, solver, struck.gains)
+    set_jacobians(constraints, now, contacts.point, R)
+    set_responses(constraints, struck.M_inv)
+    _set_velocities(constraints, nu, bias)
     for c in range(k):
-        for d in range(3):
-            bias[c, d] = relative_velocity(solver, c, d, nu, slot_a[c], slot_b[c])
         bias[c, 0] += max(0.0, contacts.gap[c]) / dt
-    for i in range(bounds.shape[0] - 1):
-        if _any_impulse(struck.order, bounds[i], bounds[i + 1], struck.impulse):
-            solve_rows(
-                struck.order, bounds[i], bounds[i + 1], slot_a, slot_b, solver, struck.gains, bias, contacts.friction, struck.bounced,
-                struck.impulse, rest,
-            )  # fmt: skip
+    for i in range(constraints.bounds.shape[0] - 1):
+        if _any_impulse(constraints, i, struck.impulse):
+            solve_island(constraints, i, bias, contacts.friction, struck.bounced, struck.impulse, rest)
     held = np.zeros(m, np.bool_)
     _sum_up(struck, impulse_N, held)
     contact_nu_dot[:, :] = 0.0
@@ -293,22 +238,23 @@ def settle(
 @compiled
 def _sum_up(struck: Struck, impulse_N: Array, held: Array) -> None:
     """Impulses in N, and which bodies (m) stay in contact."""
-    for c in range(struck.slot_a.shape[0]):
+    slot_a, slot_b, axes = struck.constraints.slot_a, struck.constraints.slot_b, struck.constraints.axes
+    for c in range(slot_a.shape[0]):
         for i in range(3):
             impulse_N[c, i] = 0.0
             for d in range(3):
-                impulse_N[c, i] += struck.axes[c, d, i] * struck.impulse[c, d]
+                impulse_N[c, i] += axes[c, d, i] * struck.impulse[c, d]
         if struck.impulse[c, 0] > 0.0 and not struck.bounced[c]:
-            held[struck.slot_a[c]] = True
-            if struck.slot_b[c] >= 0:
-                held[struck.slot_b[c]] = True
+            held[slot_a[c]] = True
+            if slot_b[c] >= 0:
+                held[slot_b[c]] = True
 
 
 @compiled
-def _any_impulse(order: Array, first: int, end: int, impulse: Array) -> bool:
+def _any_impulse(constraints: Constraints, island: int, impulse: Array) -> bool:
     found = False
-    for k in range(first, end):
-        found = found or impulse[order[k], 0] > 0.0
+    for k in range(constraints.bounds[island], constraints.bounds[island + 1]):
+        found = found or impulse[constraints.order[k], 0] > 0.0
     return found
 
 
@@ -316,17 +262,13 @@ def _any_impulse(order: Array, first: int, end: int, impulse: Array) -> bool:
 def _move(start: Array, velocity: Array, dt: float, R: Array, x: Array) -> None:
     """Pose of x (13) = pose of `start` carried on for dt at `velocity` (6), whose linear part is in the axes of x."""
     rotation(x[3], x[4], x[5], x[6], R)
-    q0, q1, q2, q3 = start[3], start[4], start[5], start[6]
     for i in range(3):
         x[i] = start[i] + dt * (R[i, 0] * velocity[0] + R[i, 1] * velocity[1] + R[i, 2] * velocity[2])
     rate = math.sqrt(velocity[3] ** 2 + velocity[4] ** 2 + velocity[5] ** 2)
     half = 0.5 * dt * rate
     s = 0.5 * dt if half < 1e-8 else math.sin(half) / rate
     w, a, b, c = math.cos(half), s * velocity[3], s * velocity[4], s * velocity[5]
-    x[3] = q0 * w - q1 * a - q2 * b - q3 * c
-    x[4] = q0 * a + q1 * w + q2 * c - q3 * b
-    x[5] = q0 * b - q1 * c + q2 * w + q3 * a
-    x[6] = q0 * c + q1 * b - q2 * a + q3 * w
+    x[3], x[4], x[5], x[6] = product(start[3], start[4], start[5], start[6], w, a, b, c)
     norm = math.sqrt(x[3] ** 2 + x[4] ** 2 + x[5] ** 2 + x[6] ** 2)
     for i in range(3, 7):
         x[i] /= norm
@@ -348,12 +290,8 @@ def _recover(struck: Struck, contacts: Any, dt: float, R: Array, now: Array) -> 
         return
     impulse, displacement = np.zeros((k, 3)), np.zeros((m, 6))
     smooth, free = np.zeros(k), np.zeros(k, np.bool_)
-    bounds = struck.bounds
-    for i in range(bounds.shape[0] - 1):
-        solve_rows(
-            struck.order, bounds[i], bounds[i + 1], struck.slot_a, struck.slot_b, struck.rows, struck.gains, bias, smooth, free, impulse,
-            displacement,
-        )  # fmt: skip
+    for i in range(struck.constraints.bounds.shape[0] - 1):
+        solve_island(struck.constraints, i, bias, smooth, free, impulse, displacement)
     for i in range(m):
         moves = False
         for j in range(6):

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from uwserver.frames import Vec3
+from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.physics.kernel.layout import DERIVATIVE, FOIL, HULL, PROPELLER, PROPELLER_SIZE, SERVO, WEIGHT
 
-FloatArray = npt.NDArray[np.float64]
-Records = npt.NDArray[np.void]
-Vec3 = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
 

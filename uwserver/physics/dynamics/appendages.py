@@ -6,12 +6,14 @@ import math
 from typing import Any
 
 from uwserver.physics.dynamics.foil import foil_force
-from uwserver.physics.dynamics.fossen import ACTUATED, CENTER, NU, NU_R, PASSIVE, UP, WATER, find_water, rotation
+from uwserver.physics.dynamics.fossen import find_water
 from uwserver.physics.dynamics.immersion import depth_below, disc_fraction, immersion, upward
 from uwserver.physics.dynamics.propeller import propeller_force
+from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, UP, WATER
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.kernel.layout import Fitted, Model
+from uwserver.physics.kernel.rotation import rotation
 
 
 @compiled
@@ -106,21 +108,19 @@ def _add_hull(hull: Any, fraction: float, work: Array) -> None:
 
 
 @compiled
-def appendages(
-    shapes: Array, fitted: Any, body: Any, s: Array, source: int, stage: int, t: float, flow: Array, w: Any
-) -> None:
+def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, source: int, stage: int, w: Any) -> None:
     """Fill w.work[ACTUATED] (what has a servo: fins, propellers, weights) and w.work[PASSIVE] (the hull), both in B about the origin.
 
     Args:
-        shapes, fitted: SHAPE rows and `layout.Fitted` of the world.
+        model, fitted: rows of the world.
         body: BODY record.
-        s: (k, 13) rows of states, of which row `source` is taken.
-        stage: row of w.values that holds the values of the body's servos.
-        t: time of the instant, s.
         flow: (FLOW_SIZE) the water near the body.
-        w: `integrator.Scratch`; R and rows of its work are overwritten.
+        t: time of the instant, s.
+        source: row of w.s that holds the state.
+        stage: column of fitted.values, the value of each servo at t.
+        w: SCRATCH record; R and rows of its work are overwritten.
     """
-    work, R = w.work, w.R
+    s, work, R = w.s, w.work, w.R
     rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
     for i in range(6):
         work[NU, i] = work[NU_R, i] = s[source, 7 + i]
@@ -133,7 +133,7 @@ def appendages(
     fraction = 1.0
     if near_surface:
         upward(flow, R, work[UP])
-        fraction = immersion(body, shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
+        fraction = immersion(body, model.shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
 
     for k in range(body.foil_first, body.foil_first + body.foil_count):
         foil = fitted.foils[k]
@@ -142,15 +142,15 @@ def appendages(
             _add_foil(foil, 0.0, scale, work, PASSIVE)
         else:
             scale *= fitted.servos[foil.servo].efficiency
-            _add_foil(foil, w.values[stage, foil.servo - body.servo_first], scale, work, ACTUATED)
+            _add_foil(foil, fitted.values[foil.servo, stage], scale, work, ACTUATED)
     for k in range(body.propeller_first, body.propeller_first + body.propeller_count):
         propeller = fitted.propellers[k]
         scale = _disc(propeller.r, 0.5 * propeller.diameter, depth, work) if near_surface else 1.0
         scale *= fitted.servos[propeller.servo].efficiency
-        _add_propeller(propeller, w.values[stage, propeller.servo - body.servo_first], scale, work)
+        _add_propeller(propeller, fitted.values[propeller.servo, stage], scale, work)
     for k in range(body.weight_first, body.weight_first + body.weight_count):
         weight = fitted.weights[k]
-        value = w.values[stage, weight.servo - body.servo_first]
+        value = fitted.values[weight.servo, stage]
         if weight.displaces != 0:
             value = weight.zero + fraction * (value - weight.zero)
         _add_weight(weight, value, R, work)
@@ -161,7 +161,7 @@ def appendages(
             work[PASSIVE, term.axis] += force
         else:
             servo = fitted.servos[term.servo]
-            value = w.values[stage, term.servo - body.servo_first]
+            value = fitted.values[term.servo, stage]
             work[ACTUATED, term.axis] += force * servo.efficiency * (value if term.power == 1 else value * value)
     for k in range(body.hull_first, body.hull_first + body.hull_count):
         _add_hull(fitted.hulls[k], fraction, work)

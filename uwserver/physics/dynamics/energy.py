@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from uwserver.physics.dynamics.params import FloatArray, Records
+from uwserver.frames import matrix
+from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.physics.kernel.layout import NU, Q
 
 
 def rotations(state: FloatArray) -> FloatArray:
     """R_NB (n, 3, 3) of the quaternions of state rows (n, 13), whatever their norm."""
-    w, x, y, z = (state[:, Q : Q + 4] / np.linalg.norm(state[:, Q : Q + 4], axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    q = state[:, Q : Q + 4] / np.linalg.norm(state[:, Q : Q + 4], axis=1, keepdims=True)
+    return np.array([matrix(row) for row in q.tolist()]).reshape(-1, 3, 3)
 
 
 def relative_velocities(state: FloatArray, currents: FloatArray) -> FloatArray:

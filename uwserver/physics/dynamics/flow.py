@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.dynamics.fossen import rotation
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.layout import (
     FLOW_KIND,
@@ -29,8 +29,7 @@ from uwserver.physics.kernel.layout import (
     WAVE_PHASE,
     WAVY,
 )  # fmt: skip
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.kernel.rotation import rotation
 
 # A row of water at a point: velocity (3), its partial derivative by time (3), its gradient (3, 3; row i: derivatives of component i),
 # elevation, its slopes along x and y and its rate, and the dynamic pressure as a head (m).

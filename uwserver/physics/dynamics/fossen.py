@@ -14,32 +14,26 @@ import math
 from typing import Any
 
 from uwserver.physics.dynamics.immersion import depth_below, immersion, upward
+from uwserver.physics.dynamics.scratch import (
+    ACTUATED,
+    APPLIED,
+    CENTER,
+    DU_DT,
+    EXTERNAL,
+    EXTRA,
+    MOMENTUM,
+    NU,
+    NU_R,
+    PASSIVE,
+    TAU,
+    UP,
+    WATER,
+)
 from uwserver.physics.dynamics.thruster import add_thrust
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
-from uwserver.physics.kernel.layout import FLOW_GRADIENT, FLOW_KIND, FLOW_P, FLOW_T, FLOW_V, FLOW_V_T, STEADY
-
-Array = Any  # numpy array inside compiled code
-
-
-# Rows of the (13, 6) scratch array that a derivative works in: an index costs nothing in compiled code, a slice two atomic counts.
-# ACTUATED and PASSIVE are input: what `appendages` gave for the same instant, or zero. UP has two rows.
-NU, NU_R, TAU, MOMENTUM, EXTRA, EXTERNAL, CENTER, UP, _, WATER, DU_DT, ACTUATED, PASSIVE = range(13)
-SCRATCH_ROWS = 13
-
-
-@compiled
-def rotation(w: float, a: float, b: float, c: float, R: Array) -> None:
-    """R_NB (3, 3) of a quaternion; exact for any norm, so that a Runge-Kutta stage needs no normalisation."""
-    s = 2.0 / (w * w + a * a + b * b + c * c)
-    R[0, 0] = 1.0 - s * (b * b + c * c)
-    R[0, 1] = s * (a * b - w * c)
-    R[0, 2] = s * (a * c + w * b)
-    R[1, 0] = s * (a * b + w * c)
-    R[1, 1] = 1.0 - s * (a * a + c * c)
-    R[1, 2] = s * (b * c - w * a)
-    R[2, 0] = s * (a * c - w * b)
-    R[2, 1] = s * (b * c + w * a)
-    R[2, 2] = 1.0 - s * (a * a + b * b)
+from uwserver.physics.kernel.layout import FLOW_GRADIENT, FLOW_KIND, FLOW_P, FLOW_T, FLOW_V, FLOW_V_T, STEADY, Model
+from uwserver.physics.kernel.rotation import rotation
 
 
 @compiled
@@ -182,9 +176,9 @@ def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
 
 
 @compiled
-def _add_touch(body: Any, R: Array, work: Array) -> None:
+def _add_contact(body: Any, R: Array, work: Array) -> None:
     """work[TAU] += force and moment of the body's contacts, which are given in N."""
-    F = body.touch
+    F = body.contact
     for i in range(3):
         work[TAU, i] += R[0, i] * F[0] + R[1, i] * F[1] + R[2, i] * F[2]
         work[TAU, 3 + i] += R[0, i] * F[3] + R[1, i] * F[4] + R[2, i] * F[5]
@@ -192,29 +186,29 @@ def _add_touch(body: Any, R: Array, work: Array) -> None:
 
 @compiled
 def derivative(
-    body: Any, s: Array, source: int, target: int, t: float, flow: Array, shapes: Array, thrusters: Array, forces: Array, stage: int,
-    wrenches: Array, M_inv: Array, held: float, work: Array, R: Array,
-) -> None:  # fmt: skip
-    """State derivative of one body at one instant: s[target] from the state in s[source].
+    model: Model, body: Any, flow: Array, t: float, held: float, source: int, target: int, stage: int, w: Any
+) -> None:
+    """State derivative of one body at one instant: w.s[target] from the state in w.s[source].
 
     Args:
+        model: all rows of the world.
         body: BODY record.
-        s: (k, 13) rows of states p_NB q_NB nu, and of their derivatives.
-        t: time of the instant, s.
         flow: (FLOW_SIZE) the water near the body.
-        shapes, thrusters, wrenches: all SHAPE, THRUSTER and WRENCH rows of the world.
-        forces: row `stage` holds the lagged thrust of each of the body's thrusters at t, N.
-        M_inv: (6, 6) inverse of M_RB + held M_A.
+        t: time of the instant, s.
         held: submerged fraction that scales M_A, held within a step.
-        work: (SCRATCH_ROWS, 6) scratch; rows ACTUATED and PASSIVE are added to the forces; afterwards row NU_R holds nu_r, and row EXTERNAL
-            the wrench of all actuators and the prescribed one in B about the origin.
-        R: (3, 3) out, R_NB.
+        source, target: rows of w.s.
+        stage: column of model.forces, the lagged thrust of each thruster at t.
+        w: SCRATCH record; M_inv goes with `held`, and rows ACTUATED, PASSIVE and EXTERNAL of its work are added to the forces. Afterwards row
+            NU_R holds nu_r, row APPLIED the wrench of all actuators, the prescribed and the external one in B about the origin, and R is R_NB.
     """
+    s, work, R = w.s, w.work, w.R
     rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
     for i in range(6):
         work[NU, i] = work[NU_R, i] = s[source, 7 + i]
         work[TAU, i] = work[ACTUATED, i]
         work[MOMENTUM, i] = 0.0
+        if work[EXTERNAL, i] != 0.0:
+            work[TAU, i] += work[EXTERNAL, i]
     moving = find_water(body, s, source, t, flow, R, work)
     ux, uy, uz = work[WATER, 0], work[WATER, 1], work[WATER, 2]
     cx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
@@ -231,16 +225,16 @@ def derivative(
         work[CENTER, i] = body.r_b[i]
     if near_surface:
         upward(flow, R, work[UP])
-        fraction = immersion(body, shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
-    for k in range(body.thruster_count):
-        add_thrust(thrusters[body.thruster_first + k], forces[stage, k], work, NU_R, depth, UP, near_surface, TAU)
+        fraction = immersion(body, model.shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        add_thrust(model.thrusters[k], model.forces[k, stage], depth, near_surface, work)
     for k in range(body.wrench_first, body.wrench_first + body.wrench_count):
-        _add_prescribed(wrenches[k], t, R, work)
+        _add_prescribed(model.wrenches[k], t, R, work)
     for i in range(6):
-        work[EXTERNAL, i] = work[TAU, i]
+        work[APPLIED, i] = work[TAU, i]
         work[TAU, i] += work[PASSIVE, i]
-    if body.touching != 0:
-        _add_touch(body, R, work)
+    if body.in_contact != 0:
+        _add_contact(body, R, work)
     _add_restoring(body, R, fraction * body.buoyancy, work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)
@@ -257,7 +251,7 @@ def derivative(
 
     for i in range(6):
         work[EXTRA, i] = 0.0
-    _multiply_add(M_inv, max(body.form_M_RB, body.form_M_A), work, TAU, 1.0, EXTRA)
+    _multiply_add(w.M_inv, max(body.form_M_RB, body.form_M_A), work, TAU, 1.0, EXTRA)
     for i in range(3):
         s[target, i] = R[i, 0] * work[NU, 0] + R[i, 1] * work[NU, 1] + R[i, 2] * work[NU, 2]
         s[target, 7 + i] = work[EXTRA, i]

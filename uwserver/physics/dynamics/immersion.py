@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.layout import FLOW_KIND, FLOW_PLANE, FLOW_T, WAVY
-
-Array = Any  # numpy array inside compiled code
 
 # Faces of a box as corner indices, counter-clockwise seen from outside; bit i of a corner's index selects the sign of axis i.
 _FACES = np.array([[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]])

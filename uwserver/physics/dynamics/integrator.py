@@ -8,68 +8,38 @@ stepped by the Rosenbrock-Euler rule instead, with the damping's Jacobian: first
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from uwserver.physics.dynamics.appendages import appendages
-from uwserver.physics.dynamics.fossen import ACTUATED, EXTERNAL, NU_R, PASSIVE, SCRATCH_ROWS, derivative, rotation
+from uwserver.physics.dynamics.fossen import derivative
 from uwserver.physics.dynamics.immersion import depth_below, immersion, upward
+from uwserver.physics.dynamics.scratch import (
+    ACTUATED,
+    APPLIED,
+    EXTERNAL,
+    K1,
+    K2,
+    K3,
+    K4,
+    NU_R,
+    PASSIVE,
+    STAGE,
+    STATE,
+)
 from uwserver.physics.dynamics.servo import advance_servo
 from uwserver.physics.dynamics.thruster import advance_lag, lagged, set_demand
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
-from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, rows_at, state_at
-from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, STATE_SIZE
+from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, model_at, scratch_at, state_at
+from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, STATE_SIZE, Model
 from uwserver.physics.kernel.linear import solve
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.kernel.rotation import rotation
 
 MAX_LEVEL = 4
 STABLE = 1.5
 DIVERGED_SPEED = 1e6  # m/s or rad/s: long before numbers overflow
-
-
-# Rows of the (6, 13) scratch array of a step: four stage derivatives, a stage state, the state itself.
-K1, K2, K3, K4, STAGE, STATE = range(6)
-
-
-class Scratch(NamedTuple):
-    """Work space of a step, allocated once a tick.
-
-    Attributes:
-        s: (6, 13) rows named above.
-        forces: (3, n) lagged thrust of each thruster of a body at the three stage times, N.
-        values: (3, n) value of each servo of a body at the three stage times.
-        work: (13, 6) of `fossen.derivative`.
-        R: (3, 3) R_NB.
-        M_inv: (6, 6) inverse inertia that holds in the step.
-        small: (3, 3).
-    """
-
-    s: Array
-    forces: Array
-    values: Array
-    work: Array
-    R: Array
-    M_inv: Array
-    small: Array
-
-
-@compiled
-def servo_count(fitted: Any) -> int:
-    """Number of servos of a world."""
-    if fitted is None:
-        return 0
-    return int(fitted.servos.shape[0])
-
-
-@compiled
-def scratch(thrusters: int, servos: int) -> Scratch:
-    """Work space for a world with that many thrusters and servos."""
-    return Scratch(
-        np.zeros((6, STATE_SIZE)), np.empty((3, max(1, thrusters))), np.empty((3, max(1, servos))), np.zeros((SCRATCH_ROWS, 6)),
-        np.empty((3, 3)), np.empty((6, 6)), np.empty((3, 3)),
-    )  # fmt: skip
 
 
 @compiled
@@ -92,7 +62,7 @@ def _damping_rate(body: Any, s: Array, flow: Array, dt: float) -> float:
 
 
 @compiled
-def _hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt: float, w: Scratch) -> float:
+def _hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
     """Submerged fraction that holds in a step; w.M_inv receives the inverse inertia that goes with it.
 
     The fraction is that of half a step on: with the one at its start a bobbing body, always late, would gain energy.
@@ -121,25 +91,32 @@ def _hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt:
 
 
 @compiled
-def _advance_servos(servos: Array, body: Any, half: float, w: Scratch) -> None:
-    """w.values (3, n) of the body's servos now, `half` (s) on and twice that on; the servos move on to the last."""
-    for k in range(body.servo_count):
-        servo = servos[body.servo_first + k]
-        w.values[0, k] = servo.value
-        w.values[1, k] = advance_servo(servo, half)
-        w.values[2, k] = advance_servo(servo, half)
+def _advance_servos(fitted: Any, body: Any, half: float) -> None:
+    """Values of the body's servos now, `half` (s) on and twice that on; the servos move on to the last."""
+    for k in range(body.servo_first, body.servo_first + body.servo_count):
+        servo, values = fitted.servos[k], fitted.values
+        values[k, 0] = servo.value
+        values[k, 1] = advance_servo(servo, half)
+        values[k, 2] = advance_servo(servo, half)
 
 
 @compiled
-def _present_appendages(rows: Any, fitted: Any, body: Any, t: float, flow: Array, w: Scratch) -> None:
+def _present_appendages(model: Model, fitted: Any, body: Any, flow: Array, t: float, w: Any) -> None:
     """Wrench of the body's appendages at w.s[STATE], from the present values of its servos, in w.work."""
-    for k in range(body.servo_count):
-        w.values[0, k] = fitted.servos[body.servo_first + k].value
-    appendages(rows.shapes, fitted, body, w.s, STATE, 0, t, flow, w)
+    for k in range(body.servo_first, body.servo_first + body.servo_count):
+        fitted.values[k, 0] = fitted.servos[k].value
+    appendages(model, fitted, body, flow, t, STATE, 0, w)
 
 
 @compiled
-def _no_appendages(w: Scratch) -> None:
+def _present_forces(model: Model, body: Any) -> None:
+    """Thrust of the body's thrusters by the present states of their lags, as that of the first stage."""
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        model.forces[k, 0] = lagged(model.thrusters[k], model.lags[model.thrusters[k].lag])
+
+
+@compiled
+def _no_appendages(w: Any) -> None:
     """For the next body."""
     for i in range(6):
         w.work[ACTUATED, i] = w.work[PASSIVE, i] = 0.0
@@ -147,53 +124,51 @@ def _no_appendages(w: Scratch) -> None:
 
 @inlined
 def _rk4(
-    rows: Any,
+    model: Model,
+    fitted: Any,
     body: Any,
+    flow: Array,
     t: float,
     h: float,
+    held: float,
     level: int,
     begun: bool,
-    flow: Array,
-    held: float,
-    w: Scratch,
-    fitted: Any,
+    w: Any,
 ) -> None:
     """One classical Runge-Kutta step of length h of w.s[STATE], in place; `begun`: w.forces[0] and w.s[K1] are there already.
 
     The lag of the thrusters does not depend on the body, so its exact values at the three stage times are inserted.
     """
-    shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
-    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
-    first, count = body.thruster_first, body.thruster_count
-    for k in range(count):
-        thruster = thrusters[first + k]
-        lag = lags[thruster.lag]
+    s, forces = w.s, model.forces
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        thruster = model.thrusters[k]
+        lag = model.lags[thruster.lag]
         if not begun:
-            forces[0, k] = lagged(thruster, lag)
-        forces[1, k] = advance_lag(thruster, lag, level)
-        forces[2, k] = advance_lag(thruster, lag, level)
+            forces[k, 0] = lagged(thruster, lag)
+        forces[k, 1] = advance_lag(thruster, lag, level)
+        forces[k, 2] = advance_lag(thruster, lag, level)
     if fitted is not None:
-        _advance_servos(fitted.servos, body, 0.5 * h, w)
+        _advance_servos(fitted, body, 0.5 * h)
     if not begun:
         if fitted is not None:
-            appendages(rows.shapes, fitted, body, s, STATE, 0, t, flow, w)
-        derivative(body, s, STATE, K1, t, flow, shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
+            appendages(model, fitted, body, flow, t, STATE, 0, w)
+        derivative(model, body, flow, t, held, STATE, K1, 0, w)
     half = t + 0.5 * h
     for i in range(STATE_SIZE):
         s[STAGE, i] = s[STATE, i] + 0.5 * h * s[K1, i]
     if fitted is not None:
-        appendages(rows.shapes, fitted, body, s, STAGE, 1, half, flow, w)
-    derivative(body, s, STAGE, K2, half, flow, shapes, thrusters, forces, 1, wrenches, M_inv, held, work, R)
+        appendages(model, fitted, body, flow, half, STAGE, 1, w)
+    derivative(model, body, flow, half, held, STAGE, K2, 1, w)
     for i in range(STATE_SIZE):
         s[STAGE, i] = s[STATE, i] + 0.5 * h * s[K2, i]
     if fitted is not None:
-        appendages(rows.shapes, fitted, body, s, STAGE, 1, half, flow, w)
-    derivative(body, s, STAGE, K3, half, flow, shapes, thrusters, forces, 1, wrenches, M_inv, held, work, R)
+        appendages(model, fitted, body, flow, half, STAGE, 1, w)
+    derivative(model, body, flow, half, held, STAGE, K3, 1, w)
     for i in range(STATE_SIZE):
         s[STAGE, i] = s[STATE, i] + h * s[K3, i]
     if fitted is not None:
-        appendages(rows.shapes, fitted, body, s, STAGE, 2, t + h, flow, w)
-    derivative(body, s, STAGE, K4, t + h, flow, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
+        appendages(model, fitted, body, flow, t + h, STAGE, 2, w)
+    derivative(model, body, flow, t + h, held, STAGE, K4, 2, w)
     for i in range(STATE_SIZE):
         s[STATE, i] += h / 6.0 * (s[K1, i] + 2.0 * (s[K2, i] + s[K3, i]) + s[K4, i])
     _normalise(s)
@@ -208,19 +183,17 @@ def _normalise(s: Array) -> None:
 
 
 @compiled
-def _implicit(rows: Any, body: Any, t: float, h: float, flow: Array, held: float, w: Scratch, fitted: Any) -> None:
+def _implicit(model: Model, fitted: Any, body: Any, flow: Array, t: float, h: float, held: float, w: Any) -> None:
     """Rosenbrock-Euler: (M + h dD/dnu) delta_nu = h M nu_dot, then the pose by the new velocity."""
-    shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
-    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
-    first, count = body.thruster_first, body.thruster_count
-    for k in range(count):
-        thruster = thrusters[first + k]
-        advance_lag(thruster, lags[thruster.lag], 0)
-        forces[2, k] = advance_lag(thruster, lags[thruster.lag], 0)
+    s, work = w.s, w.work
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        thruster = model.thrusters[k]
+        advance_lag(thruster, model.lags[thruster.lag], 0)
+        model.forces[k, 2] = advance_lag(thruster, model.lags[thruster.lag], 0)
     if fitted is not None:
-        _advance_servos(fitted.servos, body, 0.5 * h, w)
-        appendages(rows.shapes, fitted, body, s, STATE, 2, t + 0.5 * h, flow, w)
-    derivative(body, s, STATE, K1, t + 0.5 * h, flow, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
+        _advance_servos(fitted, body, 0.5 * h)
+        appendages(model, fitted, body, flow, t + 0.5 * h, STATE, 2, w)
+    derivative(model, body, flow, t + 0.5 * h, held, STATE, K1, 2, w)
     speed = abs(work[NU_R, 0])
     A = body.M_RB + held * body.M_A
     delta = np.zeros((6, 1))
@@ -238,7 +211,7 @@ def _implicit(rows: Any, body: Any, t: float, h: float, flow: Array, held: float
         s[STAGE, i] = s[STATE, i]
     for i in range(6):
         s[STAGE, 7 + i] += h * delta[i, 0]
-    derivative(body, s, STAGE, K2, t + h, flow, shapes, thrusters, forces, 2, wrenches, M_inv, held, work, R)
+    derivative(model, body, flow, t + h, held, STAGE, K2, 2, w)
     for i in range(7):
         s[STATE, i] += h * s[K2, i]
     for i in range(7, STATE_SIZE):
@@ -247,7 +220,7 @@ def _implicit(rows: Any, body: Any, t: float, h: float, flow: Array, held: float
 
 
 @inlined
-def step_body(rows: Any, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Scratch) -> float:
+def step_body(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
     """Carry body n from the state x (13) at t to t + dt without contact; w.s[STATE] receives the new state, lags and servos move on.
 
     `fitted` is None for a body without appendages, so that the compiler leaves out all that concerns them; see `step_fitted`.
@@ -255,48 +228,47 @@ def step_body(rows: Any, fitted: Any, n: int, x: Array, flow: Array, t: float, d
     Returns:
         The submerged fraction that scaled M_A in the step; w.M_inv is the inverse inertia that goes with it.
     """
-    body, shapes, thrusters, lags, wrenches = rows.bodies[n], rows.shapes, rows.thrusters, rows.lags, rows.wrenches
-    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
+    body = model.bodies[n]
     for i in range(STATE_SIZE):
-        s[STATE, i] = x[i]
-    held = _hold_inertia(rows.shapes, body, x, flow, t, dt, w)
-    for k in range(body.thruster_count):
-        thruster = thrusters[body.thruster_first + k]
-        forces[0, k] = lagged(thruster, lags[thruster.lag])
+        w.s[STATE, i] = x[i]
+    for i in range(6):
+        w.work[EXTERNAL, i] = body.external[i]
+    held = _hold_inertia(model.shapes, body, x, flow, t, dt, w)
+    _present_forces(model, body)
     if fitted is not None:
-        _present_appendages(rows, fitted, body, t, flow, w)
-    derivative(body, s, STATE, K1, t, flow, shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
-    need = _damping_rate(body, s, flow, dt) * dt / STABLE
+        _present_appendages(model, fitted, body, flow, t, w)
+    derivative(model, body, flow, t, held, STATE, K1, 0, w)
+    need = _damping_rate(body, w.s, flow, dt) * dt / STABLE
     level, steps = 0, 1
     while steps < need and level < MAX_LEVEL:
         level += 1
         steps *= 2
     if need > steps:
-        _implicit(rows, body, t, dt, flow, held, w, fitted)
+        _implicit(model, fitted, body, flow, t, dt, held, w)
     else:
         h = dt / steps
         for k in range(steps):
-            _rk4(rows, body, t + k * h, h, level, k == 0, flow, held, w, fitted)
+            _rk4(model, fitted, body, flow, t + k * h, h, held, level, k == 0, w)
     return held
 
 
 @compiled
-def step_fitted(rows: Any, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Scratch) -> float:
+def step_fitted(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
     """`step_body` of a body with appendages, whose rows are `fitted` (`layout.Fitted`)."""
-    held = step_body(rows, fitted, n, x, flow, t, dt, w)
+    held = step_body(model, fitted, n, x, flow, t, dt, w)
     _no_appendages(w)
     return held
 
 
 @inlined
-def step_any(rows: Any, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Scratch) -> None:
+def step_any(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> None:
     """`step_body` of any body of a world, with its appendages if it has some."""
     if fitted is None:
-        step_body(rows, None, n, x, flow, t, dt, w)
-    elif rows.bodies[n].fitted != 0:
-        step_fitted(rows, fitted, n, x, flow, t, dt, w)
+        step_body(model, None, n, x, flow, t, dt, w)
+    elif model.bodies[n].fitted != 0:
+        step_fitted(model, fitted, n, x, flow, t, dt, w)
     else:
-        step_body(rows, None, n, x, flow, t, dt, w)
+        step_body(model, None, n, x, flow, t, dt, w)
 
 
 @compiled
@@ -325,23 +297,25 @@ def advance(table: Array, t: float, dt: float) -> int:
         -1, or the row of the first body whose state is not finite or absurdly fast.
     """
     if is_fitted(table):
-        return _advance(rows_at(table), fitted_at(table), state_at(table), flows_at(table), t, dt)
-    return _advance(rows_at(table), None, state_at(table), flows_at(table), t, dt)
+        return _advance(table, fitted_at(table), t, dt)
+    return _advance(table, None, t, dt)
 
 
 @compiled
-def _advance(rows: Any, fitted: Any, state: Array, flows: Array, t: float, dt: float) -> int:
+def _advance(table: Array, fitted: Any, t: float, dt: float) -> int:
     """`fitted` is None for a world without appendages, so that the compiler leaves out all that concerns them."""
-    thrusters = rows.thrusters
-    w = scratch(thrusters.shape[0], servo_count(fitted))
-    for k in range(thrusters.shape[0]):
-        set_demand(thrusters[k], rows.tables)
-    for n in range(rows.bodies.shape[0]):
-        if rows.bodies[n].retired != 0:
-            continue
-        step_any(rows, fitted, n, state[n], flows[n], t, dt, w)
-        if not keep_state(w.s, state[n]):
-            return n
+    model, state, flows, w = model_at(table), state_at(table), flows_at(table), scratch_at(table)[0]
+    for k in range(model.thrusters.shape[0]):
+        set_demand(model.thrusters[k], model.tables)
+    for n in range(model.bodies.shape[0]):
+        body = model.bodies[n]
+        if body.retired == 0:
+            step_any(model, fitted, n, state[n], flows[n], t, dt, w)
+            if not keep_state(w.s, state[n]):
+                return n
+        for i in range(6):
+            body.acted[i] = body.external[i]
+            body.external[i] = 0.0
     return -1
 
 
@@ -352,36 +326,35 @@ def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
     Args:
         table, t: as for `advance`.
         nu_dot: (n, 6) out, derivative of nu in B, m/s2 and rad/s2.
-        tau: (n, 6) out, thrust plus prescribed wrench about the origin in B, N and N m.
+        tau: (n, 6) out, thrust plus prescribed and external wrench about the origin in B, N and N m. The external one is that of the last
+            tick.
     """
     if is_fitted(table):
-        _rates_of_change(rows_at(table), fitted_at(table), state_at(table), flows_at(table), t, nu_dot, tau)
+        _rates_of_change(table, fitted_at(table), t, nu_dot, tau)
     else:
-        _rates_of_change(rows_at(table), None, state_at(table), flows_at(table), t, nu_dot, tau)
+        _rates_of_change(table, None, t, nu_dot, tau)
 
 
 @compiled
-def _rates_of_change(rows: Any, fitted: Any, state: Array, flows: Array, t: float, nu_dot: Array, tau: Array) -> None:
-    w = scratch(rows.thrusters.shape[0], servo_count(fitted))
-    shapes, thrusters, lags, wrenches = rows.shapes, rows.thrusters, rows.lags, rows.wrenches
-    s, forces, M_inv, work, R = w.s, w.forces, w.M_inv, w.work, w.R
-    for n in range(rows.bodies.shape[0]):
-        body = rows.bodies[n]
+def _rates_of_change(table: Array, fitted: Any, t: float, nu_dot: Array, tau: Array) -> None:
+    model, state, flows, w = model_at(table), state_at(table), flows_at(table), scratch_at(table)[0]
+    for n in range(model.bodies.shape[0]):
+        body = model.bodies[n]
         if body.retired != 0:
             for i in range(6):
                 nu_dot[n, i] = tau[n, i] = 0.0
             continue
         for i in range(STATE_SIZE):
-            s[STATE, i] = state[n, i]
-        held = _hold_inertia(rows.shapes, body, state[n], flows[n], t, 0.0, w)
-        for k in range(body.thruster_count):
-            thruster = thrusters[body.thruster_first + k]
-            forces[0, k] = lagged(thruster, lags[thruster.lag])
+            w.s[STATE, i] = state[n, i]
+        for i in range(6):
+            w.work[EXTERNAL, i] = body.acted[i]
+        held = _hold_inertia(model.shapes, body, state[n], flows[n], t, 0.0, w)
+        _present_forces(model, body)
         if fitted is not None:  # noqa: SIM102  # apart, so that the compiler leaves the branch out for None
             if body.fitted != 0:
-                _present_appendages(rows, fitted, body, t, flows[n], w)
-        derivative(body, s, STATE, K1, t, flows[n], shapes, thrusters, forces, 0, wrenches, M_inv, held, work, R)
+                _present_appendages(model, fitted, body, flows[n], t, w)
+        derivative(model, body, flows[n], t, held, STATE, K1, 0, w)
         for i in range(6):
-            nu_dot[n, i] = s[K1, 7 + i]
-            tau[n, i] = w.work[EXTERNAL, i]
+            nu_dot[n, i] = w.s[K1, 7 + i]
+            tau[n, i] = w.work[APPLIED, i]
         _no_appendages(w)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import LAG_LEVELS
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

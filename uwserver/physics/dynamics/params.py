@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from uwserver.frames import Vec3
 from uwserver.physics.dynamics.appendage_params import Appendages, appendage_rates
 from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.physics.kernel.layout import BODY, LAG, SHAPE, TABLE, TABLE_SIZE, TABLE_VOLTAGES, THRUSTER, WRENCH
-
-FloatArray = npt.NDArray[np.float64]
-Records = npt.NDArray[np.void]
-Vec3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

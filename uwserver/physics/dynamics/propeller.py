@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-
-Array = Any  # numpy array inside compiled code
 
 
 @compiled

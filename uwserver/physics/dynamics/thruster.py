@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 from uwserver.physics.dynamics.immersion import disc_fraction
+from uwserver.physics.dynamics.scratch import NU_R, TAU, UP
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
-
-Array = Any  # numpy array inside compiled code
 
 
 @compiled
@@ -88,25 +88,23 @@ def lagged(thruster: Any, lag: Any) -> float:
 
 
 @compiled
-def add_thrust(
-    thruster: Any, force: float, work: Array, nu_r: int, depth: float, up: int, near_surface: bool, tau: int
-) -> None:
-    """Add one thruster's wrench (6, about the body origin in B) to row `tau` of `work`, whose row `nu_r` is the velocity through the water.
+def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, work: Array) -> None:
+    """work[TAU] += one thruster's wrench (6, about the body origin in B); work[NU_R] is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
     mount through the water along the axis. Thrust scales with the submerged part of the disc, for which `depth` (m) is that of the body
-    origin below the surface and row `up` of `work` the surface's normal in B.
+    origin below the surface and work[UP] the surface's normal in B.
     """
     if force == 0.0:
         return
     if thruster.inflow != 0.0:
         va = 0.0
         for i in range(6):
-            va += thruster.per_velocity[i] * work[nu_r, i]
+            va += thruster.per_velocity[i] * work[NU_R, i]
         force -= thruster.inflow * math.sqrt(abs(force)) * va
     if near_surface:
         r = thruster.r
-        hub = depth - work[up, 0] * r[0] - work[up, 1] * r[1] - work[up, 2] * r[2]
+        hub = depth - work[UP, 0] * r[0] - work[UP, 1] * r[1] - work[UP, 2] * r[2]
         force *= disc_fraction(hub, thruster.disc_radius)
     for i in range(6):
-        work[tau, i] += force * thruster.per_force[i]
+        work[TAU, i] += force * thruster.per_force[i]

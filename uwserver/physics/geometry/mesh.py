@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from uwserver.physics.geometry.slots import Shapes
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot
-
-Array = Any  # numpy array inside compiled code
 
 AT_POINT = 32
 """Most triangles that may meet at one point."""
@@ -54,10 +53,9 @@ def fill_cells(vertices: Array, faces: Array, origin: Array, size: float, cells:
 
 
 @compiled
-def any_triangle_in(
-    slot: Any, low: Array, high: Array, vertices: Array, triangles: Array, cell_start: Array, cell_triangles: Array
-) -> bool:
-    """Whether the box around any triangle of a mesh meets the box from `low` to `high` (N)."""
+def any_triangle_in(shapes: Shapes, s: int, low: Array, high: Array) -> bool:
+    """Whether the box around any triangle of the mesh in a slot meets the box from `low` to `high` (N)."""
+    slot, cell_start = shapes.slots[s], shapes.cell_start
     span = np.zeros((3, 2), np.int64)
     for i in range(3):
         if high[i] < slot.centre[i] - slot.half[i] or low[i] > slot.centre[i] + slot.half[i]:
@@ -68,7 +66,7 @@ def any_triangle_in(
             for z in range(span[2, 0], span[2, 1] + 1):
                 cell = slot.cell_first + (x * slot.cells[1] + y) * slot.cells[2] + z
                 for m in range(cell_start[cell], cell_start[cell + 1]):
-                    if _boxes_meet(triangles[cell_triangles[m]], vertices, low, high):
+                    if _boxes_meet(shapes.triangles[shapes.cell_triangles[m]], shapes.vertices, low, high):
                         return True
     return False
 
@@ -118,11 +116,9 @@ def distance_to_triangle(x: Array, a: Array, b: Array, c: Array) -> float:
 
 
 @compiled
-def triangles_at(
-    slots: Array, x: Array, near: float, vertices: Array, triangles: Array, cell_start: Array, cell_triangles: Array,
-    found: Array,
-) -> int:  # fmt: skip
+def triangles_at(shapes: Shapes, x: Array, near: float, found: Array) -> int:
     """Triangles of all meshes within `near` (m) of a point, into `found` (AT_POINT); tiles of one seabed so know their neighbours."""
+    slots, vertices, triangles, cell_start = shapes.slots, shapes.vertices, shapes.triangles, shapes.cell_start
     count = 0
     span = np.zeros((3, 2), np.int64)
     for s in range(len(slots)):
@@ -140,20 +136,20 @@ def triangles_at(
                 for cz in range(span[2, 0], span[2, 1] + 1):
                     cell = slot.cell_first + (cx * slot.cells[1] + cy) * slot.cells[2] + cz
                     for m in range(cell_start[cell], cell_start[cell + 1]):
-                        k = cell_triangles[m]
-                        seen = False
+                        k = shapes.cell_triangles[m]
+                        known = False
                         for j in range(count):
-                            seen = seen or found[j] == k
+                            known = known or found[j] == k
                         a, b, c = vertices[triangles[k, 0]], vertices[triangles[k, 1]], vertices[triangles[k, 2]]
-                        if not seen and count < AT_POINT and distance_to_triangle(x, a, b, c) <= near:
+                        if not known and count < AT_POINT and distance_to_triangle(x, a, b, c) <= near:
                             found[count] = k
                             count += 1
     return count
 
 
 @compiled
-def supported(x: Array, n: Array, vertices: Array, triangles: Array, normals: Array, found: Array, count: int) -> bool:
-    """Whether n can be the outward normal of a contact on the surface at x, where `count` triangles meet.
+def in_normal_cone(shapes: Shapes, x: Array, n: Array, found: Array, count: int) -> bool:
+    """Whether n can be the outward normal of a contact on the surface at x, where the triangles found[:count] meet.
 
     It can if no neighbour rises above the plane through x: true on a ridge for all normals between those of its sides, false for any
     slanted normal on a flat or hollow edge, where a body would catch on nothing.
@@ -161,9 +157,9 @@ def supported(x: Array, n: Array, vertices: Array, triangles: Array, normals: Ar
     facing = 0.0
     for j in range(count):
         k = found[j]
-        facing += dot(normals[k], n)
+        facing += dot(shapes.triangle_normals[k], n)
         for i in range(3):
-            v = vertices[triangles[k, i]]
+            v = shapes.vertices[shapes.triangles[k, i]]
             dx, dy, dz = v[0] - x[0], v[1] - x[1], v[2] - x[2]
             if dx * n[0] + dy * n[1] + dz * n[2] > 2e-3 * math.sqrt(dx * dx + dy * dy + dz * dz) + 1e-6:
                 return False

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from uwserver.physics.geometry.mesh import fill_cells
 from uwserver.physics.geometry.shapes import (
@@ -16,45 +15,23 @@ from uwserver.physics.geometry.shapes import (
     Capsule,
     ConvexHull,
     Cylinder,
-    FloatArray,
     HalfSpace,
-    IntArray,
     Placed,
     Shape,
     Sphere,
     TriangleMesh,
-    turned,
 )
-
-SPHERE, CAPSULE, CYLINDER, POLYHEDRON, HALF_SPACE, MESH = range(6)
-
-SLOT = np.dtype(
-    [
-        ("kind", "i8"),
-        ("ident", "i8"),  # never used twice in a world, unlike the place in the array
-        ("row", "i8"),  # of the body in the state array; -1: static
-        ("solid", "i8"),
-        ("p", "f8", (3,)),  # of the shape in its solid
-        ("R", "f8", (3, 3)),
-        ("q", "f8", (4,)),  # w x y z of the engine's shape in the solid
-        ("radius", "f8"),
-        ("half_length", "f8"),
-        ("centre", "f8", (3,)),  # of the box around the shape, in the shape's frame
-        ("half", "f8", (3,)),
-        ("vertex_first", "i8"),
-        ("vertex_count", "i8"),
-        ("face_first", "i8"),  # polyhedron: faces; mesh: triangles
-        ("face_count", "i8"),
-        ("cell_first", "i8"),  # mesh: its grid of cells
-        ("cell_origin", "f8", (3,)),
-        ("cell_size", "f8"),
-        ("cells", "i8", (3,)),
-        ("oriented", "i8"),
-        ("friction", "f8"),
-        ("restitution", "f8"),
-    ],
-    align=True,
+from uwserver.physics.geometry.slots import (
+    CAPSULE,
+    CYLINDER,
+    HALF_SPACE,
+    MESH,
+    POLYHEDRON,
+    SLOT,
+    SPHERE,
+    Shapes,
 )
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 
 _BOX_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
 """Corners of a box, bit i of a number selecting the sign of axis i, counter-clockwise seen from outside."""
@@ -121,25 +98,10 @@ def _coplanar(equations: FloatArray) -> list[list[int]]:
 
 
 @dataclass
-class Rows:
-    """All slots of a world and what they refer to. Rows of polyhedra and of meshes share `vertices`; static meshes stand there in N."""
-
-    slots: npt.NDArray[np.void]
-    vertices: FloatArray
-    face_normals: FloatArray
-    face_start: IntArray
-    face_vertices: IntArray
-    triangles: IntArray
-    triangle_normals: FloatArray
-    cell_start: IntArray
-    cell_triangles: IntArray
-
-
-@dataclass
 class Part:
-    """One placed shape on its way into `Rows`: its SLOT row (1), numbers counted from its own first."""
+    """One placed shape on its way into `Shapes`: its SLOT row (1), numbers counted from its own first."""
 
-    slot: npt.NDArray[np.void]
+    slot: Records
     corners: Polyhedron | None = None
     mesh: TriangleMesh | None = None
     normals: FloatArray | None = None
@@ -151,7 +113,7 @@ def part(placed: Placed) -> Part:
     """The rows of one placed shape, still of no solid."""
     shape = placed.shape
     slot = np.zeros(1, SLOT)
-    slot["p"], slot["R"] = placed.p, turned(placed.q)
+    slot["p"], slot["R"] = placed.p, placed.R
     if isinstance(shape, TriangleMesh):
         return _mesh_part(slot, placed, shape)
     if isinstance(shape, Box | ConvexHull):
@@ -173,14 +135,14 @@ def _kind(shape: Shape) -> int:
     return {Sphere: SPHERE, Capsule: CAPSULE, Cylinder: CYLINDER, HalfSpace: HALF_SPACE}[type(shape)]
 
 
-def _bound(slot: npt.NDArray[np.void], points: FloatArray) -> None:
+def _bound(slot: Records, points: FloatArray) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     slot["centre"], slot["half"] = 0.5 * (low + high), 0.5 * (high - low)
 
 
-def _mesh_part(slot: npt.NDArray[np.void], placed: Placed, mesh: TriangleMesh) -> Part:
-    """A static mesh, turned into N once and for all, with cells that list the triangles in them."""
-    vertices = np.ascontiguousarray(mesh.vertices @ turned(placed.q).T + np.array(placed.p))
+def _mesh_part(slot: Records, placed: Placed, mesh: TriangleMesh) -> Part:
+    """A static mesh, brought into N once and for all, with cells that list the triangles in them."""
+    vertices = np.ascontiguousarray(mesh.vertices @ placed.R.T + np.array(placed.p))
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
     normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -195,12 +157,12 @@ def _mesh_part(slot: npt.NDArray[np.void], placed: Placed, mesh: TriangleMesh) -
     slot["cell_origin"], slot["cell_size"] = low, size
     slot["cells"] = np.maximum(1, np.ceil(edges / size)).astype(np.int64)
     start, members = fill_cells(vertices, faces, low, size, slot["cells"][0])
-    turned_mesh = TriangleMesh(vertices, faces, mesh.oriented)
-    return Part(slot, None, turned_mesh, np.ascontiguousarray(normals), start, members)
+    static = TriangleMesh(vertices, faces, mesh.oriented)
+    return Part(slot, None, static, np.ascontiguousarray(normals), start, members)
 
 
-def rows(parts: Sequence[Part]) -> Rows:
-    """All parts end to end."""
+def shapes_of(parts: Sequence[Part]) -> Shapes:
+    """All parts end to end, each at the origin."""
     slots = np.concatenate([p.slot for p in parts]) if parts else np.zeros(0, SLOT)
     vertices: list[FloatArray] = [np.zeros((0, 3))]
     face_normals: list[FloatArray] = [np.zeros((0, 3))]
@@ -233,7 +195,8 @@ def rows(parts: Sequence[Part]) -> Rows:
             n_cells += len(p.cell_start)
             n_members += len(p.cell_triangles)
     face_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.array(lengths, dtype=np.int64))])
-    return Rows(
-        slots, np.concatenate(vertices), np.concatenate(face_normals), face_start, np.concatenate(rings),
+    n = len(slots)
+    return Shapes(
+        slots, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.concatenate(vertices), np.concatenate(face_normals), face_start, np.concatenate(rings),
         np.concatenate(triangles), np.concatenate(triangle_normals), np.concatenate(starts), np.concatenate(members),
     )  # fmt: skip

@@ -11,10 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-Vec3 = tuple[float, float, float]
-Quat = tuple[float, float, float, float]
+from uwserver.frames import Quat, Vec3, matrix
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 TILE_TRIANGLES = 100_000
 """Most triangles of one `TriangleMesh`: Bullet refuses inline meshes above about 178 000."""
@@ -93,6 +91,11 @@ class Placed:
     q: Quat = (1.0, 0.0, 0.0, 0.0)
     material: int = -1
 
+    @property
+    def R(self) -> FloatArray:
+        """Its attitude as a matrix (3, 3): components in the shape's frame become components in that of the solid."""
+        return np.array(matrix(self.q))
+
 
 @dataclass(frozen=True)
 class Solid:
@@ -166,15 +169,3 @@ def has_area(vertices: FloatArray, faces: IntArray) -> npt.NDArray[np.bool_]:
     doubled: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     wide: npt.NDArray[np.bool_] = doubled > 1e-9 * longest
     return wide
-
-
-def turned(q: Quat) -> FloatArray:
-    """The (3, 3) matrix of a unit quaternion."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

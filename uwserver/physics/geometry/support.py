@@ -1,6 +1,6 @@
 """Faces, edges and corners of convex shapes in a direction (compiled).
 
-A shape is a row of `solid_rows.SLOT` at P (3) with attitude R (3, 3) in N. Directions are unit vectors in N.
+A shape is a row of `slots.SLOT` at P (3) with attitude R (3, 3) in N. Directions are unit vectors in N.
 """
 
 from __future__ import annotations
@@ -8,30 +8,29 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from uwserver.physics.geometry.slots import CAPSULE, CYLINDER, POLYHEDRON, SPHERE, Shapes
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot
-
-Array = Any  # numpy array inside compiled code
 
 RING = 64
 """Most corners of a face."""
 RIM = 16
 """Corners that stand for the rim of a cylinder."""
 
-_SPHERE, _CAPSULE, _CYLINDER, _POLYHEDRON = range(4)  # as in solid_rows, which needs this package's compiler
 _END_ON = 0.7
 """Cosine between axis and direction above which a cylinder or capsule shows its end, not its side."""
 
 
 @compiled
-def best_face(slot: Any, R: Array, d: Array, face_normals: Array, normal: Array) -> float:
-    """Cosine between d and the outward normal of the plane face that looks along it most, which `normal` (3) receives; -2 if round."""
-    if slot.kind == _CYLINDER:
+def support_face(slot: Any, R: Array, d: Array, face_normals: Array, normal: Array) -> float:
+    """Cosine between d and the outward normal of the plane face that faces along it most, which `normal` (3) receives; -2 if round."""
+    if slot.kind == CYLINDER:
         cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
         for i in range(3):
             normal[i] = R[i, 0] if cosine >= 0.0 else -R[i, 0]
         return float(abs(cosine))
-    if slot.kind != _POLYHEDRON:
+    if slot.kind != POLYHEDRON:
         return -2.0
     best = _face_along(slot, R, d, face_normals)
     for i in range(3):
@@ -53,37 +52,36 @@ def _face_along(slot: Any, R: Array, d: Array, face_normals: Array) -> int:
 
 
 @compiled
-def ring_along(
-    slot: Any, P: Array, R: Array, d: Array, vertices: Array, face_normals: Array, face_start: Array,
-    face_vertices: Array, ring: Array, codes: Array,
-) -> int:  # fmt: skip
-    """The feature that looks along d: corners of a face (counter-clockwise from outside), ends of a line, or one point, into `ring`.
+def support_feature(shapes: Shapes, s: int, d: Array, ring: Array, codes: Array) -> int:
+    """The feature of the shape in a slot that faces along d: corners of a face (counter-clockwise from outside), ends of a line, or one point,
+    into `ring`.
 
     `codes` receives a number of each corner that stays with it. Returns their count.
     """
-    if slot.kind == _POLYHEDRON:
-        f = _face_along(slot, R, d, face_normals)
+    slot, P, R = shapes.slots[s], shapes.P[s], shapes.R[s]
+    if slot.kind == POLYHEDRON:
+        f, face_start = _face_along(slot, R, d, shapes.face_normals), shapes.face_start
         count = min(face_start[f + 1] - face_start[f], RING)
         for k in range(count):
-            v = face_vertices[face_start[f] + k]
+            v = shapes.face_vertices[face_start[f] + k]
             codes[k] = v - slot.vertex_first
             for i in range(3):
-                ring[k, i] = P[i] + dot(R[i], vertices[v])
+                ring[k, i] = P[i] + dot(R[i], shapes.vertices[v])
         return int(count)
     cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
-    if slot.kind == _CYLINDER and abs(cosine) > _END_ON:
+    if slot.kind == CYLINDER and abs(cosine) > _END_ON:
         return _rim(slot, P, R, d, cosine, ring, codes)
-    ends = slot.kind != _SPHERE and abs(cosine) <= _END_ON
+    ends = slot.kind != SPHERE and abs(cosine) <= _END_ON
     count = 2 if ends else 1
     across = math.sqrt(max(1.0 - cosine * cosine, 1e-30))
     for k in range(count):
-        along = 0.0 if slot.kind == _SPHERE else slot.half_length
+        along = 0.0 if slot.kind == SPHERE else slot.half_length
         if (k == 1) if ends else (cosine < 0.0):
             along = -along
         codes[k] = k
         for i in range(3):
             # A capsule's end is a ball; a cylinder's side has its lowest line across the axis.
-            out = (d[i] - cosine * R[i, 0]) / across if slot.kind == _CYLINDER else d[i]
+            out = (d[i] - cosine * R[i, 0]) / across if slot.kind == CYLINDER else d[i]
             ring[k, i] = P[i] + along * R[i, 0] + slot.radius * out
     return count
 
@@ -106,15 +104,15 @@ def _rim(slot: Any, P: Array, R: Array, d: Array, cosine: float, ring: Array, co
 
 
 @compiled
-def reach_along(slot: Any, P: Array, R: Array, d: Array, vertices: Array) -> float:
-    """The largest x . d over all points x of a convex shape."""
+def support(slot: Any, P: Array, R: Array, d: Array, vertices: Array) -> float:
+    """Support function of a convex shape: the largest x . d over all its points x."""
     base = P[0] * d[0] + P[1] * d[1] + P[2] * d[2]
     cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
-    if slot.kind == _SPHERE:
+    if slot.kind == SPHERE:
         return float(base + slot.radius)
-    if slot.kind == _CAPSULE:
+    if slot.kind == CAPSULE:
         return float(base + abs(cosine) * slot.half_length + slot.radius)
-    if slot.kind == _CYLINDER:
+    if slot.kind == CYLINDER:
         return float(base + abs(cosine) * slot.half_length + slot.radius * math.sqrt(max(1.0 - cosine * cosine, 0.0)))
     dy = R[0, 1] * d[0] + R[1, 1] * d[1] + R[2, 1] * d[2]
     dz = R[0, 2] * d[0] + R[1, 2] * d[1] + R[2, 2] * d[2]

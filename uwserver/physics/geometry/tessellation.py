@@ -15,14 +15,12 @@ from uwserver.physics.geometry.shapes import (
     Capsule,
     ConvexHull,
     Cylinder,
-    FloatArray,
-    IntArray,
     Placed,
     Solid,
     Sphere,
     TriangleMesh,
-    turned,
 )
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 AROUND = 64
 """Facets around a round shape."""
@@ -31,7 +29,7 @@ AROUND = 64
 class Facets(NamedTuple):
     """Triangles of a solid in its frame: corners (n, 3, 3), counter-clockwise from outside, and for each its material and sides.
 
-    `sided` (n) tells that only the outside can be seen.
+    `sided` (n): only the outside can be hit.
     """
 
     corners: FloatArray
@@ -45,7 +43,7 @@ def facets(solid: Solid) -> Facets:
     for placed in solid.shapes:
         triangles = _triangles(placed)
         n = len(triangles)
-        corners.append(triangles @ turned(placed.q).T + np.array(placed.p))
+        corners.append(triangles @ placed.R.T + np.array(placed.p))
         material.append(np.full(n, solid.material if placed.material < 0 else placed.material))
         oriented = placed.shape.oriented if isinstance(placed.shape, TriangleMesh) else True
         sided.append(np.full(n, int(oriented)))
@@ -62,7 +60,7 @@ def _triangles(placed: Placed) -> FloatArray:
         return np.asarray(solid.vertices[np.array(fans)])
     if isinstance(shape, Cylinder):
         length = shape.half_length
-        return _turned_profile([(-length, 0.0), (-length, shape.radius), (length, shape.radius), (length, 0.0)])
+        return _surface_of_revolution([(-length, 0.0), (-length, shape.radius), (length, shape.radius), (length, 0.0)])
     if isinstance(shape, Sphere | Capsule):
         length = shape.half_length if isinstance(shape, Capsule) else 0.0
         angles = np.linspace(0.0, np.pi, AROUND // 2 + 1)
@@ -71,11 +69,11 @@ def _triangles(placed: Placed) -> FloatArray:
         middle = AROUND // 4
         below = [(float(x[k]) - length, float(r[k])) for k in range(middle + 1)]
         above = [(float(x[k]) + length, float(r[k])) for k in range(middle, len(x))]
-        return _turned_profile(below + (above if length else above[1:]))
+        return _surface_of_revolution(below + (above if length else above[1:]))
     return np.zeros((0, 3, 3))
 
 
-def _turned_profile(profile: list[tuple[float, float]]) -> FloatArray:
+def _surface_of_revolution(profile: list[tuple[float, float]]) -> FloatArray:
     """Triangles of the surface that points (x, radius), from -x to +x, sweep about axis x."""
     angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
     y, z = np.cos(angles), np.sin(angles)

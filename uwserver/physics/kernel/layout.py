@@ -6,10 +6,12 @@ Everything is float64 SI in frames N (NED) and B (FRD), about the body origin. R
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from uwserver.physics.kernel.arrays import Array, IntArray
 
 P, Q, NU = 0, 3, 7
 """Columns of a state row: p_NB (3, m), q_NB (4, w x y z), nu = v_NB_B (3, m/s) and w_NB_B (3, rad/s)."""
@@ -73,9 +75,15 @@ BODY = np.dtype(
         ("thruster_count", "i8"),
         ("wrench_first", "i8"),
         ("wrench_count", "i8"),
-        ("touching", "i8"),  # 1: contacts act on the body in this tick
-        ("touch", "f8", (6,)),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
-        ("retired", "i8"),  # 1: taken out of the world; the kernel passes it over
+        ("in_contact", "i8"),  # 1: contacts act on the body in this tick
+        ("contact", "f8", (6,)),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
+        (
+            "external",
+            "f8",
+            (6,),
+        ),  # wrench that acts in the coming tick, about the origin in B; constant in the tick, and zero after it
+        ("acted", "f8", (6,)),  # the one that acted in the last tick
+        ("retired", "i8"),  # 1: removed from the world; the kernel passes it over
         ("fitted", "i8"),  # 1: the body has any of the following
         ("servo_first", "i8"),
         ("servo_count", "i8"),
@@ -175,7 +183,7 @@ SERVO = np.dtype(
 
 FOIL = np.dtype(
     [
-        ("servo", "i8"),  # row of the servo that turns it, -1 for a fixed one
+        ("servo", "i8"),  # row of the servo that sets its angle, -1 for a fixed one
         ("r", "f8", (3,)),  # centre of pressure in B, m
         ("chord", "f8", (3,)),  # towards the leading edge at zero angle, unit vector in B
         ("normal", "f8", (3,)),  # lift points there at a positive angle, unit vector in B
@@ -253,24 +261,56 @@ HULL = np.dtype(
 )
 
 
-class Rows(NamedTuple):
-    """All rows of a world but those of appendages, as one argument of the kernel.
+SCRATCH = np.dtype(
+    [
+        ("s", "f8", (6, STATE_SIZE)),  # states and their derivatives, in the rows of `dynamics.scratch`
+        ("work", "f8", (14, 6)),  # of `fossen.derivative`, likewise
+        ("R", "f8", (3, 3)),  # R_NB
+        ("M_inv", "f8", (6, 6)),  # inverse of M_RB + held M_A, which holds in a step
+        ("small", "f8", (3, 3)),
+    ],
+    align=True,
+)
+"""Work space of a step. As a record it is one pointer to hand on, where arrays of their own cost two atomic counts each."""
+
+
+class Model(NamedTuple):
+    """All rows of a world but those of appendages, as one argument of a kernel.
 
     Attributes:
         bodies: (n) BODY.
         shapes: SHAPE rows of all bodies; likewise the others.
+        forces: (m, 3) work space: lagged thrust of each thruster at the three stage times of a step, N.
     """
 
-    bodies: Any
-    shapes: Any
-    thrusters: Any
-    tables: Any
-    lags: Any
-    wrenches: Any
+    bodies: Array
+    shapes: Array
+    thrusters: Array
+    tables: Array
+    lags: Array
+    wrenches: Array
+    forces: Array
+
+
+class Fitted(NamedTuple):
+    """All rows of appendages of a world; apart from `Model`, as most worlds have none.
+
+    Attributes:
+        servos: SERVO rows of all bodies; likewise the others.
+        values: (m, 3) work space: value of each servo at the three stage times of a step.
+    """
+
+    servos: Array
+    foils: Array
+    propellers: Array
+    weights: Array
+    derivatives: Array
+    hulls: Array
+    values: Array
 
 
 class SeaRows(NamedTuple):
-    """The sea, as the kernel takes it.
+    """The sea, as one argument of a kernel.
 
     Attributes:
         uniform: (7) velocity (m/s) in N at an instant, its rate (m/s2), the instant (s).
@@ -278,20 +318,9 @@ class SeaRows(NamedTuple):
         waves: (k, WAVE_SIZE).
     """
 
-    uniform: Any
-    profiles: Any
-    waves: Any
-
-
-class Fitted(NamedTuple):
-    """All rows of appendages of a world. Apart from `Rows`, as each array that an inlined function gets costs it two atomic counts."""
-
-    servos: Any
-    foils: Any
-    propellers: Any
-    weights: Any
-    derivatives: Any
-    hulls: Any
+    uniform: Array
+    profiles: Array
+    waves: Array
 
 
 CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
@@ -299,6 +328,51 @@ CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3)
 its cell covers; the intensity that goes into the cell, times its solid angle."""
 
 
-def addresses(arrays: Iterable[Any]) -> Any:
-    """(n, 2) address and length of each array, by which a kernel finds them (`handles`). They must be C-contiguous and outlive the table."""
-    return np.array([(array.ctypes.data, len(array)) for array in arrays], dtype=np.int64)
+Forms = Mapping[str, "np.dtype[Any]"]
+"""Of each array of a table of addresses, in its order: name, and dtype of a row. The one list by which a table is written and read."""
+
+
+def columns(dtype: type[np.generic], *shape: int) -> np.dtype[Any]:
+    """The form of an array (n, *shape) of plain numbers."""
+    return np.dtype((dtype, shape))
+
+
+WORLD: Forms = {
+    "bodies": BODY,
+    "shapes": SHAPE,
+    "thrusters": THRUSTER,
+    "tables": TABLE,
+    "lags": LAG,
+    "wrenches": WRENCH,
+    "servos": SERVO,
+    "foils": FOIL,
+    "propellers": PROPELLER,
+    "weights": WEIGHT,
+    "derivatives": DERIVATIVE,
+    "hulls": HULL,
+    "state": columns(np.float64, STATE_SIZE),
+    "flows": columns(np.float64, FLOW_SIZE),
+    "forces": columns(np.float64, 3),
+    "values": columns(np.float64, 3),
+    "scratch": SCRATCH,
+}
+"""The arrays of `bodies.Hydrodynamics`: those of `Model` and `Fitted`, states, flows and work space."""
+
+
+def addresses(forms: Forms, arrays: Mapping[str, Any]) -> IntArray:
+    """(n, 2) address and length of each array, by which a kernel finds them (`handles`). They must outlive the table.
+
+    Args:
+        forms: the list of the table.
+        arrays: by name; others than those of the list do not matter.
+
+    Raises:
+        TypeError: an array is not of its form or not C-contiguous, so that a kernel would read something else.
+    """
+    table = np.empty((len(forms), 2), np.int64)
+    for k, (name, form) in enumerate(forms.items()):
+        array = arrays[name]
+        if array.dtype != form.base or array.shape[1:] != form.shape or not array.flags.c_contiguous:
+            raise TypeError(f"{name}: C-contiguous rows of {form} expected, found {array.dtype} {array.shape}")
+        table[k] = array.ctypes.data, len(array)
+    return table

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-
-Array = Any  # numpy array inside compiled code
 
 
 @compiled

@@ -1,20 +1,19 @@
 """Echoes of rays, over range where they are those of a fan (compiled).
 
-A ray of a fan stands for a small solid angle. What it hits is taken as flat across that angle, so its echo covers an interval of ranges, not a point:
-neither gaps nor moire appear where a bottom is seen at grazing incidence, and the energy stays the same whatever the number of rays.
+A ray of a fan stands for a small solid angle. What it hits counts as flat across that angle, so its echo covers an interval of ranges, not a point:
+neither gaps nor moire appear at grazing incidence, and the energy stays the same whatever the number of rays.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.rays.raycast import NOTHING, SURFACE
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.rays.raycast import NOTHING, SURFACE, Hits
 
 _LEAST_COSINE = 0.01
 """Of incidence: nothing is so flat that a ray along it meets only one piece."""
@@ -23,11 +22,37 @@ _LONGEST = 0.25
 _LEAST_EXTENT = 0.05
 """Bins; an echo covers at least that."""
 _LEAST_RANGE = 1e-2
-"""m; nearer things are taken as if they were there."""
+"""m; nearer things count as if they were there."""
 _LEAST_INTENSITY = 1e-30
 _LEAST_GRAZING = 0.01
 """Sine below which backscatter falls no further: no bottom is that flat."""
 _DECIBEL = 0.1 * math.log(10.0)
+
+
+class Ground(NamedTuple):
+    """How strongly things scatter sound back.
+
+    Attributes:
+        lambert: Lambert's parameter by material, linear.
+        surface: of the sea surface.
+    """
+
+    lambert: Array
+    surface: float
+
+
+class Pulse(NamedTuple):
+    """How echoes are spread over range.
+
+    Attributes:
+        per_metre: bins.
+        resolution: of the pulse, m.
+        alpha: absorption, dB/m.
+    """
+
+    per_metre: float
+    resolution: float
+    alpha: float
 
 
 @compiled
@@ -39,48 +64,45 @@ def backscatter(
     Args:
         direction, normal: (n, 3) of the rays and of what they hit.
         bodies, material: (n) of what they hit; nothing comes back from a miss.
-        lambert: Lambert's parameter by material, linear; `surface`: of the sea surface.
+        lambert, surface: of `Ground`.
         out: (n) receives it.
     """
+    ground = Ground(lambert, surface)
     for i in range(len(out)):
         sine = normal[i, 0] * direction[i, 0] + normal[i, 1] * direction[i, 1] + normal[i, 2] * direction[i, 2]
         sine = max(abs(sine), _LEAST_GRAZING)
-        out[i] = _mu(bodies[i], material[i], lambert, surface) * sine * sine
+        out[i] = _mu(bodies[i], material[i], ground) * sine * sine
 
 
 @compiled
-def _mu(body: int, material: int, lambert: Array, surface: float) -> float:
-    """Lambert's parameter. A material that nobody named is taken for the last one: a sensor is no place to fail."""
+def _mu(body: int, material: int, ground: Ground) -> float:
+    """Lambert's parameter. A material that nobody named counts as the last one: a sensor is no place to fail."""
     if body == NOTHING:
         return 0.0
-    return surface if body == SURFACE else float(lambert[min(max(material, 0), len(lambert) - 1)])
+    return ground.surface if body == SURFACE else float(ground.lambert[min(max(material, 0), len(ground.lambert) - 1)])
 
 
 @compiled
-def intensity(
-    cells: Array, R: Array, distance: Array, normal: Array, bodies: Array, material: Array, lambert: Array, surface: float,
-    per_metre: float, resolution: float, alpha: float, out: Array,
-) -> None:  # fmt: skip
+def intensity(cells: Array, R: Array, hits: Hits, ground: Ground, pulse: Pulse, out: Array) -> None:
     """Mean intensity of the echoes in cells of the pulse's resolution.
 
-    A ray brings Lambert's mu cos^2 on an area r^2 dOmega / cos, spread as r^-4. On a flat bottom seen at grazing incidence all this together
+    A ray brings Lambert's mu cos^2 on an area r^2 dOmega / cos, spread as r^-4. On a flat bottom at grazing incidence all this together
     falls as r^-5, also within what one ray covers: so it is deposited without that factor, which the bins bring.
 
     Args:
         cells: (n) of the fan, as `layout.CELL`.
         R: (3, 3) attitude of the fan in N.
-        distance, normal, bodies, material: what each ray meets.
-        lambert: Lambert's parameter by material, linear; `surface`: of the sea surface.
-        per_metre: bins.
-        resolution: of the pulse, m.
-        alpha: absorption, dB/m.
+        hits: what each ray meets.
+        ground: of the world.
+        pulse: of the instrument.
         out: (bins) receives uPa^2; what lies behind the last bin is lost.
     """
-    bins = len(out)
+    bins, normal = len(out), hits.normal
+    per_metre, resolution = pulse.per_metre, pulse.resolution
     # The energy before an edge of an echo is a ramp: its second difference is two numbers, and one running sum of all gives the bins.
     second = np.zeros(bins + 3)
     for i in range(len(cells)):
-        if bodies[i] == NOTHING:
+        if hits.body[i] == NOTHING:
             continue
         cell = cells[i]
         toward = across = along = 0.0
@@ -92,12 +114,12 @@ def intensity(
         cosine = max(abs(toward), _LEAST_COSINE)
         # What a ray meets at range r reaches from r / (1 + q) to r / (1 - q).
         q = min(0.5 * math.sqrt(across * across + along * along) / cosine, _LONGEST)
-        r = max(distance[i], _LEAST_RANGE)
+        r = max(hits.distance[i], _LEAST_RANGE)
         start, stop = r / (1.0 + q) * per_metre, r / (1.0 - q) * per_metre
         missing = 0.5 * max(max(resolution * per_metre, _LEAST_EXTENT) - (stop - start), 0.0)
         # An echo within one bin is deposited for the middle of its bin.
         at = (math.floor(r * per_metre) + 0.5) / per_metre if stop - start < 1.0 else r
-        mu = _mu(bodies[i], material[i], lambert, surface)
+        mu = _mu(hits.body[i], hits.material[i], ground)
         energy = cell.emitted * mu * cosine * at * at * at * at * at / (r * r * (1.0 - q * q))
         start, stop = max(start - missing, 0.0), stop + missing
         slope = energy / (stop - start)
@@ -108,7 +130,7 @@ def intensity(
         total += second[k]
         middle = (k + 0.5) / per_metre
         spread = 1.0 / (middle * middle * middle * middle * middle)
-        out[k] = max(total, 0.0) * spread * math.exp(-2.0 * _DECIBEL * alpha * middle) * (resolution * per_metre)
+        out[k] = max(total, 0.0) * spread * math.exp(-2.0 * _DECIBEL * pulse.alpha * middle) * (resolution * per_metre)
 
 
 @compiled

@@ -1,6 +1,6 @@
 """Rays against everything solid in a world: the engine of all ranging sensors.
 
-Half-spaces and moving solids of few triangles are looked at one by one, exactly. All else goes through Embree, which works in float32: it
+Half-spaces and moving solids of few triangles are intersected one by one, exactly. All else goes through Embree, which works in float32: it
 only picks the triangle, range and normal are computed from it in float64, and its scenes are kept about an origin of their own. It knows no
 instances: what moves has a scene in its own frame, shared by equal solids, and only rays that pass it go there. Imported only when a world
 has something solid.
@@ -17,13 +17,14 @@ from embreex.rtcore_scene import EmbreeScene
 
 from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
 from uwserver.physics.geometry.tessellation import Facets, facets
-from uwserver.physics.kernel.layout import Q
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.layout import Q, addresses
 from uwserver.physics.rays import hits
-from uwserver.physics.rays.raycast import FloatArray, Hits, IntArray
-from uwserver.physics.rays.rows import CARRIED, SIDE, middle, planes, sides
+from uwserver.physics.rays.raycast import Hits
+from uwserver.physics.rays.rows import CARRIED, SIDE, Few, middle, planes, sides
 
 FEW = 96
-"""Triangles of a moving solid, as eight boxes have, up to which looking at each is quicker than the engine."""
+"""Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
 _HIDDEN_SIDES = 16
 """A ray gives up behind this many hidden sides."""
 _KEPT = 16
@@ -33,35 +34,25 @@ _STILL[Q] = 1.0
 
 
 class _Work(NamedTuple):
-    """What `hits.enter` and `hits.settle` fill in; `lead`, `aim` and `reach` are parts of `engine`."""
+    """Arrays for a number of rays, and the table by which kernels find them."""
 
-    R: FloatArray
-    start: FloatArray
-    towards: FloatArray
-    rays: IntArray
-    ahead: FloatArray
-    again: IntArray
-    engine: np.ndarray
-    lead: np.ndarray
-    aim: np.ndarray
-    reach: np.ndarray
+    batch: hits.Batch
+    table: IntArray
 
 
 class _Scene:
     """Triangles of solids in one frame, in the engine about their own centre.
 
     Args:
-        solids: by id; an id is told only if a ray is cast without one.
+        solids: by id; an id is given only if a ray is cast without one.
     """
 
     def __init__(self, solids: Mapping[int, Solid]) -> None:
         each = {body: facets(solid) for body, solid in solids.items()}
         parts = Facets(*(np.concatenate(columns) for columns in zip(*each.values(), strict=True)))
-        self._owners: IntArray = np.repeat(
-            np.array([*each], dtype=np.int64), [len(part.corners) for part in each.values()]
-        )
-        self._centre, self._half = middle(parts)
-        self._sides = sides(parts, self._centre)
+        owners: IntArray = np.repeat(np.array([*each], dtype=np.int64), [len(part.corners) for part in each.values()])
+        self._box = np.array(middle(parts))
+        self._sides, self._owners = sides(parts, self._box[0]), owners
         self._works: dict[int, _Work] = {}
         self._scene = EmbreeScene(robust=True)
         corners: FloatArray = self._sides["corners"].reshape(-1, 3)
@@ -71,41 +62,31 @@ class _Scene:
     def cast(
         self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
     ) -> None:
-        """Enter the hits of rays (n, 3) into the answer; the state x (13) places the frame."""
-        n = len(origin)
-        work = self._works.get(n) or self._room(n)
-        R, start, towards, rays, ahead, again = work.R, work.start, work.towards, work.rays, work.ahead, work.again
-        count = hits.enter(
-            origin, direction, x, self._centre, self._half, limit, answer.distance, R, start, towards, rays, work.engine
-        )
+        """Add the hits of rays (n, 3) to the answer; the state x (13) places the frame."""
+        work = self._works.get(len(origin)) or self._buffers(len(origin))
+        batch = work.batch
+        count = hits.enter_box(work.table, origin, direction, limit, x, answer.distance)
         if count == 0:
             return
-        lead, aim, reach = work.lead, work.aim, work.reach
-        if count < n:
-            start, towards, rays, ahead = start[:count], towards[:count], rays[:count], ahead[:count]
-            lead, aim, reach = lead[:count], aim[:count], reach[:count]
-        ahead[:] = 0.0
-        picked = self._scene.run(lead, aim, reach)
+        engine = batch.engine[:count]
+        picked = self._scene.run(engine[:, :3], engine[:, 3:6], engine[:, 6])
         for _ in range(_HIDDEN_SIDES):
-            count = hits.settle(
-                start, towards, rays, picked, ahead, limit, self._sides, self._owners, R, body, *answer, again
-            )
+            count = hits.refine(work.table, picked, limit, body, *answer)
             if count == 0:
                 return
-            behind = again[:count].copy()
-            start, towards, rays = start[behind], towards[behind], rays[behind]
-            ahead = ahead[behind] + hits.ROUNDING * (np.abs(start).max() + self._half.max())
+            start, towards, ahead = batch.start[:count], batch.towards[:count], batch.ahead[:count]
+            ahead += hits.ROUNDING * (np.abs(start).max() + self._box[1].max())
             picked = self._scene.run((start + ahead[:, None] * towards).astype(np.float32), towards.astype(np.float32))
 
-    def _room(self, n: int) -> _Work:
-        """Arrays for n rays, kept for the next ones, as to make them takes longer than to cast a few rays."""
+    def _buffers(self, n: int) -> _Work:
+        """Arrays for n rays, kept for the next ones, as to make them costs more than to cast a few rays."""
         if len(self._works) >= _KEPT:
             self._works.clear()
-        engine = np.empty((n, 7), np.float32)
-        self._works[n] = work = _Work(
-            np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64),
-            engine, engine[:, :3], engine[:, 3:6], engine[:, 6],
+        batch = hits.Batch(
+            self._sides, self._owners, self._box, np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n),
+            np.empty((n, 7), np.float32),
         )  # fmt: skip
+        self._works[n] = work = _Work(batch, addresses(hits.BATCH, batch._asdict()))
         return work
 
 
@@ -115,14 +96,6 @@ class _Carried(NamedTuple):
     solid: Solid
     row: int
     scene: _Scene | None
-
-
-class _Few(NamedTuple):
-    """All that is looked at one by one, as the kernels take it."""
-
-    planes: np.ndarray
-    carried: np.ndarray
-    sides: np.ndarray
 
 
 class Rays:
@@ -135,7 +108,7 @@ class Rays:
         self._static: dict[int, Solid] = {}
         self._moving: dict[int, _Carried] = {}
         self._still: _Scene | None = None
-        self._few: _Few | None = None
+        self._few: tuple[Few, IntArray] | None = None
 
     def add_static(self, body: int, solid: Solid) -> None:
         """Add something that never moves. Raises BadSolid."""
@@ -172,8 +145,8 @@ class Rays:
         origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
         n, limit = len(origin), float(max_range)
         answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
-        few = self._few or self._gather()
-        hits.look(origin, direction, limit, few.planes, state, few.carried, few.sides, *answer)
+        _, table = self._few or self._gather()
+        hits.intersect_few(table, origin, direction, limit, state, *answer)
         if self._still is not None:
             self._still.cast(_STILL, -1, origin, direction, limit, answer)
         for body, carried in self._moving.items():
@@ -181,8 +154,8 @@ class Rays:
                 carried.scene.cast(state[carried.row], body, origin, direction, limit, answer)
         return answer
 
-    def _gather(self) -> _Few:
-        """Make ready for the first rays after a change."""
+    def _gather(self) -> tuple[Few, IntArray]:
+        """What the first rays after a change need; the rows stay alive beside their table."""
         meshed = {b: s for b, s in self._static.items() if any(not isinstance(x.shape, HalfSpace) for x in s.shapes)}
         if self._still is None and meshed:
             self._still = _Scene(meshed)
@@ -198,7 +171,8 @@ class Rays:
                 places[id(solid)] = first, len(each[-1]), centre, float(np.linalg.norm(half))
                 first += len(each[-1])
             rows.append((body, row, *places[id(solid)]))
-        self._few = _Few(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
+        few = Few(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
+        self._few = few, addresses(hits.FEW, few._asdict())
         return self._few
 
 

@@ -1,22 +1,23 @@
-"""Exact hits of rays: on planes and small solids by looking at each, on triangles that an engine has picked (compiled, float64).
+"""Exact hits of rays: on planes and small solids one by one, on triangles that an engine has picked (compiled, float64).
 
-All functions keep, in the answer, the nearest hit of each ray that is not farther than a limit: `distance` (n, inf for none), `normal` (n, 3),
-`bodies` and `material` (n).
+All functions keep in `raycast.Hits` the nearest hit of each ray that is not farther than a limit.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from uwserver.physics.dynamics.fossen import rotation
+from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.layout import P, Q
+from uwserver.physics.kernel.handles import arrays_at
+from uwserver.physics.kernel.layout import Forms, P, Q, columns
 from uwserver.physics.kernel.linear import dot
-
-Array = Any  # numpy array inside compiled code
+from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.rays.raycast import Hits
+from uwserver.physics.rays.rows import CARRIED, PLANE, SIDE, Few
 
 _FARTHEST = 1e30
 """m; the engine's numbers are float32."""
@@ -24,33 +25,38 @@ ROUNDING = 1e-6
 """What float32 cannot tell apart, as a part of the coordinates."""
 
 
+FEW: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
+"""Of the table of what is intersected one by one."""
+
+_few_at = arrays_at(Few, FEW)
+
+
 @compiled
-def look(
-    origin: Array, direction: Array, limit: float, planes: Array, state: Array, carried: Array, sides: Array, distance: Array,
-    normal: Array, bodies: Array, material: Array,
+def intersect_few(
+    table: Array, origin: Array, direction: Array, limit: float, state: Array, distance: Array, normal: Array, body: Array, material: Array
 ) -> None:  # fmt: skip
-    """Begin an answer: half-spaces and moving solids of few triangles, looked at one by one.
+    """Begin an answer: half-spaces and moving solids of few triangles, one by one.
 
     Args:
+        table: made by `FEW`.
         origin, direction: (n, 3) of the rays in N.
-        limit: m; farther things are not seen.
-        planes, carried, sides: what there is, as `hit_rows` has it.
+        limit: m; farther things are not hit.
         state: (m, 13) of the bodies.
-        distance, normal, bodies, material: the answer.
+        distance, normal, body, material: of `Hits`, receive the answer.
     """
+    few, hits = _few_at(table), Hits(distance, normal, body, material)
     for i in range(len(distance)):
         distance[i] = math.inf
         normal[i, 0] = normal[i, 1] = normal[i, 2] = 0.0
-        bodies[i] = material[i] = -1
-    _meet_planes(origin, direction, limit, planes, distance, normal, bodies, material)
-    _meet_bodies(origin, direction, limit, state, carried, sides, distance, normal, bodies, material)
+        body[i] = material[i] = -1
+    _intersect_planes(origin, direction, limit, few.planes, hits)
+    _intersect_carried(origin, direction, limit, few, state, hits)
 
 
 @compiled
-def _meet_planes(
-    origin: Array, direction: Array, limit: float, planes: Array, distance: Array, normal: Array, bodies: Array, material: Array,
-) -> None:  # fmt: skip
+def _intersect_planes(origin: Array, direction: Array, limit: float, planes: Array, hits: Hits) -> None:
     """Hits on the outside of half-spaces."""
+    distance, normal = hits.distance, hits.normal
     for plane in planes:
         for i in range(len(origin)):
             approach = height = 0.0
@@ -63,27 +69,37 @@ def _meet_planes(
                     distance[i] = reached
                     for j in range(3):
                         normal[i, j] = plane.normal[j]
-                    bodies[i], material[i] = plane.body, plane.material
+                    hits.body[i], hits.material[i] = plane.body, plane.material
 
 
 @compiled
-def meet_level(
-    height: float, direction: Array, limit: float, body: int, distance: Array, normal: Array, bodies: Array, material: Array,
-) -> None:  # fmt: skip
-    """Hits of rays that go up on the level `height` (m) above their common origin, seen from below; `body` is its material too."""
+def intersect_level(
+    height: float,
+    direction: Array,
+    limit: float,
+    level: int,
+    distance: Array,
+    normal: Array,
+    body: Array,
+    material: Array,
+) -> None:
+    """Hits of rays that go up on the level `height` (m) above their common origin, from below; `level` is its body and its material."""
     for i in range(len(direction)):
         if direction[i, 2] < 0.0:
             reached = -height / direction[i, 2]
             if reached < distance[i] and reached <= limit:
                 distance[i] = reached
                 normal[i, 0], normal[i, 1], normal[i, 2] = 0.0, 0.0, 1.0
-                bodies[i] = material[i] = body
+                body[i] = material[i] = level
 
 
 @compiled
-def _face(sides: Array, first: int, count: int, origin: Array, facing: Array) -> int:
-    """Which triangles can be seen from a point of their frame: rows of `facing` (count, 15) with the number of each, its plane's height, its
-    normal, whether it has a hidden side, and the normals of the three planes through the point and its edges. Returns how many."""
+def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) -> int:
+    """Back-face culling: which triangles face a point of their frame.
+
+    `facing` (count, 15) receives rows of the number of each, its plane's height, its normal, whether it has a hidden side, and the normals of
+    the three planes through the point and its edges. Returns how many.
+    """
     found = 0
     ox, oy, oz = origin[0], origin[1], origin[2]
     for t in range(first, first + count):
@@ -105,12 +121,10 @@ def _face(sides: Array, first: int, count: int, origin: Array, facing: Array) ->
 
 
 @compiled
-def _meet_bodies(
-    origin: Array, direction: Array, limit: float, state: Array, carried: Array, sides: Array, distance: Array, normal: Array,
-    bodies: Array, material: Array,
-) -> None:  # fmt: skip
-    """Hits on moving solids of few triangles, one by one; what cannot be seen from where a ray starts is left out once for all rays that
-    start there."""
+def _intersect_carried(origin: Array, direction: Array, limit: float, few: Few, state: Array, hits: Hits) -> None:
+    """Hits on moving solids of few triangles, one by one; what does not face the start of a ray is left out once for all rays that start
+    there."""
+    carried, sides, distance, normal = few.carried, few.sides, hits.distance, hits.normal
     R, away, start, d = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     facing = np.empty((len(sides), 15))
     for solid in carried:
@@ -132,7 +146,7 @@ def _meet_bodies(
                         start[j] += R[k, j] * (origin[i, k] - x[P + k])
                 square = dot(away, away)
                 if math.sqrt(square) - radius <= limit:
-                    count = _face(sides, solid.first, solid.count, start, facing)
+                    count = _facing(sides, solid.first, solid.count, start, facing)
             if count == 0:
                 continue
             along = away[0] * direction[i, 0] + away[1] * direction[i, 1] + away[2] * direction[i, 2]
@@ -148,7 +162,7 @@ def _meet_bodies(
                 distance[i] = row[1] / approach
                 for j in range(3):
                     normal[i, j] = sign * (R[j, 0] * row[2] + R[j, 1] * row[3] + R[j, 2] * row[4])
-                bodies[i], material[i] = solid.body, sides[int(row[0])].material
+                hits.body[i], hits.material[i] = solid.body, sides[int(row[0])].material
 
 
 @compiled
@@ -170,24 +184,68 @@ def _nearest(x: float, y: float, z: float, facing: Array, count: int, limit: flo
     return found
 
 
+class Batch(NamedTuple):
+    """A scene of the engine, and the rays that go to it.
+
+    Attributes:
+        sides: (t) triangles, SIDE.
+        owners: (t) ids of what they belong to.
+        box: (2, 3) centre and half sizes of the box around them in their frame; the engine's origin is the centre.
+        R: (3, 3) attitude of that frame in N.
+        start, towards: (n, 3) origins of the rays in it, about the centre, and directions.
+        rays: (n) their places in the answer.
+        ahead: (n) where the engine begins, m along the ray.
+        engine: (n, 7) origins, directions and limits in float32.
+    """
+
+    sides: Array
+    owners: Array
+    box: Array
+    R: Array
+    start: Array
+    towards: Array
+    rays: Array
+    ahead: Array
+    engine: Array
+
+
+BATCH: Forms = {
+    "sides": SIDE,
+    "owners": columns(np.int64),
+    "box": columns(np.float64, 3),
+    "R": columns(np.float64, 3),
+    "start": columns(np.float64, 3),
+    "towards": columns(np.float64, 3),
+    "rays": columns(np.int64),
+    "ahead": columns(np.float64),
+    "engine": columns(np.float32, 7),
+}
+
+_batch_at = arrays_at(Batch, BATCH)
+
+
 @compiled
-def enter(
-    origin: Array, direction: Array, x: Array, centre: Array, half: Array, limit: float, distance: Array, R: Array, start: Array,
-    towards: Array, rays: Array, engine: Array,
-) -> int:  # fmt: skip
-    """Bring rays that pass a box before what they have met so far into its frame, for the engine too.
+def enter_box(table: Array, origin: Array, direction: Array, limit: float, x: Array, distance: Array) -> int:
+    """Bring rays that pass a box, before what they have hit so far, into its frame (the slab test).
 
     Args:
+        table: made by `BATCH`; receives them.
+        origin, direction, limit: of the rays, in N.
         x: (13) state that places the frame.
-        centre, half: of the box in its frame; the engine's origin is the centre.
-        R: (3, 3) receives the attitude of the frame.
-        start, towards: (n, 3) receive origins, about the centre, and directions.
-        rays: (n) receives their places in the answer.
-        engine: (n, 7) receives origins, directions and limits in float32.
+        distance: (n) of what they have hit so far.
 
     Returns:
         How many.
     """
+    batch = _batch_at(table)
+    R, start, towards, engine, centre, half = (
+        batch.R,
+        batch.start,
+        batch.towards,
+        batch.engine,
+        batch.box[0],
+        batch.box[1],
+    )
     rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
     count = 0
     for i in range(len(origin)):
@@ -213,56 +271,54 @@ def enter(
         for j in range(3):
             engine[count, j], engine[count, 3 + j] = start[count, j], towards[count, j]
         engine[count, 6] = min(far * (1.0 + ROUNDING) + 4.0 * slack, _FARTHEST)
-        rays[count] = i
+        batch.rays[count], batch.ahead[count] = i, 0.0
         count += 1
     return count
 
 
 @compiled
-def settle(
-    origin: Array, direction: Array, rays: Array, picked: Array, start: Array, limit: float, sides: Array, owners: Array, R: Array,
-    body: int, distance: Array, normal: Array, bodies: Array, material: Array, again: Array,
-) -> int:  # fmt: skip
-    """Hits on the triangles that the engine has picked.
+def refine(
+    table: Array, picked: Array, limit: float, body: int, distance: Array, normal: Array, bodies: Array, material: Array
+) -> int:
+    """Exact hits on the triangles that the engine has picked.
 
     Args:
-        origin, direction: (m, 3) of the rays in the frame of the triangles.
-        rays: (m) their places in the answer.
-        picked: (m) triangle of each, -1 for none.
-        start: (m) where the engine began to look, m along the ray.
-        sides: triangles, as `hit_rows.SIDE`.
-        owners: (t) ids of what they belong to.
-        R: (3, 3) turns a normal into N.
+        table: made by `BATCH`. Rays that met a hidden side must go on behind it: they move to the front of the batch.
+        picked: (m) triangle of each ray, -1 for none.
+        limit: m; farther things are not hit.
         body: id of what is hit; -1: the triangle's owner.
-        again: (m) receives the rays (by number 0..m-1) that met a side which cannot be seen, and must look on behind it.
+        distance, normal, bodies, material: of `Hits`, in and out.
 
     Returns:
-        How many must; `start` says from where.
+        How many must go on; `ahead` says from where.
     """
+    batch = _batch_at(table)
+    start, towards = batch.start, batch.towards
     count = 0
     for k in range(len(picked)):
         t = picked[k]
         if t < 0:
             continue
-        side = sides[t]
-        approach = dot(side.normal, direction[k])
+        side = batch.sides[t]
+        approach = dot(side.normal, towards[k])
         if approach == 0.0:
             continue
         height = 0.0
         for j in range(3):
-            height += side.normal[j] * (side.corners[0, j] - origin[k, j])
+            height += side.normal[j] * (side.corners[0, j] - start[k, j])
         reached = height / approach
+        i = batch.rays[k]
         if approach > 0.0 and side.sided != 0:
-            start[k] = max(reached, start[k])
-            again[count] = k
+            batch.ahead[count], batch.rays[count] = max(reached, batch.ahead[k]), i
+            for j in range(3):
+                start[count, j], towards[count, j] = start[k, j], towards[k, j]
             count += 1
             continue
-        i = rays[k]
         if not (0.0 <= reached < distance[i] and reached <= limit):
             continue
         distance[i] = reached
         sign = 1.0 if approach < 0.0 else -1.0
         for j in range(3):
-            normal[i, j] = sign * dot(R[j], side.normal)
-        bodies[i], material[i] = body if body >= 0 else owners[t], side.material
+            normal[i, j] = sign * dot(batch.R[j], side.normal)
+        bodies[i], material[i] = body if body >= 0 else batch.owners[t], side.material
     return count

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 NOTHING = -1
 SURFACE = -2
-"""Id of the sea surface, which is no solid: sensors enter it, as body and as material of a hit."""
+"""Id of the sea surface, which is no solid: sensors give it, as body and as material of a hit."""
 
 
 class Hits(NamedTuple):
@@ -40,7 +38,7 @@ class Geometry(Protocol):
         Args:
             origin: (n, 3) starts in N, m.
             direction: (n, 3) unit directions in N.
-            max_range: m; farther things are not seen.
+            max_range: m; farther things are not hit.
 
         Returns:
             Arrays that are the caller's to change.

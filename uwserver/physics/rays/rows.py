@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
-from uwserver.physics.geometry.shapes import HalfSpace, Solid, turned
+from uwserver.physics.geometry.shapes import HalfSpace, Solid
 from uwserver.physics.geometry.tessellation import Facets
-from uwserver.physics.rays.raycast import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray, Records
 
 PLANE = np.dtype([("point", "f8", 3), ("normal", "f8", 3), ("body", "i8"), ("material", "i8")])
 """A half-space: a point of its plane, the outward normal (N), the id of its solid and the number of its material."""
 
 SIDE = np.dtype([("corners", "f8", (3, 3)), ("normal", "f8", 3), ("sided", "i8"), ("material", "i8")])
-"""A triangle, counter-clockwise from outside: corners, outward unit normal (zero without an area), whether only the outside can be seen."""
+"""A triangle, counter-clockwise from outside: corners, outward unit normal (zero without an area), whether only the outside can be hit."""
 
 CARRIED = np.dtype(
     [("body", "i8"), ("row", "i8"), ("first", "i8"), ("count", "i8"), ("centre", "f8", 3), ("radius", "f8")]
@@ -22,10 +23,24 @@ CARRIED = np.dtype(
 """A solid that moves: its id, its row in the state, its triangles, and the ball around them in its frame."""
 
 
-def planes(solids: Iterable[tuple[int, Solid]]) -> np.ndarray:
+class Few(NamedTuple):
+    """All that is intersected one by one.
+
+    Attributes:
+        planes: (n) PLANE.
+        carried: (m) CARRIED.
+        sides: (k) SIDE, of all carried.
+    """
+
+    planes: Records
+    carried: Records
+    sides: Records
+
+
+def planes(solids: Iterable[tuple[int, Solid]]) -> Records:
     """The half-spaces of static solids, by id, as PLANE (n)."""
     found = [
-        (placed.p, -turned(placed.q)[:, 2], body, solid.material if placed.material < 0 else placed.material)
+        (placed.p, -placed.R[:, 2], body, solid.material if placed.material < 0 else placed.material)
         for body, solid in solids
         for placed in solid.shapes
         if isinstance(placed.shape, HalfSpace)
@@ -33,7 +48,7 @@ def planes(solids: Iterable[tuple[int, Solid]]) -> np.ndarray:
     return np.array(found, PLANE)
 
 
-def sides(parts: Facets, centre: FloatArray) -> np.ndarray:
+def sides(parts: Facets, centre: FloatArray) -> Records:
     """The triangles of a solid about a point (3) of its frame, as SIDE (n)."""
     rows = np.empty(len(parts.corners), SIDE)
     corners = parts.corners - centre

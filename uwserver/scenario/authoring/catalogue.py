@@ -14,7 +14,7 @@ from uwserver.scenario.files.convert import Converter, fields, kinds_of
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load, scenario_tree
-from uwserver.sensors import Instrument, Pose, SensorConfig, SensorTable
+from uwserver.sensors import Pose, SensorConfig, SensorTable
 
 _PROVENANCE = ("source", "status")
 
@@ -61,7 +61,7 @@ def sensor_kinds() -> dict[str, SensorKind]:
         built = sensor.build(Pose())
         names = tuple(field.name for field in built.fields)
         found[str(sensor.__struct_config__.tag)].setdefault(
-            names, Output(name, built.doc, built.fields, built.arguments if isinstance(built, Instrument) else ())
+            names, Output(name, built.doc, built.fields, built.arguments)
         )
     devices = _devices()
     return {

@@ -14,14 +14,13 @@ from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
     ConvexHull,
-    FloatArray,
     HalfSpace,
     Placed,
     Solid,
     Sphere,
     TriangleMesh,
-    turned,
 )
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.convert import Node, Report, check_name
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
@@ -168,13 +167,13 @@ def _buried(solid: Solid, p: FloatArray) -> str | None:
             return f"the seabed there is {min(depths):.2f} m deep"
         return None
     for placed in solid.shapes:
-        local = turned(placed.q).T @ (p - placed.p)
+        local = placed.R.T @ (p - placed.p)
         if isinstance(placed.shape, HalfSpace) and local[2] > 0.0:
             return f"the seabed is {placed.p[2]:.2f} m deep"
         if not isinstance(placed.shape, HalfSpace | TriangleMesh) and _inside(placed, local):
             return "choose another position"
     closed = [mesh for mesh in meshes if mesh.oriented]
-    if closed and sum(_winding(mesh, turned(solid.shapes[0].q).T @ (p - solid.shapes[0].p)) for mesh in closed) > 0.5:
+    if closed and sum(_winding(mesh, solid.shapes[0].R.T @ (p - solid.shapes[0].p)) for mesh in closed) > 0.5:
         return "choose another position"
     return None
 

@@ -7,16 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from uwserver.physics.geometry.shapes import (
-    HULL_POINTS,
-    TILE_TRIANGLES,
-    BadSolid,
-    ConvexHull,
-    FloatArray,
-    IntArray,
-    TriangleMesh,
-    has_area,
-)
+from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid, ConvexHull, TriangleMesh, has_area
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 FORMATS = (".glb", ".gltf", ".obj", ".stl", ".ply")
 MOST_TRIANGLES = 2_000_000

@@ -13,7 +13,8 @@ import numpy as np
 from msgspec import UNSET
 
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, FloatArray, TriangleMesh
+from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, TriangleMesh
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.solids.tables import GridSeabed
 from uwserver.units import deg, rad
 

@@ -16,7 +16,9 @@ import math
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, FloatArray, Vec3, rigid_body_inertia
+from uwserver.frames import Vec3
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, rigid_body_inertia
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE
 from uwserver.scenario.solids.tables import BoxObject, CylinderObject, ObjectEntry, SphereObject
 from uwserver.scenario.water.tables import Environment

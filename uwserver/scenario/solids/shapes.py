@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from uwserver.frames import quat_from_rpy
+from uwserver.frames import Vec3, quat_from_rpy
 from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
@@ -19,7 +19,6 @@ from uwserver.physics.geometry.shapes import (
     Shape,
     Solid,
     Sphere,
-    Vec3,
     check_shape,
 )
 from uwserver.scenario.solids.assets import read_hull, read_mesh

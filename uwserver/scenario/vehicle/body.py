@@ -12,14 +12,8 @@ from msgspec import UNSET, UnsetType
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import (
-    BodyParams,
-    BuoyancyShape,
-    FloatArray,
-    ForceTable,
-    ThrusterParams,
-    rigid_body_inertia,
-)
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
 from uwserver.scenario.vehicle.appendages import appendages
 from uwserver.scenario.vehicle.tables import (

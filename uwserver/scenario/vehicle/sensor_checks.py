@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.modifiers import ModifierConfig, Stream
+from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.ports import Field
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.errors import KeyPath, suggestion
@@ -18,7 +18,7 @@ from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant, year_of
 from uwserver.scenario.world.magnetic import WMM_YEARS
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import CompoundConfig, Pose, RpmConfig, SensorConfig
+from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Sensor, SensorConfig
 from uwserver.world.services import SENSOR_SERVICES
 
 
@@ -96,7 +96,9 @@ def _check_parts(draft: Draft, sensor: SensorConfig, path: KeyPath, report: Repo
 def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field, ...] | None:
     """Of the sensor's port; None after a report, which only a kind of an extension needs."""
     try:
-        built = sensor.build(Pose())
+        built: object = sensor.build(Pose())
+        if not isinstance(built, Sensor):
+            raise TypeError("it must derive from uwserver.sensors.Sensor or IdealSensor")
         check_fields(built.fields)
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
         report(path, not_built(sensor, error))
@@ -124,7 +126,8 @@ def _check_modifier(
         report((*path, "field"), str(error))
         return
     try:
-        modifier.build(stream)
+        if not isinstance(modifier.build(stream), Modifier):
+            raise TypeError("it must derive from uwserver.modifiers.Modifier")
     except ValueError as error:
         report(path, str(error))
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way

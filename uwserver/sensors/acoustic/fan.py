@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import CELL
-from uwserver.physics.rays.raycast import FloatArray, Hits
+from uwserver.physics.rays.raycast import Hits
 
 
 class Fan:

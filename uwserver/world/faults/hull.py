@@ -10,7 +10,8 @@ import numpy as np
 from msgspec import UnsetType
 
 from uwserver.frames import Vec3
-from uwserver.physics.dynamics.params import BodyParams, FloatArray, rigid_body_inertia
+from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.world.faults.table import BuoyancyChange, MassLoss
 
 HullFault = BuoyancyChange | MassLoss

@@ -80,8 +80,8 @@ def _hull_refusals(fault: HullFault, hull: Hull, faults: list[HullFault]) -> Ite
         key = next(key for key in ("force_N", "fraction", "volume_m3") if getattr(fault, key) is not UNSET)
         volume = left_volume(hull, faults)
         if volume < 0.0:
-            yield key, f"less than no volume of the {hull.volume:g} m3 would be left"
+            yield key, f"it takes away more than the {hull.volume:g} m3 that the hull has"
         elif volume > MAX_VOLUME * hull.volume:
             yield key, f"{volume:g} m3 would be more than {MAX_VOLUME} times the {hull.volume:g} m3 of the hull"
     elif np.linalg.eigvalsh(left_inertia(hull, faults))[0] <= 0.0:
-        yield "mass_kg", f"no mass or moment of inertia of the {hull.M_RB[0, 0]:g} kg would be left"
+        yield "mass_kg", f"it leaves no mass or no moment of inertia of the {hull.M_RB[0, 0]:g} kg"

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from uwserver.frames import quat_from_rpy
+from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.collision.bullet import Solids
 from uwserver.physics.collision.contacts import NO_CONTACTS
 from uwserver.physics.geometry.shapes import (
@@ -22,7 +22,6 @@ from uwserver.physics.geometry.shapes import (
     Solid,
     Sphere,
     TriangleMesh,
-    turned,
 )
 
 DT = 1.0 / 240.0
@@ -96,7 +95,7 @@ def test_a_box_rests_on_its_four_corners(floor):
     with world(FLOORS[floor]) as solids:
         solids.add_moving(body(Box((0.3, 0.2, 0.1))), 0)
         found = solids.find_contacts(state(((0.13, 0.07, -0.1), (0.0, 0.0, 0.3))), DT)
-    corners = CORNERS[CORNERS[:, 2] > 0] @ turned(quat_from_rpy(0.0, 0.0, 0.3)).T + [0.13, 0.07, -0.1]
+    corners = CORNERS[CORNERS[:, 2] > 0] @ np.array(matrix(quat_from_rpy(0.0, 0.0, 0.3))).T + [0.13, 0.07, -0.1]
     assert np.allclose(np.sort(found.point[:, 0]), np.sort(corners[:, 0]), rtol=0.0, atol=1e-9)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.frames import quat_from_rpy
+from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
@@ -16,7 +16,6 @@ from uwserver.physics.geometry.shapes import (
     Solid,
     Sphere,
     TriangleMesh,
-    turned,
 )
 from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.rays.embree import Rays
@@ -107,7 +106,7 @@ def test_a_moving_solid_against_brute_force(shape):
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     hits = rays.at(STATE).raycast(origin, direction, 50.0)
     parts = facets(solid)
-    corners = parts.corners @ turned(tuple(STATE[0, 3:7])).T + at
+    corners = parts.corners @ np.array(matrix(STATE[0, 3:7])).T + at
     assert agree(hits, *brute_force(corners, parts.sided, origin, direction), allowed=2) > 150
     assert set(hits.material) == {-1, 0, 7}
 
@@ -149,7 +148,7 @@ def test_half_space_as_the_fake_plane():
     q = quat_from_rpy(0.2, -0.3, 0.5)
     rays = Rays()
     rays.add_static(0, Solid("slope", (Placed(HalfSpace(), (1.0, 2.0, 30.0), q),)))
-    fake = FakeGeometry([Plane((1.0, 2.0, 30.0), tuple(-turned(q)[:, 2]))])
+    fake = FakeGeometry([Plane((1.0, 2.0, 30.0), tuple(-np.array(matrix(q))[:, 2]))])
     origin, direction = rng.uniform(-20, 20, (500, 3)), unit(rng, 500)
     ours, theirs = (g.raycast(origin, direction, 60.0) for g in (rays.at(STATE), fake))
     assert np.allclose(ours.distance, theirs.distance)

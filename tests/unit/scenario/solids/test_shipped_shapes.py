@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.physics.geometry.shapes import Box, Capsule, Cylinder, turned
+from uwserver.physics.geometry.shapes import Box, Capsule, Cylinder
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -32,7 +32,7 @@ def test_the_displaced_water_is_within_the_shapes(model: str) -> None:
     volumes, low, high = [], [], []
     for placed in resolved.solid.shapes:
         volume, half = volume_and_half(placed.shape)
-        reach = np.abs(turned(placed.q)) @ half
+        reach = np.abs(placed.R) @ half
         volumes.append(volume)
         low.append(np.array(placed.p) - reach)
         high.append(np.array(placed.p) + reach)

@@ -1,0 +1,182 @@
+"""Parameters of bodies and thrusters, and the rows that kernels get of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uwserver.physics.dynamics.appendage_params import Appendages, HullParams
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    BuoyancyShape,
+    ForceTable,
+    ThrusterParams,
+    body_row,
+    concatenate,
+    damping_rates,
+    lag_row,
+    rigid_body_inertia,
+    shape_rows,
+    table_row,
+    thruster_row,
+    wrench_rows,
+)
+from uwserver.physics.kernel.layout import LAG, SHAPE_BOX, SHAPE_SPHERE, TABLE, TABLE_SIZE, TABLE_VOLTAGES
+
+ZERO = np.zeros((6, 6))
+I_C = np.array([[0.4, 0.02, -0.01], [0.02, 0.5, 0.03], [-0.01, 0.03, 0.6]])
+TABLE_12V = ForceTable((12.0,), (((-1.0, -30.0), (0.0, 0.0), (1.0, 40.0)),))
+
+
+def body(**changes: object) -> BodyParams:
+    plain = BodyParams(
+        np.diag([10.0] * 3 + [1.0] * 3), np.diag([5.0] * 6), ZERO, ZERO, ZERO, 98.1, 100.0, (0.0,) * 3, (0.0,) * 3
+    )
+    return replace(plain, **changes)  # type: ignore[arg-type]
+
+
+# -- inertia --------------------------------------------------------------------------------------------------------------------------
+
+
+def test_inertia_about_the_centre_of_mass_is_not_coupled() -> None:
+    M = rigid_body_inertia(12.0, I_C, (0.0, 0.0, 0.0))
+    np.testing.assert_array_equal(M[:3, :3], 12.0 * np.eye(3))
+    np.testing.assert_array_equal(M[3:, 3:], I_C)
+    assert not M[:3, 3:].any()
+
+
+def test_inertia_gives_the_energy_of_the_centre_of_mass_and_of_the_turn_about_it() -> None:
+    rng = np.random.default_rng(5)
+    r_g = np.array([0.05, -0.03, 0.08])
+    M = rigid_body_inertia(12.0, I_C, tuple(r_g))
+    np.testing.assert_allclose(M, M.T, rtol=0.0, atol=1e-15)
+    for nu in rng.normal(size=(20, 6)):
+        v_g = nu[:3] + np.cross(nu[3:], r_g)
+        assert nu @ M @ nu == pytest.approx(12.0 * v_g @ v_g + nu[3:] @ I_C @ nu[3:])
+
+
+# -- body rows ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_row_has_the_inverse_of_the_whole_inertia() -> None:
+    row = body_row(body())[0]
+    np.testing.assert_allclose(row["M_inv"] @ (row["M_RB"] + row["M_A"]), np.eye(6), rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("D", "form"), [(ZERO, 0), (np.diag([1.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 1), (np.eye(6)[::-1], 2)])
+def test_the_form_of_a_matrix_tells_what_may_be_left_out(D: np.ndarray, form: int) -> None:
+    row = body_row(body(D_L=D, D_Q=D, D_S=D))[0]
+    assert {row[f"form_{name}"] for name in ("D_L", "D_Q", "D_S")} == {form}
+
+
+def test_displaced_mass_follows_from_the_buoyancy_unless_it_is_given() -> None:
+    assert body_row(body())["displaced"][0] == pytest.approx(100.0 / 9.81)
+    assert body_row(body(displaced=12.5))["displaced"][0] == 12.5
+
+
+def test_a_body_is_fitted_if_it_has_any_appendage() -> None:
+    assert body_row(body())["fitted"][0] == 0
+    assert body_row(body(appendages=Appendages(hulls=(HullParams(),))))["fitted"][0] == 1
+
+
+def test_the_radius_reaches_all_that_the_surface_may_cut() -> None:
+    shape = BuoyancyShape(SHAPE_SPHERE, (0.3, 0.0, 0.0), (0.1, 0.0, 0.0), 1.0)
+    box = BuoyancyShape(SHAPE_BOX, (-0.3, 0.0, 0.0), (0.2, 0.1, 0.2), 1.0)
+    thruster = ThrusterParams("t", (0.0, 0.9, 0.0), (1.0, 0.0, 0.0), TABLE_12V, 12.0, Lag(), disc_radius=0.05)
+    assert body_row(body())["radius"][0] == 0.0
+    assert body_row(body(shapes=(shape, box)))["radius"][0] == pytest.approx(0.3 + 0.3)
+    assert body_row(body(shapes=(shape, box), thrusters=(thruster,)))["radius"][0] == pytest.approx(0.95)
+
+
+def test_shapes_are_moved_together_to_the_centre_of_buoyancy() -> None:
+    heavy = BuoyancyShape(SHAPE_BOX, (1.0, 0.0, 0.0), (0.1,) * 3, 0.03)
+    light = BuoyancyShape(SHAPE_BOX, (-1.0, 0.0, 0.0), (0.1,) * 3, 0.01)
+    rows = shape_rows(body(shapes=(heavy, light), r_b=(0.0, 0.0, -0.2)))
+    assert rows["share"].tolist() == pytest.approx([0.75, 0.25])
+    np.testing.assert_allclose(rows["share"] @ rows["center"], [0.0, 0.0, -0.2], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(rows["center"][0] - rows["center"][1], [2.0, 0.0, 0.0])
+    assert len(shape_rows(body())) == 0
+
+
+# -- damping rates --------------------------------------------------------------------------------------------------------------------
+
+
+def test_the_rate_of_diagonal_damping_is_that_of_its_quickest_axis() -> None:
+    rate_L, rate_Q, rate_S = damping_rates(
+        body(D_L=np.diag([15.0, 30.0, 3.0, 0.6, 0.0, 0.0]), D_S=np.diag([1.5] * 3 + [0.0] * 3))
+    )
+    assert rate_L == pytest.approx(2.0)
+    assert rate_S == pytest.approx(0.2)
+    assert not rate_Q.any()
+
+
+def test_quadratic_damping_counts_with_its_slope_axis_by_axis() -> None:
+    _, rate_Q, _ = damping_rates(body(D_Q=np.diag([30.0, 15.0, 0.0, 6.0, 0.0, 0.0])))
+    np.testing.assert_allclose(rate_Q, [4.0, 2.0, 0.0, 2.0, 0.0, 0.0])
+
+
+def test_rates_bound_the_true_ones_of_full_matrices() -> None:
+    """Eigenvalues of M^-1 times the damping's Jacobian, at random velocities."""
+    rng = np.random.default_rng(6)
+    root = rng.normal(size=(6, 6))
+    full = body(
+        M_A=root @ root.T, D_L=rng.normal(size=(6, 6)), D_Q=rng.normal(size=(6, 6)), D_S=rng.normal(size=(6, 6))
+    )
+    rate_L, rate_Q, rate_S = damping_rates(full)
+    for nu in rng.normal(size=(100, 6)):
+        J = full.D_L + 2.0 * full.D_Q * np.abs(nu) + full.D_S * abs(nu[0])
+        J[:, 0] += full.D_S @ nu * np.sign(nu[0])
+        true = np.abs(np.linalg.eigvals(np.linalg.solve(full.M_RB + full.M_A, J))).max()
+        # rate_S counts 2 |u| D_S, the derivative by u in it where the velocity is along u.
+        assert true <= rate_L + rate_Q @ np.abs(nu) + rate_S * np.linalg.norm(nu) + 1e-12
+
+
+# -- thrusters ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_thruster_row_has_wrench_and_inflow_of_its_mount() -> None:
+    params = ThrusterParams("t", (0.1, 0.2, 0.3), (0.0, 0.0, 2.0), TABLE_12V, 12.0, Lag(), torque_per_force=0.05)
+    row = thruster_row(params, 3, 4)[0]
+    np.testing.assert_allclose(row["per_force"], [0.0, 0.0, 1.0, 0.2, -0.1, 0.05])
+    np.testing.assert_allclose(row["per_velocity"], [0.0, 0.0, 1.0, 0.2, -0.1, 0.0])
+    assert (row["table"], row["lag"], row["efficiency"], row["demand"]) == (3, 4, 1.0, 0.0)
+
+
+def test_curves_of_a_table_are_padded_by_their_last_point() -> None:
+    row = table_row(ForceTable((12.0, 16.0), (TABLE_12V.curves[0], ((0.0, 1.0), (1.0, 2.0)))))[0]
+    assert row["n_voltages"] == 2
+    assert row["voltage"][:2].tolist() == [12.0, 16.0]
+    assert row["u"][0, :4].tolist() == [-1.0, 0.0, 1.0, 1.0]
+    assert row["force"][1, 1:].tolist() == [2.0] * (TABLE_SIZE - 1)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        ForceTable((), ()),
+        ForceTable(tuple(map(float, range(TABLE_VOLTAGES + 1))), TABLE_12V.curves * (TABLE_VOLTAGES + 1)),
+        ForceTable((12.0,), (((0.0, 0.0),),)),
+        ForceTable((12.0,), (tuple((float(k), 0.0) for k in range(TABLE_SIZE + 1)),)),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(table: ForceTable) -> None:
+    with pytest.raises(ValueError, match="force table"):
+        table_row(table)
+
+
+def test_a_lag_row_is_the_transition_of_the_tick() -> None:
+    lag = Lag.first_order(0.2)
+    row = lag_row(lag, 0.02)[0]
+    for name, values in zip(("F", "G", "C", "D"), lag.transition(0.02), strict=True):
+        np.testing.assert_array_equal(row[name], values)
+    assert row.dtype == LAG
+
+
+def test_wrenches_begin_at_zero_and_rows_are_joined() -> None:
+    rows = wrench_rows(3)
+    assert rows.tobytes() == bytes(rows.nbytes)
+    assert len(concatenate([rows, rows[:1]], rows.dtype)) == 4
+    assert concatenate([], TABLE).dtype == TABLE

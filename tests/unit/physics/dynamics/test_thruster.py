@@ -1,0 +1,135 @@
+"""A thruster from command to wrench: force table, demand, lag, inflow, and the surface; faults that hold it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.params import ForceTable, ThrusterParams, lag_row, table_row, thruster_row
+from uwserver.physics.dynamics.scratch import NU_R, TAU, UP
+from uwserver.physics.dynamics.thruster import add_thrust, advance_lag, lagged, set_demand, table_force
+from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
+
+TABLE = ForceTable(
+    (12.0, 16.0), (((-1.0, -30.0), (-0.1, 0.0), (0.1, 0.0), (1.0, 40.0)), ((-1.0, -50.0), (-0.1, 0.0), (0.1, 0.0), (1.0, 60.0)))
+)  # fmt: skip
+PARAMS = ThrusterParams("t", (0.1, 0.2, 0.0), (1.0, 0.0, 0.0), TABLE, 16.0, Lag(), disc_radius=0.05)
+TABLES = table_row(TABLE)
+
+
+def thruster(command: float = 0.0, **changes: Any) -> Any:
+    row = thruster_row(PARAMS, 0, 0)[0]
+    row["command"], row["fresh"] = command, 1
+    for name, value in changes.items():
+        row[name] = value
+    return row
+
+
+@pytest.mark.parametrize(
+    ("u", "volts", "force"),
+    [
+        (1.0, 16.0, 60.0), (-1.0, 16.0, -50.0), (0.0, 16.0, 0.0), (0.05, 14.0, 0.0), (0.55, 12.0, 20.0),
+        (0.55, 14.0, 25.0), (1.0, 9.0, 40.0), (1.0, 20.0, 60.0), (2.0, 16.0, 60.0), (-7.0, 12.0, -30.0),
+    ],
+)  # fmt: skip
+def test_the_table_is_linear_between_its_points_and_constant_beyond(u: float, volts: float, force: float) -> None:
+    assert table_force(TABLES[0], u, volts) == pytest.approx(force)
+
+
+def test_a_table_of_one_voltage_serves_all() -> None:
+    one = table_row(ForceTable((12.0,), (TABLE.curves[0],)))[0]
+    assert {table_force(one, 1.0, volts) for volts in (5.0, 12.0, 30.0)} == {40.0}
+
+
+def test_a_demand_is_computed_when_something_new_was_set() -> None:
+    row = thruster(0.55)
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(30.0)
+    assert row["fresh"] == 0
+    row["command"] = 1.0  # nobody said so
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(("force", "demand"), [(25.0, 25.0), (99.0, 0.8 * 60.0), (-99.0, -0.8 * 50.0)])
+def test_a_command_by_force_is_held_to_what_the_installed_thruster_can(force: float, demand: float) -> None:
+    row = thruster(force, by_force=1, installed=0.8)
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(demand)
+
+
+def test_installed_thrust_is_part_of_the_table_s() -> None:
+    row = thruster(1.0, installed=0.9)
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(54.0)
+
+
+def test_a_stuck_thruster_keeps_its_demand_and_remembers_that_a_command_waits() -> None:
+    row = thruster(0.55)
+    set_demand(row, TABLES)
+    row["stuck"], row["command"], row["fresh"] = STUCK, 1.0, 1
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(30.0)
+    row["stuck"] = FREE
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(60.0)
+
+
+def test_a_thruster_stuck_at_a_command_follows_its_voltage_alone() -> None:
+    row = thruster(1.0, stuck=STUCK_AT, stuck_u=0.55)
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(30.0)
+    row["voltage"] = 12.0
+    set_demand(row, TABLES)
+    assert row["demand"] == pytest.approx(20.0)
+    assert row["fresh"] == 1
+
+
+def test_the_lag_goes_by_half_sub_steps_and_efficiency_scales_what_comes_out() -> None:
+    lag = lag_row(Lag.first_order(0.2), 0.1)[0]
+    row = thruster(demand=10.0, efficiency=0.5)
+    assert lagged(row, lag) == 0.0
+    assert advance_lag(row, lag, 0) == pytest.approx(5.0 * (1.0 - np.exp(-0.25)))
+    assert advance_lag(row, lag, 1) == pytest.approx(5.0 * (1.0 - np.exp(-0.375)))
+    assert lagged(row, lag) == pytest.approx(5.0 * (1.0 - np.exp(-0.375)))
+
+
+def wrench(row: Any, force: float, nu_r: Any = (0.0,) * 6, depth: float = 10.0, near: bool = False) -> Any:
+    work = np.zeros((14, 6))
+    work[NU_R], work[UP, :3] = nu_r, (0.0, 0.0, -1.0)
+    work[TAU] = 1.0  # it adds to what is there
+    add_thrust(row, force, depth, near, work)
+    return work[TAU] - 1.0
+
+
+def test_the_wrench_is_the_force_at_its_mount() -> None:
+    np.testing.assert_allclose(wrench(thruster(), 10.0), [10.0, 0.0, 0.0, 0.0, 0.0, -2.0])
+
+
+def test_the_reaction_of_the_screw_is_about_its_axis() -> None:
+    row = thruster_row(replace(PARAMS, torque_per_force=0.03), 0, 0)[0]
+    np.testing.assert_allclose(wrench(row, 10.0), [10.0, 0.0, 0.0, 0.3, 0.0, -2.0])
+
+
+@pytest.mark.parametrize("force", [16.0, -16.0])
+def test_inflow_takes_from_a_thrust_ahead_and_adds_astern(force: float) -> None:
+    """k sqrt(|T0|) V_a, with the speed of the mount: surge, and yaw times its arm to starboard."""
+    row = thruster(inflow=2.0)
+    va = 0.5 - 0.2 * 1.5
+    found = wrench(row, force, (0.5, 9.0, 9.0, 9.0, 0.0, 1.5))
+    assert found[0] == pytest.approx(force - 2.0 * 4.0 * va)
+
+
+def test_a_disc_half_out_of_the_water_has_half_its_thrust() -> None:
+    assert wrench(thruster(), 10.0, depth=0.0, near=True)[0] == pytest.approx(5.0)
+    assert wrench(thruster(), 10.0, depth=1.0, near=True)[0] == pytest.approx(10.0)
+    assert wrench(thruster(), 10.0, depth=-1.0, near=True)[0] == 0.0
+    assert wrench(thruster(), 10.0, depth=-1.0, near=False)[0] == pytest.approx(10.0)
+
+
+def test_no_force_asks_for_nothing() -> None:
+    np.testing.assert_array_equal(wrench(thruster(inflow=2.0), 0.0, (1.0,) * 6), 0.0)

@@ -1,0 +1,16 @@
+"""What arrays are called, in plain code and in compiled code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Records = npt.NDArray[np.void]
+"""Rows of a structured dtype of `layout`."""
+
+Array = Any
+"""An array inside compiled code, whose type numba finds from the call."""
