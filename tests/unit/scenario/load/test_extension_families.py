@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
@@ -279,3 +282,19 @@ def test_a_fault_refuses_keys_that_do_not_go_together(beside: Path) -> None:
     changed(beside / "trial.toml", "at_s = 10", "at_s = 10\nuntil_s = 100000")
     assert "faults.plug: " in (text := refused(beside / "trial.toml"))
     assert "more than the 256 faults that a world can have" in text
+
+
+# -- recordings -------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("scenario", "extension"), [("pool", "jet"), ("river", "river"), ("trial", "loose")])
+def test_a_recording_is_replayed_bit_for_bit_with_the_file(beside: Path, scenario: str, extension: str) -> None:
+    changed(beside / "trial.toml", "at_s = 10", "at_s = 0.5")
+    command = [sys.executable, "-m", "uwserver", "run", f"{scenario}.toml", "--mode", "freerun", "--until", "1.5"]
+    done = subprocess.run([*command, "--record", "x.mcap"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    with pytest.raises(NotReplayable, match=rf"its components come from {extension}\.py: give the file by --extension"):
+        replay(Path("x.mcap"))
+    replayed = replay(Path("x.mcap"), [beside / f"{extension}.py"])
+    assert replayed.difference is None
+    assert replayed.hashes > 0
