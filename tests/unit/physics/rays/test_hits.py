@@ -83,19 +83,21 @@ def test_from_inside_a_plane_is_not_hit() -> None:
     assert cast(simple_of([(7, GROUND)], []), [0.0, 0.0, 12.0], [0.0, 0.0, -1.0]).body[0] == -1
 
 
+def inside(corners: FloatArray, n: FloatArray, x: FloatArray, slack: float = 0.0) -> Any:
+    """(t) whether points x (t, 3) of the planes of triangles (t, 3, 3) with normals n lie in them."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    sides = np.cross(edges, x[:, None] - corners)
+    return (np.einsum("tki,ti->tk", sides, n) >= -slack).all(axis=1)
+
+
 def brute_force(corners: FloatArray, o: FloatArray, d: FloatArray) -> tuple[float, FloatArray]:
-    """Nearest front-facing triangle, by Moeller and Trumbore."""
-    best, normal = math.inf, np.zeros(3)
-    for a, b, c in corners:
-        n = np.cross(b - a, c - a)
-        if n @ d >= 0.0:
-            continue
-        t = n @ (a - o) / (n @ d)
-        x = o + t * d
-        inside = all(np.cross(q - p, x - p) @ n >= 0.0 for p, q in ((a, b), (b, c), (c, a)))
-        if t >= 0.0 and inside and t < best:
-            best, normal = float(t), n / np.linalg.norm(n)
-    return best, normal
+    """Distance and normal of the nearest triangle that faces the ray."""
+    n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    approach, height = n @ d, np.einsum("ti,ti->t", n, corners[:, 0] - o)
+    t = np.divide(height, approach, out=np.full(len(n), -1.0), where=approach < 0.0)
+    t = np.where((t >= 0.0) & inside(corners, n, o + t[:, None] * d), t, np.inf)
+    k = int(np.argmin(t))
+    return float(t[k]), n[k] / np.linalg.norm(n[k]) if t[k] < np.inf else np.zeros(3)
 
 
 @pytest.mark.parametrize("shape", [Box((0.5, 0.3, 0.2)), Sphere(0.4)], ids=lambda x: type(x).__name__)
@@ -238,19 +240,16 @@ def test_what_is_behind_a_hit_does_not_enter() -> None:
 
 def picked_by_brute_force(batch: Batch, count: int) -> Any:
     """What an engine would pick: the nearest triangle beyond `ahead`, whichever side it shows."""
+    n, corners = batch.sides["normal"], batch.sides["corners"]
     out = np.full(count, -1)
     for k in range(count):
-        best = math.inf
-        for t, side in enumerate(batch.sides):
-            approach = side["normal"] @ batch.towards[k]
-            if approach == 0.0:
-                continue
-            reached = side["normal"] @ (side["corners"][0] - batch.start[k]) / approach
-            point = batch.start[k] + reached * batch.towards[k]
-            a, b, c = side["corners"]
-            inside = all(np.cross(q - p, point - p) @ side["normal"] >= -1e-12 for p, q in ((a, b), (b, c), (c, a)))
-            if inside and batch.ahead[k] < reached < best:
-                best, out[k] = reached, t
+        approach, height = n @ batch.towards[k], np.einsum("ti,ti->t", n, corners[:, 0] - batch.start[k])
+        t = np.divide(height, approach, out=np.full(len(n), -1.0), where=approach != 0.0)
+        t = np.where(
+            (t > batch.ahead[k]) & inside(corners, n, batch.start[k] + t[:, None] * batch.towards[k], 1e-12), t, np.inf
+        )
+        if t.min() < np.inf:
+            out[k] = np.argmin(t)
     return out
 
 
