@@ -27,7 +27,7 @@ WORKDIR /tmp
 RUN /opt/uwserver/venv/bin/python -m uwserver.physics.warm \
     && /opt/uwserver/venv/bin/uwserver run --port 0 --mode freerun --until 1 \
     && /opt/uwserver/venv/bin/uwclient --help > /dev/null \
-    && /opt/uwserver/venv/bin/python -c "from uwserver_adapters.mavlink.dialect import Dialect; Dialect()" \
+    && /opt/uwserver/venv/bin/python -c "from uwserver_adapters.mavlink.wire.dialect import Dialect; Dialect()" \
     && chmod -R a+rX /opt/uwserver
 
 FROM ${BASE}

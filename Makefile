@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-all fast-tests all-tests lint types docs-check wheel-smoke demo bench docs image clean
+.PHONY: help install run test test-all fast-tests all-tests lint types docs-check wheel-smoke demo bench docs dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -60,10 +60,13 @@ demo: install  ## drive a 5 m square by feedback on the simulated sensors and dr
 bench: install  ## measure speed and latency beside the peers
 	$(BIN)/uwserver bench $(ARGS)
 
-docs: install  ## regenerate the generated pages of docs/
-	for kind in scenario vehicle device; do $(BIN)/uwserver schema --$$kind > docs/reference/$$kind.schema.json; done
+docs: install  ## regenerate the generated pages of docs/ and the JSON Schemas of scenario files
 	$(BIN)/python tools/reference_docs.py
 	$(BIN)/python tools/validation_report.py
+
+dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uwserver
+	$(BIN)/python -m build --wheel --outdir dist .
+	$(BIN)/python -m build --wheel --outdir dist clients/python
 
 image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")
 	$(BUILDER) build -t $(IMAGE) $(ARGS) .

@@ -35,7 +35,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
     ("world",),  # the tick and what lives in it
-    ("actuators", "sensors", "autopilot"),
+    ("autopilot",),  # shows its state as a sensor
+    ("actuators", "sensors"),
     ("modifiers",),
     ("environment",),  # asks the kernel what the water does
     ("physics",),  # arrays and kernel: knows no component
@@ -51,14 +52,8 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {
-    "uwserver_adapters.log_file",
-    "uwserver_adapters.nesting",
-    "uwserver_adapters.serial_port",
-    "uwserver_adapters.sil",
-    "uwserver_adapters.values",
-}
-"""What several protocols need; nothing that knows one of them."""
+SHARED_BY_ADAPTERS = {"uwserver_adapters.native", "uwserver_adapters.sil"}
+"""What several adapters need and no kit can hold: the protocol of uwserver's own, and the simulator interfaces of autopilots."""
 
 LOOP = {"server", "adapter", "cli", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""
@@ -278,12 +273,22 @@ def test_circles_are_found():
 
 
 def test_nothing_in_uwserver_knows_an_adapter_or_a_client():
-    """Adapters are found by entry point: a new one needs no edit here. Scenarios are read as package resources."""
+    """Adapters and the benchmark are found by entry point: a new one needs no edit here. Scenarios are read as package resources."""
     wrong = [
         at(m, i.line, i.target)
-        for m, i in importers("uwserver", {"uwserver_adapters", "uwclient", "uwserver_scenarios"})
+        for m, i in importers("uwserver", {"uwserver_adapters", "uwclient", "uwserver_scenarios", "uwserver_bench"})
     ]
     assert not wrong, wrong
+
+
+def test_only_validate_needs_the_oracle():
+    """`validation` is in the installed package for `uwserver validate` alone; other proofs stand beside the benchmark, which stays out."""
+    users = {m.name for m in modules("uwserver") for i in imports(m) if i.target.startswith("uwserver.validation")}
+    assert users == {"uwserver.cli.validate"}
+    assert {m.name for m in modules("uwserver") if m.part == "validation"} == {
+        "uwserver.validation",
+        "uwserver.validation.oracle",
+    }
 
 
 def test_adapters_know_the_contract_alone():
@@ -456,15 +461,16 @@ def _public(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef
             for member in node.body:
                 if isinstance(member, ast.FunctionDef | ast.AsyncFunctionDef) and not member.name.startswith("_"):
                     setter = any(isinstance(d, ast.Attribute) and d.attr == "setter" for d in member.decorator_list)
-                    if not setter and not _inherited(node):
+                    if not setter and not _inherited(node, member.name):
                         yield member
 
 
-def _inherited(owner: ast.ClassDef) -> bool:
-    """Whether a class fills in what another declares and documents (a subclass, or an adapter's subscriber)."""
-    return bool(owner.bases) and not any(
-        ast.unparse(base).endswith(("Protocol", "Table", "Struct")) for base in owner.bases
-    )
+def _inherited(owner: ast.ClassDef, name: str) -> bool:
+    """Whether a class fills in what another declares and documents (a subclass, `build` of a table, or an adapter's subscriber)."""
+    bases = [ast.unparse(base) for base in owner.bases]
+    if name == "build" and any(base.endswith("Table") for base in bases):
+        return True
+    return bool(bases) and not any(base.endswith(("Protocol", "Table", "Struct")) for base in bases)
 
 
 # -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------

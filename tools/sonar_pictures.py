@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
@@ -25,11 +26,11 @@ from uwserver.sensors import (
     Pose,
     ScanningSonarConfig,
     Scope,
+    Sensor,
     SensorConfig,
     UsblConfig,
 )
 from uwserver.sensors.acoustic.interrogation import Beacon
-from uwserver.sensors.instrument import Instrument
 from uwserver.units import deg, rad
 
 # Before pyplot is imported: no display.
@@ -89,7 +90,7 @@ def instant(geometry: Geometry, p: tuple[float, float, float], t: float = 0.0, y
     return scope
 
 
-def device(name: str, **keys: object) -> Instrument:
+def device(name: str, **keys: object) -> Sensor:
     """The instrument of a shipped device file."""
 
     def fail(*problem: object) -> None:
@@ -98,7 +99,6 @@ def device(name: str, **keys: object) -> Instrument:
     given = check_profile(msgspec.toml.decode(shipped("devices")[name].read_bytes()), fail)
     config = msgspec.convert({"rate_hz": 240.0, **(given or {}), **keys}, SensorConfig)
     instrument = config.build(Pose())
-    assert isinstance(instrument, Instrument)
     instrument.start(np.random.default_rng(1))
     return instrument
 
@@ -122,7 +122,7 @@ def scanning_sonar(geometry: Geometry) -> Figure:
     return figure
 
 
-def turn_of(sonar: Instrument, geometry: Geometry, yaw_rate: float) -> tuple[FloatArray, FloatArray]:
+def turn_of(sonar: Sensor, geometry: Geometry, yaw_rate: float) -> tuple[FloatArray, FloatArray]:
     """(400) head angles and (400, bins) counts of one turn, pings as fast as the device allows."""
     angles, rows, t = [], [], 0.0
     while len(rows) < 400:
@@ -152,9 +152,9 @@ def altimeter(geometry: Geometry) -> Figure:
     return figure
 
 
-def sounded(sounder: Instrument, geometry: Geometry, x: float) -> float:
+def sounded(sounder: Sensor, geometry: Geometry, x: float) -> float:
     """Range (m) over a place of the flight; NaN without echo."""
-    sounder.memory[0] = 0.0
+    sounder.memory = structs.replace(sounder.memory, ready=0.0)
     valid, values = sounder.measure(instant(geometry, (x, 11.0, DEPTH - 8.0)))
     return float(values[0]) if valid and isinstance(values[0], float) else math.nan
 
@@ -166,7 +166,7 @@ def dvl(geometry: Geometry) -> Figure:
         log = device(name)
         v = []
         for _ in range(1500):
-            log.memory[0] = 0.0
+            log.memory = structs.replace(log.memory, ready=0.0)
             v.append(log.measure(instant(geometry, (0.0, 0.0, DEPTH - 10.0)))[1][0])
         east = np.array([[a, b] for a, b, _ in (x for x in v if x[0] is not None)], dtype=float)
         left.plot(1e3 * east[:, 0], 1e3 * east[:, 1], ".", ms=2, label=name)
@@ -188,7 +188,7 @@ def dvl(geometry: Geometry) -> Figure:
     return figure
 
 
-def tracked(instrument: Instrument, geometry: Geometry, n: int) -> tuple[FloatArray, list[list[object]]]:
+def tracked(instrument: Sensor, geometry: Geometry, n: int) -> tuple[FloatArray, list[list[object]]]:
     """(n) times at which questions went out, s, and the values of the readings, along a straight run."""
     times, values, t = [], [], 0.0
     while len(times) < n:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from uwserver_bench.proofs.closed_forms import tilt
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.units import deg
-from uwserver.validation.closed_forms import tilt
 
 # Before pyplot is imported: no display.
 matplotlib.use("Agg")

@@ -17,6 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 import validation_plots as plots
+from uwserver_bench.proofs.closed_forms import closed_forms, tilt
+from uwserver_bench.proofs.contact_forms import contact_forms
+from uwserver_bench.proofs.motion import energy_excess, momentum, record
+from uwserver_bench.proofs.remus import SIMULATED, STEPS, Remus, remus_track
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
@@ -31,11 +35,7 @@ from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import deg
-from uwserver.validation.closed_forms import closed_forms, tilt
-from uwserver.validation.contact_forms import contact_forms
-from uwserver.validation.motion import energy_excess, momentum, record
 from uwserver.validation.oracle import build, load_oracle, run, validate
-from uwserver.validation.remus import SIMULATED, STEPS, Remus, remus_track
 
 ROOT = Path(__file__).parents[1]
 ORACLES = ROOT / "tests" / "physics" / "oracles"

@@ -1,6 +1,7 @@
-"""Builds the wheels of uwserver and uwclient, installs them in a fresh environment and uses them there; exits with 1 at the first fault.
+"""Builds the wheels of uwserver, uwclient and the benchmark, installs them in a fresh environment and uses them there; exits with 1 at the
+first fault. The benchmark comes last: before, `uwserver bench` must say what to install.
 
-By default the environment borrows the dependencies of the environment that runs this script, and only the two wheels are installed;
+By default the environment borrows the dependencies of the environment that runs this script, and only the wheels are installed;
 `--dependencies` installs these too, as a user's pip would.
 """
 
@@ -19,15 +20,20 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "uwserver": (ROOT, ("uwserver", "adapters/uwserver_adapters", "scenarios/uwserver_scenarios")),
     "uwclient": (ROOT / "clients" / "python", ("uwclient",)),
+    "uwserver_bench": (ROOT / "bench", ("uwserver_bench",)),
 }
+BENCHMARK = "uwserver_bench"
 MODULES = ("uwserver", "uwserver_adapters.sockets", "uwserver_scenarios", "uwclient")
 COMMANDS = (
     ("uwserver", "--version"),
     ("uwserver", "list"),
     ("uwserver", "check", "bluerov2_pool"),
     ("uwclient", "--help"),
+    ("uwserver", "validate", str(ROOT / "tests" / "physics" / "oracles" / "spheroid_1.json")),
     ("uwserver", "run", "--port", "0", "--until", "0.5", "--mode", "freerun"),
 )
+SCHEMAS = ("scenario", "vehicle", "device")
+"""Kinds of file whose JSON Schema is made for the wheel; git does not keep them."""
 TIMEOUT_S = 300.0
 
 
@@ -61,6 +67,15 @@ def expected_files(project: Path, folders: tuple[str, ...]) -> set[str]:
     }
 
 
+def make_schemas() -> None:
+    """Write the JSON Schemas to where the wheel takes them from, as `make docs` does."""
+    folder = ROOT / "uwserver" / "schemas"
+    folder.mkdir(exist_ok=True)
+    for kind in SCHEMAS:
+        text = run(sys.executable, "-m", "uwserver", "schema", f"--{kind}", cwd=ROOT)
+        (folder / f"{kind}.schema.json").write_text(text, encoding="utf-8")
+
+
 def build(name: str, out: Path) -> Path:
     """The wheel of a distribution, with its contents compared with the checkout."""
     project, folders = PACKAGES[name]
@@ -78,12 +93,17 @@ def build(name: str, out: Path) -> Path:
     return wheel
 
 
+def install(python: Path, wheels: list[Path], dependencies: bool, work: Path) -> None:
+    """Put wheels into the environment of a Python."""
+    options = [] if dependencies else ["--no-deps"]
+    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *options, *wheels, cwd=work)
+
+
 def environment_with(wheels: list[Path], folder: Path, dependencies: bool) -> Path:
     """A fresh environment with the wheels; returns its folder of scripts."""
     run(sys.executable, "-m", "venv", "--without-pip", folder, cwd=folder.parent)
     python = folder / "bin" / "python"
-    options = [] if dependencies else ["--no-deps"]
-    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *options, *wheels, cwd=folder.parent)
+    install(python, wheels, dependencies, folder.parent)
     if not dependencies:
         # Path entries of a .pth file are not searched for further .pth files, so an editable install over there stays out.
         packages = Path(
@@ -93,10 +113,15 @@ def environment_with(wheels: list[Path], folder: Path, dependencies: bool) -> Pa
     return folder / "bin"
 
 
+def clean_environment(work: Path) -> dict[str, str]:
+    """Without the settings of this checkout, and with a kernel cache of its own."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_"))}
+    return environment | {"XDG_CACHE_HOME": str(work / "cache")}
+
+
 def use(scripts: Path, work: Path) -> None:
     """Import and run what was installed, far from the checkout."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_"))}
-    environment["XDG_CACHE_HOME"] = str(work / "cache")
+    environment = clean_environment(work)
     for module in MODULES:
         found = run(
             scripts / "python", "-c", f"import {module} as m; print(m.__file__)", cwd=work, environment=environment
@@ -106,6 +131,26 @@ def use(scripts: Path, work: Path) -> None:
     for name, *arguments in COMMANDS:
         run(scripts / name, *arguments, cwd=work, environment=environment)
         print(f"{name} {' '.join(arguments)}: ok")
+    for kind in SCHEMAS:
+        (shipped,) = scripts.parent.glob(f"lib/python*/site-packages/uwserver/schemas/{kind}.schema.json")
+        if shipped.read_text(encoding="utf-8") != run(
+            scripts / "uwserver", "schema", f"--{kind}", cwd=work, environment=environment
+        ):
+            raise Fault(f"{shipped.name} in the wheel is not what `uwserver schema --{kind}` prints")
+
+
+def use_benchmark(scripts: Path, wheel: Path, work: Path, dependencies: bool) -> None:
+    """`uwserver bench` without its distribution, and with it."""
+    environment, command = clean_environment(work), (str(scripts / "uwserver"), "bench", "--help")
+    alone = subprocess.run(
+        command, cwd=work, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+    )
+    if alone.returncode == 0 or "pip install uwserver-bench" not in alone.stderr:
+        raise Fault(f"uwserver bench without its distribution ended with {alone.returncode}:\n{alone.stderr}")
+    install(scripts / "python", [wheel], dependencies, work)
+    if "--against" not in run(*command, cwd=work, environment=environment):
+        raise Fault("uwserver bench is not that of its wheel")
+    print("uwserver bench: ok")
 
 
 def main() -> int:
@@ -116,10 +161,13 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="uwserver-wheels-") as name:
         out = Path(name)
         try:
-            wheels = [build(distribution, out) for distribution in PACKAGES]
-            work = out / "work"
+            make_schemas()
+            wheels = {distribution: build(distribution, out) for distribution in PACKAGES}
+            benchmark, work = wheels.pop(BENCHMARK), out / "work"
             work.mkdir()
-            use(environment_with(wheels, out / "venv", options.dependencies), work)
+            scripts = environment_with([*wheels.values()], out / "venv", options.dependencies)
+            use(scripts, work)
+            use_benchmark(scripts, benchmark, work, options.dependencies)
         except Fault as fault:
             print(f"wheel smoke test: {fault}", file=sys.stderr)
             return 1

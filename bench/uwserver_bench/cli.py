@@ -2,62 +2,107 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from uwserver_bench.contact import bench_contact
-from uwserver_bench.mavlink import bench_mavlink
-from uwserver_bench.moos import bench_moos
-from uwserver_bench.net import bench_net
-from uwserver_bench.physics import bench_physics
 from uwserver_bench.processes import BenchFailed
-from uwserver_bench.remus import bench_remus
-from uwserver_bench.report import Report, machine_facts
-from uwserver_bench.rows import Row
-from uwserver_bench.sensors import bench_sensors
-from uwserver_bench.server import bench_server
-from uwserver_bench.sil import bench_sil
-from uwserver_bench.solids import bench_solids
-from uwserver_bench.start import bench_start
+
+if TYPE_CHECKING:
+    from uwserver_bench.rows import Row
 
 PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink", "sil")
+
+
+_MODULES = {"physics": ("physics", "remus")}
+"""Where a part is not the module of its name."""
+Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 
 
 @click.command()
 @click.argument("part", required=False, type=click.Choice(PARTS))
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")
-def bench(part: str | None, file: Path | None, quick: bool) -> None:
+@click.option(
+    "--against",
+    "venv",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Compare with the version of uwserver that is installed in this virtual environment.",
+)
+@click.option("--pairs", type=click.IntRange(1, 1000), help="With --against: how many pairs.  [default: 15]")
+@click.option(
+    "--minutes", type=click.FloatRange(0.0, min_open=True), help="With --against: no pair begins later.  [default: 60]"
+)
+@click.option("--only", default="", help="With --against: figures whose group or name has this text.")
+def bench(
+    part: str | None,
+    file: Path | None,
+    quick: bool,
+    venv: Path | None,
+    pairs: int | None,
+    minutes: float | None,
+    only: str,
+) -> None:
     """Measure physics, solids, contact, sensors, server, start, net, moos, mavlink and sil (or one PART) on an idle machine; a quarter of an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install uwserver-bench; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,
     the MOOSDB of MOOS-IvP when UWSERVER_MOOS_BIN names its folder.
+
+    With --against, measures this version beside another one in pairs, and exits with 1 when any figure is worse.
     """
-    parts: dict[str, Callable[[bool, Callable[[str], None]], list[Row]]] = {
-        "physics": lambda quick, say: [*bench_physics(quick, say), *bench_remus(quick, say)],
-        "solids": bench_solids,
-        "contact": bench_contact,
-        "sensors": bench_sensors,
-        "server": bench_server,
-        "start": bench_start,
-        "net": bench_net,
-        "moos": bench_moos,
-        "mavlink": bench_mavlink,
-        "sil": bench_sil,
-    }
-    machine, rows = machine_facts(), list[Row]()
     try:
-        for name in (part,) if part else PARTS:
-            rows += parts[name](quick, lambda line: click.echo(line, err=True))
+        if venv is not None:
+            if part is not None:
+                raise click.UsageError(f"--against measures parts of its own: leave {part} out, or choose with --only")
+            sys.exit(_against(venv, pairs, minutes, quick, only, file))
+        if pairs is not None or minutes is not None or only:
+            raise click.UsageError("--pairs, --minutes and --only belong to --against")
+        _parts((part,) if part else PARTS, quick, file)
     except BenchFailed as error:
         click.echo(f"uwserver bench: {error}", err=True)
         sys.exit(1)
+
+
+def _parts(names: Sequence[str], quick: bool, file: Path | None) -> None:
+    """Measure parts and print the report."""
+    from uwserver_bench.report import Report, machine_facts
+
+    machine = machine_facts()
+    rows: list[Row] = []
+    for name in names:
+        for module in _MODULES.get(name, (name,)):
+            rows += _part(module)(quick, _say)
     report = Report(quick, machine, tuple(rows))
-    if file is not None:
-        file.write_text(json.dumps(report.as_json(), indent=2) + "\n", encoding="utf-8")
+    _write(file, report.as_json())
     click.echo(report.table())
+
+
+def _part(module: str) -> Part:
+    # Imported here, as a listing of all commands needs none of them.
+    found: Part = getattr(importlib.import_module(f"uwserver_bench.{module}"), f"bench_{module}")
+    return found
+
+
+def _against(venv: Path, pairs: int | None, minutes: float | None, quick: bool, only: str, file: Path | None) -> int:
+    """Compare with another version and print the report; returns the exit status."""
+    from uwserver_bench.against.compare import MINUTES, PAIRS, QUICK_PAIRS, compare
+
+    found = compare(venv, pairs or (QUICK_PAIRS if quick else PAIRS), minutes or MINUTES, quick, only, _say)
+    _write(file, found.as_json())
+    click.echo(found.table())
+    return 1 if found.worse else 0
+
+
+def _write(file: Path | None, report: dict[str, object]) -> None:
+    if file is not None:
+        file.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+
+def _say(line: str) -> None:
+    click.echo(line, err=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import selectors
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,7 @@ from threading import Event
 from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.mavlink_peer import MavlinkPeer
-from uwserver_bench.processes import BenchFailed, Served, serving
+from uwserver_bench.processes import BenchFailed, Served, processor_s, serving
 from uwserver_bench.rows import Row
 from uwserver_bench.server import STATUS
 
@@ -143,8 +142,7 @@ def _share(pid: int, work: Callable[[], object]) -> float:
 
 
 def _cpu_s(pid: int) -> float:
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError as error:
-        raise BenchFailed(f"processor time of the server is not known here: {error}") from error
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    spent = processor_s(pid)
+    if spent is None:
+        raise BenchFailed("processor time of the server is not known here: this system has no /proc")
+    return spent

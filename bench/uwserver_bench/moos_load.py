@@ -35,7 +35,7 @@ def flow(task: Task) -> dict[str, object]:
                 writer.write((name, float(written)) for name in names)
                 written += TOGETHER
             heard += sum(key.startswith(b"FLOW_") for _, key, _ in reader.receive(0.1))
-        return {"per_s": heard / ((_clock.now_ns() - start) * 1e-9)}
+        return {"per_s": heard / ((_clock.now_ns() - start) * 1e-9), "count": heard}
 
 
 def navigation(task: Task) -> dict[str, object]:
@@ -82,7 +82,9 @@ def crowd(task: Task) -> dict[str, object]:
 @contextlib.contextmanager
 def _peers(task: Task, count: int) -> Any:
     with contextlib.ExitStack() as stack:
-        yield [stack.enter_context(contextlib.closing(MoosPeer(task["address"], f"bench{k}"))) for k in range(count)]
+        # The database may not have noticed yet that those of the task before are gone.
+        names = [f"bench{_clock.now_ns()}_{k}" for k in range(count)]
+        yield [stack.enter_context(contextlib.closing(MoosPeer(task["address"], name))) for name in names]
 
 
 _TASKS: Mapping[str, Callable[[Task], dict[str, object]]] = {"flow": flow, "navigation": navigation, "crowd": crowd}

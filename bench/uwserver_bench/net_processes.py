@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from uwserver_bench.processes import BenchFailed, Served, stop
+from uwserver_bench.processes import BenchFailed, Served, processor_s, stop
 
 WIRE_ADDRESS: Mapping[str, str] = {
     "TCP JSON": "tcp", "TCP msgpack": "tcp", "WebSocket": "tcp", "UDP": "udp", "zenoh": "zenoh",
@@ -83,13 +83,7 @@ class Traced:
 
     def processor_s(self) -> float | None:
         """Processor time that its threads have used; None where the system does not tell."""
-        try:
-            # In ns; /proc/<pid>/stat counts hundredths of a second, more than a client costs in one.
-            threads = Path(f"/proc/{self.served.pid}/task").glob("*/schedstat")
-            spent = [int(thread.read_text().split()[0]) for thread in threads]
-        except (OSError, ValueError):
-            return None
-        return sum(spent) * 1e-9 if spent else None
+        return processor_s(self.served.pid)
 
 
 @contextlib.contextmanager

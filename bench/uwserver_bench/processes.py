@@ -10,7 +10,7 @@ import selectors
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -53,14 +53,25 @@ class Served:
 
 
 @contextlib.contextmanager
-def serving(scenario: str | Path) -> Iterator[Served]:
+def serving(
+    scenario: str | Path,
+    python: str = sys.executable,
+    environment: Mapping[str, str] = os.environ,
+    place: Path | None = None,
+) -> Iterator[Served]:
     """Run a scenario on a free loopback port for as long as the context is open.
+
+    Args:
+        scenario: a shipped name or a file.
+        python: whose uwserver serves.
+        environment: of the server.
+        place: folder that it works in; default: this process's.
 
     Raises:
         BenchFailed: it did not come up.
     """
-    command = [sys.executable, "-m", "uwserver", "run", str(scenario), "--port", "0", "--log-level", "error"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+    command = [python, "-m", "uwserver", "run", str(scenario), "--port", "0", "--log-level", "error"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=place, env=dict(environment)) as process:
         try:
             assert process.stdout is not None
             host, port = _address(process.stdout, " ".join(command))
@@ -142,6 +153,26 @@ def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
             if found := _ADDRESS.search(seen):
                 return found[1].decode(), int(found[2])
     raise BenchFailed(f"{command} named no address; it printed: {seen.decode(errors='replace') or 'nothing'}")
+
+
+def processor_s(pid: int) -> float | None:
+    """Processor time that the threads of a process have used; None where the system does not tell."""
+    try:
+        # In ns; /proc/<pid>/stat counts hundredths of a second, more than a client costs in one.
+        spent = [int(thread.read_text().split()[0]) for thread in Path(f"/proc/{pid}/task").glob("*/schedstat")]
+    except (OSError, ValueError):
+        return None
+    return sum(spent) * 1e-9 if spent else None
+
+
+def resident_mb(pid: int) -> float | None:
+    """Memory of a process that is in use; None where the system does not tell."""
+    try:
+        text = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return None
+    found = re.search(r"^VmRSS:\s+(\d+) kB", text, re.MULTILINE)
+    return int(found[1]) * 1024 / 1e6 if found else None
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:

@@ -20,12 +20,12 @@ from uwserver.adapter import installed_adapters
 from uwserver.logs import set_up_logging
 from uwserver.ports import Call, Command, Field, Port, Value
 from uwserver.scenario.load.scenario import load
+from uwserver.sensors import IdealSensor, Scope
 from uwserver.server.life_cycle import Options, Server
 from uwserver.simulation.clock import SystemTime
 from uwserver.world.components import SensorSlot
 
 if TYPE_CHECKING:
-    from uwserver.sensors import Scope
     from uwserver.world.world import World
 
 TICKS = 1 << 16
@@ -54,12 +54,11 @@ class Trace:
         self._ends[world.tick % TICKS] = self._clock.now_ns()
 
 
-class Megabyte:
+class Megabyte(IdealSensor):
     """A sensor that gives 2**17 numbers: a megabyte as f64. Its first value tells whether a sample is whole and the right one."""
 
     fields = (Field("image", "1", "Numbers that mean nothing.", "S", (_VALUES,)),)
     doc = "A megabyte, to load the ways out."
-    needs_rates = False
 
     def __init__(self) -> None:
         self._values = tuple(k / 7.0 for k in range(_VALUES))
@@ -75,7 +74,9 @@ def install_megabyte(world: World, vehicle: str) -> str:
     port = Port(path, "sensor", "megabyte", Megabyte.fields, Megabyte.doc, float(MEGABYTE_HZ))
     divisor = round(world.rate_hz / MEGABYTE_HZ)
     member = world.members[vehicle]
-    slot = SensorSlot(port, member.vehicle.row, Megabyte(), (), divisor, 0)
+    sensor = Megabyte()
+    sensor.start(np.random.default_rng(0))
+    slot = SensorSlot(port, member.vehicle.row, sensor, (), world.rate_hz, divisor, 0)
     carrier = replace(member, sensors=(*member.sensors, slot))
     world.set_members(carrier if other is member else other for other in world.members.values())
     return path

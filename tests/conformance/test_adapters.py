@@ -8,6 +8,7 @@ import socket
 import struct
 import sys
 from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
-from uwserver.ports import Field, Port
-from uwserver.testing import FakeContext, TcpPeer, check_adapter
-from uwserver.testing.adapters import CHECKS, Connect
+from uwserver.ports import Field, Layout, Port
+from uwserver.testing import FakeContext, Requests, TcpPeer, check_adapter
+from uwserver.testing.adapter_kit import AdapterKit, Connect
+from uwserver.testing.adapters import CHECKS
 from uwserver.testing.fake_context import PORTS
 
 
@@ -97,6 +99,28 @@ def _with_truth() -> FakeContext:
     return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY)})
 
 
+CAMERA = Port(
+    "rov/camera",
+    "sensor",
+    "camera",
+    (Field("picture", "1", "a picture", type="buffer", buffer=Layout("float32", (-1, 512))),),
+    "Camera.",
+    rate_hz=250.0,
+)
+MODEM = Port(
+    "rov/modem",
+    "sensor",
+    "modem",
+    (Field("payload", "1", "what came", type="bytes"), Field("sender", "1", "from whom", type="str")),
+    "Modem.",
+    rate_hz=250.0,
+)
+
+
+def _with_buffers() -> FakeContext:
+    return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY, CAMERA, MODEM)})
+
+
 class UdpPeer:
     """A peer of an adapter that listens on UDP."""
 
@@ -114,8 +138,57 @@ class UdpPeer:
         if data:
             self._socket.send(data)
 
+    async def hear(self) -> bytes:
+        return await asyncio.get_running_loop().sock_recv(self._socket, 1 << 16)
+
     async def close(self) -> None:
         self._socket.close()
+
+
+class ZenohCaller:
+    """A zenoh session that asks; what it sends is `key|payload|attachment`, one question a line."""
+
+    def __init__(self, session: Any, thread: ThreadPoolExecutor) -> None:
+        self._session = session
+        self._loop = asyncio.get_running_loop()
+        self._thread = thread
+        self._heard: asyncio.Queue[bytes] = asyncio.Queue()
+
+    @classmethod
+    async def connect(cls, context: FakeContext) -> ZenohCaller:
+        import zenoh
+
+        config = zenoh.Config()
+        settings = {
+            "mode": '"client"', "connect/endpoints": f'["{context.stats.address}"]', "scouting/multicast/enabled": "false",
+            "transport/shared_memory/enabled": "false",
+        }  # fmt: skip
+        for path, value in settings.items():
+            config.insert_json5(path, value)
+        thread = ThreadPoolExecutor(1)
+        return cls(await asyncio.get_running_loop().run_in_executor(thread, zenoh.open, config), thread)
+
+    async def send(self, data: bytes) -> None:
+        await self._loop.run_in_executor(self._thread, self._ask, data)
+
+    def _ask(self, data: bytes) -> None:
+        for line in data.decode().splitlines():
+            key, payload, attachment = line.split("|")
+            self._session.get(
+                f"uw/uwserver/{key}", self._answered, payload=payload or None, attachment=attachment or None, timeout=30
+            )
+
+    def _answered(self, reply: Any) -> None:
+        said = reply.ok or reply.err
+        self._loop.call_soon_threadsafe(self._heard.put_nowait, said.payload.to_bytes())
+
+    async def hear(self) -> bytes:
+        return await self._heard.get()
+
+    async def close(self) -> None:
+        if not self._session.is_closed():
+            await self._loop.run_in_executor(self._thread, self._session.close)
+            self._thread.shutdown()
 
 
 # MAVLink 2: HEARTBEAT of autopilot 12, as PX4 begins.
@@ -133,6 +206,41 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
+}
+
+
+def _moos_call(text: str, name: str = "peer") -> bytes:
+    return moos.packet([moos.encode(moos.notify("UWSERVER_CALL", text, 1e12, name))])
+
+
+def _moos(frame: Callable[[str], bytes]) -> Requests:
+    """MOOS knows no cancel, and nobody's leaving ends a call: each has a time-out."""
+    call = '{"id":1,"service":"%s","args":{"t_s":9},"timeout_s":%g}'
+    return Requests(
+        frame(call % ("world/run_until", 60)), brief=frame(call % ("world/run_until", 0.5)),
+        many=frame(call % ("world/run_until", 61)), misspelt=frame(call % ("world/run_untill", 60)),
+    )  # fmt: skip
+
+
+# How a peer calls services, where the protocol has calls: those of autopilots have none of the world's.
+REQUESTS = {
+    "sockets": Requests(
+        b'{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
+        cancel=b'{"id":2,"method":"cancel","params":{"id":1}}\n',
+        many=b'{"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
+        misspelt=b'{"id":3,"method":"call","params":{"service":"world/run_untill","args":{"t_s":9}}}\n',
+    ),
+    "zenoh": Requests(
+        b'world/run_until|{"t_s":9}|{"client":"c1","id":1}\n',
+        cancel=b'@cancel||{"client":"c1","id":1}\n',
+        brief=b'world/run_until?timeout_s=0.5|{"t_s":9}|\n',
+        many=b'world/run_until|{"t_s":9}|\n',
+        misspelt=b'world/run_untill|{"t_s":9}|\n',
+        speak=ZenohCaller.connect,
+    ),
+    "moos": _moos(_moos_call),
+    "moosdb": _moos(_moos_call),
+    "moos_text": _moos(lambda text: b"CALL %s\n" % text.encode()),
 }
 NEED_TRUTH = {"ardupilot_json", "px4_hil"}
 
@@ -255,10 +363,27 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     make_context = _with_truth if kind in NEED_TRUTH else FakeContext
     passed = run(
         lambda: check_adapter(
-            adapter, adapter.Config(**table), connect=connect, greeting=greeting, make_context=make_context
+            adapter,
+            adapter.Config(**table),
+            connect=connect,
+            greeting=greeting,
+            make_context=make_context,
+            requests=REQUESTS.get(kind),
         )
     )
     assert passed == list(CHECKS)
+
+
+@pytest.mark.parametrize("check", ["check_strange_samples", "check_events"])
+@pytest.mark.parametrize("kind", sorted(adapter_entries()))
+def test_pictures_payloads_and_texts_are_no_trouble(kind: str, check: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+    if kind == "mavlink":
+        pytest.importorskip("pymavlink", reason="pymavlink is not installed")
+    table, connect, greeting = KITS[kind]
+    adapter = load_adapter(kind)
+    kit = AdapterKit(adapter, adapter.Config(**table), connect, greeting, _with_buffers)
+    run(lambda: CHECKS[check](kit))
 
 
 def test_sockets_is_installed() -> None:
@@ -303,8 +428,8 @@ def test_a_third_party_adapter_is_one_folder(site: Site) -> None:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_suite_sees_a_fault(site: Site, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uwserver.testing.adapters.START_S", 0.3)
-    monkeypatch.setattr("uwserver.testing.adapters.SETTLE_S", 0.5)
+    monkeypatch.setattr("uwserver.testing.adapter_kit.START_S", 0.3)
+    monkeypatch.setattr("uwserver.testing.adapter_kit.SETTLE_S", 0.5)
     right, wrong, phrase = FAULTS[fault]
     assert THIRD_PARTY.count(right) == 1
     site.install("spy", "spy_of_test:Spy", THIRD_PARTY.replace(right, wrong))

@@ -16,11 +16,12 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from uwserver_adapters.sockets import SocketsAdapter, connection
-from uwserver_adapters.sockets.codec import NEED_DATA, Codec, JsonCodec, MsgpackCodec
+from uwserver_adapters.native.codec import NEED_DATA, Codec, JsonCodec, MsgpackCodec
+from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
-from uwserver_adapters.sockets.requests import Malformed, Request
 
+from uwserver.adapter import connection
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
 
@@ -135,10 +136,10 @@ class Theatre:
         self.adapter = SocketsAdapter(
             SocketsAdapter.Config(port=0, queue_samples=4, max_requests_per_s=10**9), self.context
         )
-        self.detach = self.context.attach(self.adapter.fanout)
+        self.detach = self.context.attach(self.adapter.service.fanout)
 
     async def act(self, inputs: Inputs) -> None:
-        transport = Loopback(Connection(self.adapter))
+        transport = Loopback(Connection(self.adapter.service, self.adapter.config, self.adapter.peers))
         if inputs.below(4) == 0:
             transport.stall()
         for piece in inputs.pieces(inputs.next()):
@@ -161,8 +162,8 @@ class Theatre:
 
     def check(self, caplog: pytest.LogCaptureFixture) -> None:
         assert self.context.stats.peers == 0
-        assert self.adapter.fanout.sessions == {}
-        assert self.adapter.fanout._ports == {}
+        assert self.adapter.service.fanout.sessions == {}
+        assert self.adapter.service.fanout._ports == {}
         assert self.context.joined == []
         faults = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
         assert not faults, "a fault of ours was logged"

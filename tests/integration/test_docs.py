@@ -1,4 +1,4 @@
-"""Every command and listing of README and tutorial runs as printed; only the port and an end are added."""
+"""Every command and listing of README and tutorial runs as printed, only the port and an end are added; and what pages name is there."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def shell(tmp_path: Path, port: int):
 
     def run(command: str) -> str:
         command = command.replace(".venv/bin/", "")
-        command = re.sub(r"^uwclient ", f"uwclient --port {port} ", command)
+        if "--port" not in command:
+            command = re.sub(r"^uwclient ", f"uwclient --port {port} ", command)
         command = re.sub(r"localhost 7600", f"127.0.0.1 {port}", command)
         if command.startswith("uwserver run") and "--until" not in command:
             command += " --until 1 --mode freerun --port 0"
@@ -145,6 +146,24 @@ def test_the_tutorial_s_own_scenario_takes_its_sensor(shell, tmp_path):
     assert "120" in wrong.stdout + wrong.stderr
 
 
+def test_a_state_is_saved_and_loaded_as_the_how_to_says(shell, port, tmp_path):
+    page = "docs/how-to/states.md"
+    for code in blocks(page, "python"):
+        assert "tick" in python(code, port, tmp_path)
+    runs, files = blocks(page, "sh")
+    for command in runs.splitlines():
+        shell(command)
+    assert (tmp_path / "later.uwstate").stat().st_size > 1000
+    (tmp_path / "tank.toml").write_text(
+        'schema = 1\n[server]\nstate_folder = "states"\nmetrics_port = 0\n[vehicles.rov]\nmodel = "bluerov2"\n'
+        '[adapters.tcp]\nkind = "sockets"\n'
+    )
+    with served(str(tmp_path / "tank.toml")) as own:
+        for command in files.splitlines():
+            shell(command.replace("uwclient ", f"uwclient --port {own} ", 1))
+    assert [path.name for path in (tmp_path / "states").iterdir()] == ["calm.uwstate"]
+
+
 def test_every_make_target_that_is_named_exists():
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M))
     for page in (*PAGES, "CONTRIBUTING.md"):
@@ -157,8 +176,29 @@ def test_every_make_target_that_is_named_exists():
 
 def test_every_link_between_pages_leads_somewhere():
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
-        for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+        for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", BLOCK.sub("", page.read_text())):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_file_that_is_named_is_there():
+    """A page that leads through the source has to lead somewhere; a path begins at the top, so that it can be looked up."""
+    top = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    for page in ("docs/explanation/architecture.md", "CONTRIBUTING.md"):
+        named = re.findall(r"`([\w.-]+/[\w./-]*|[\w./-]+\.py)`", (ROOT / page).read_text())
+        assert len(named) > 20, page
+        lost = [path for path in named if path.split("/")[0] not in top or not (ROOT / path).exists()]
+        assert not lost, f"{page}: {lost}"
+
+
+def test_every_room_is_in_the_table_of_rooms():
+    text = (ROOT / "docs/explanation/architecture.md").read_text()
+    rooms = [path.parent for path in (ROOT / "uwserver").glob("*/__init__.py")]
+    assert len(rooms) > 10
+    assert not [room.name for room in rooms if f"`uwserver/{room.name}/`" not in text]
+    inner = [
+        path.parent for path in (ROOT / "uwserver").glob("*/*/__init__.py") if path.parts[-3] in ("scenario", "physics")
+    ]
+    assert not [room.name for room in inner if f"`{room.name}`" not in text]
 
 
 def test_reference_pages_are_up_to_date():

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.values import SampleForm
 from uwserver_bench.net_processes import HAS_ZENOH
 from uwserver_bench.wires import Peer, ask, connect
 
+from uwserver.adapter import SampleForm
 from uwserver.testing import FakeContext
 
 PATIENCE_S = 20.0
@@ -27,9 +27,9 @@ def shaped(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
     count: Counter[str] = Counter()
     real = SampleForm.value
 
-    def counting(self: SampleForm, sample: Any) -> Any:
+    def counting(self: SampleForm, sample: Any, binary: bool = False) -> Any:
         count[sample.port] += 1
-        return real(self, sample)
+        return real(self, sample, binary)
 
     monkeypatch.setattr(SampleForm, "value", counting)
     return count

@@ -193,7 +193,7 @@ class Watcher:
             data = self._socket.recv(1 << 16)
             assert data, "the database closed the connection"
             self._decoder.receive(data)
-        while (event := self._decoder.next_event()) is not wire.NEED_DATA:
+        while (event := self._decoder.next_event()) is not None:
             assert isinstance(event, wire.Packet), event
             for message in event.messages:
                 if message.type == wire.NOTIFY:

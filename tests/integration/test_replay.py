@@ -365,7 +365,8 @@ def test_a_foreign_mcap_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"format": "uwserver-recording-9"}, "uwserver-recording-9"),
+        ({"format": "uwserver-recording-9"}, "whose format is uwserver-recording-9; here it is uwserver-recording-2"),
+        ({"physics": "1"}, "whose physics is 1; here it is 2"),
         ({"scenario": '{"name": "x", "scenario": {"schema": 1, "colour": 3}, "vehicles": {}}'}, "does not fit"),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 
 from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios"
@@ -21,7 +21,7 @@ LoadVehicle = Callable[..., BodyParams]
 
 def read_vehicle(name: str, environment: Environment) -> BodyParams:
     """Kernel parameters of a shipped vehicle file."""
-    vehicle = msgspec.toml.decode((SHIPPED / "vehicles" / f"{name}.toml").read_bytes(), type=Vehicle)
+    vehicle = msgspec.toml.decode((SHIPPED / "vehicles" / f"{name}.toml").read_bytes(), type=VehicleFile)
     devices = {
         thruster: msgspec.toml.decode((SHIPPED / "devices" / f"{entry.device}.toml").read_bytes(), type=ThrusterDevice)
         for thruster, entry in vehicle.thrusters.items()

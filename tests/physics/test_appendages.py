@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
@@ -22,7 +23,6 @@ from uwserver.physics.dynamics.appendage_params import (
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.validation.motion import record
 
 RHO = 1025.0
 NU0 = np.array([1.4, -0.3, 0.2, 0.2, -0.1, 0.3])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from uwserver_bench.proofs import closed_forms as forms
+from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import SHAPE_BOX, Q
-from uwserver.validation import closed_forms as forms
-from uwserver.validation.motion import record
 
 PUBLISHED = {
     "surge at 10 N": 0.2221, "surge at 40 N": 0.4863, "sway at 10 N": 0.2147, "sway at 40 N": 0.4293, "heave at 10 N": 0.1585,

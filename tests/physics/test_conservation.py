@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.motion import momentum, record
 
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
@@ -14,7 +15,6 @@ from uwserver.physics.dynamics.energy import kinetic_energy, relative_velocities
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, P, Q
-from uwserver.validation.motion import momentum, record
 from uwserver.validation.oracle import build, load_oracle
 
 ZERO = np.zeros((6, 6))

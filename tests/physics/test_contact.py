@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.colliders import Balls, Floor
+from uwserver_bench.proofs.contact_forms import DIAGONAL, FEET, HITS, OFF_DIAGONAL, break_away, hit, jacobian, vehicle
 
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.validation.colliders import Balls, Floor
-from uwserver.validation.contact_forms import DIAGONAL, FEET, HITS, OFF_DIAGONAL, break_away, hit, jacobian, vehicle
 
 DT = 1.0 / 240.0
 ZERO = np.zeros((6, 6))

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.closed_forms import floating, tilt
+from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
@@ -15,8 +17,6 @@ from uwserver.physics.dynamics.immersion import box_fraction, disc_fraction, sph
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, SHAPE_BOX, SHAPE_SPHERE, Q
-from uwserver.validation.closed_forms import floating, tilt
-from uwserver.validation.motion import record
 
 UP = np.array([0.0, 0.0, -1.0])
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
 
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
@@ -19,7 +20,6 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.validation.remus import OVERRIDE, RHO, SIMULATED, STEPS, Remus, remus_track
 from uwserver.world import World
 
 DEPTH = 200.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.motion import record
 
 from uwserver.environment.currents import ProfileConfig, profile_rows
 from uwserver.environment.sea import Sea
@@ -28,7 +29,6 @@ from uwserver.physics.kernel.layout import (
     Q,
     SeaRows,
 )
-from uwserver.validation.motion import record
 
 G, RHO = 9.81, 1025.0
 NO_PROFILES, NO_WAVES = np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.closed_forms import ZERO6, table_a1
+from uwserver_bench.proofs.motion import DEEP, energy_excess, record
 
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
-from uwserver.validation.closed_forms import ZERO6, table_a1
-from uwserver.validation.motion import DEEP, energy_excess, record
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"
 VEHICLES = tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))

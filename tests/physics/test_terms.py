@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
-from uwserver.validation.motion import record
 
 ZERO = np.zeros((6, 6))
 RPY = (0.4, -0.3, 1.2)

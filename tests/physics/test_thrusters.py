@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
+from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
@@ -19,7 +20,6 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.vehicle.body import force_table, lag, thruster_params
 from uwserver.scenario.vehicle.tables import Thruster, ThrusterDevice
-from uwserver.validation.motion import record
 
 MAKER = {
     12.0: (36.4, 28.6, 36),

@@ -11,9 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from uwserver_adapters.px4.driver import COUNTS, Px4Driver
 from uwserver_adapters.px4.senses import Roles, Senses
 from uwserver_adapters.sil.channels import Outputs
-from uwserver_adapters.sil.readings import Readings
 
-from uwserver.adapter import AdapterStats, Order
+from uwserver.adapter import AdapterStats, Order, Readings
 from uwserver.ports import Field, Port, Sample
 
 STEP_NS = 4_000_000

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Protocol
 
 from msgspec import Meta
 
@@ -12,8 +12,7 @@ from uwserver.ports import Field
 from uwserver.table import Table
 
 Given = tuple[tuple[float, ...] | None, ...]
-"""A checked command: one tuple of floats per field of the port, None where the sender left the field out."""
-
+"""A checked command to an actuator that takes numbers alone: a tuple of floats per field, None where the sender left the field out."""
 
 LONGEST_TIMEOUT_S = 1e6
 Timeout = Annotated[float, Meta(ge=0, le=LONGEST_TIMEOUT_S)]
@@ -38,7 +37,7 @@ class Body:
         hydro: arrays of the world.
         row: the vehicle's body row.
         thrusters: thruster rows by name.
-        wrench: the vehicle's wrench row.
+        wrench: a wrench row: the vehicle's, or one of its own for an actuator of an extension.
         servos: servo rows by table and name (``fins.rudder``).
     """
 
@@ -56,9 +55,17 @@ class Body:
         self.wrench = wrench
         self.servos = servos or {}
 
+    def push(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Hold a force (N) and a moment (N m) about the body origin, in B, from now on; each replaces the last."""
+        self.hydro.wrenches["bias"][self.wrench] = (*force, *moment)
+
 
 class Actuator(Protocol):
-    """One actuator; runs on the simulation thread. All its state lies in the kernel's arrays."""
+    """One actuator; runs on the simulation thread.
+
+    Its state lies in the kernel's arrays, which `Body` gives it. One that remembers more has an attribute `memory`, a msgspec Struct of plain
+    typed values, and nothing beside it: it is saved with the world, and another of its type is put in its place when the world is restored.
+    """
 
     @property
     def fields(self) -> tuple[Field, ...]:
@@ -68,8 +75,8 @@ class Actuator(Protocol):
     def doc(self) -> str:
         """One or two sentences for the port."""
 
-    def apply(self, value: Given) -> None:
-        """Carry out a command that fits the fields."""
+    def apply(self, value: tuple[Any, ...]) -> None:
+        """Carry out a checked command: for each field what its type says (`uwserver.ports.Item`), None where it was left out."""
 
     def neutral(self) -> None:
         """Go to the safe state."""

@@ -31,7 +31,7 @@ class ForceTorque:
     doc = "External force and moment about the body origin, in B; a field that is left out is zero."
 
     def __init__(self, body: Body, max_force: float, max_torque: float) -> None:
-        self._hydro, self._row = body.hydro, body.wrench
+        self._body = body
         self.fields = (
             _limited("force_B", "N", "force", max_force),
             _limited("torque_B", "N m", "moment about the body origin", max_torque),
@@ -40,11 +40,11 @@ class ForceTorque:
     def apply(self, value: Given) -> None:
         """Hold the wrench from now on."""
         force, torque = value
-        self._hydro.wrenches["bias"][self._row] = (*(force or (0.0,) * 3), *(torque or (0.0,) * 3))
+        self._body.push(force or (0.0,) * 3, torque or (0.0,) * 3)
 
     def neutral(self) -> None:
         """No wrench."""
-        self._hydro.wrenches["bias"][self._row] = 0.0
+        self._body.push((0.0,) * 3)
 
 
 def _limited(name: str, unit: str, doc: str, limit: float) -> Field:

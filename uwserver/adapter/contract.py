@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol, runtime_checkable
 
+from uwserver.adapter.world import WorldFacts
 from uwserver.ports import Event, Fault, Json, OnReply, Port, Sample, Service
 from uwserver.table import Table
 
@@ -116,6 +117,10 @@ class AdapterContext(Protocol):
 
     name: str
     stats: AdapterStats
+
+    @property
+    def world(self) -> WorldFacts:
+        """The world as it is now: scenario, rate, epoch, mode, speed, vehicles."""
 
     @property
     def ports(self) -> Mapping[str, Port]:

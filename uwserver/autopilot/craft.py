@@ -11,6 +11,7 @@ from uwserver.autopilot.estimator import Estimator, Known
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.outputs import Outputs
 from uwserver.autopilot.state import Estimate, Memory, Mode, Orders
+from uwserver.ports import Items
 
 
 class Hand(Protocol):
@@ -28,7 +29,7 @@ class Held(Protocol):
 
     active: bool
     refusal: str
-    last_value: tuple[tuple[float, ...] | None, ...]
+    last_value: Items
 
     @property
     def actuator(self) -> Hand:

@@ -14,7 +14,8 @@ from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.state import NEVER, STILL, Estimate
 from uwserver.environment.geodesy import north_east
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
-from uwserver.ports import Sample, Value
+from uwserver.ports import Field, Sample, Value
+from uwserver.ports.binding import bind
 from uwserver.units import NANOSECONDS
 
 LEVELLING = 0.5
@@ -37,11 +38,16 @@ CERTAIN_MPS = 0.3
 """A velocity from positions alone counts where its standard deviation is less."""
 
 
+_Update = Callable[..., None]
+"""Of an estimate by one sample: estimate, time at which it was true (ns), source, age (s), and the values of the fields."""
+
+
 class Source(NamedTuple):
     """One sensor that the autopilot listens to.
 
     Attributes:
         kind: of the sensor.
+        fields: of its port.
         p, q: its mount, p_BS (m) and q_BS.
         sigma: standard deviation that the operator expects of its position, m.
         north: by how much its north is east of true north, rad.
@@ -49,6 +55,7 @@ class Source(NamedTuple):
     """
 
     kind: str
+    fields: tuple[Field, ...]
     p: Vec3 = STILL
     q: Quat = IDENTITY
     sigma: float = 0.05
@@ -87,20 +94,25 @@ class Estimator:
         self.has_imu = "imu" in kinds
         self._has_attitude = "attitude" in kinds
         self._density = tracks.MEASURED if self.has_imu else tracks.UNMEASURED
-        takes: dict[str, Callable[[Estimate, Sample, Source, float], None]] = {
-            "imu": self._imu,
-            "attitude": self._attitude,
-            "pressure": self._pressure,
-            "dvl": self._dvl,
-            "altimeter": self._altimeter,
-            "gps": self._gps,
-            "motion_capture": self._motion_capture,
-            "usbl": self._usbl,
-            "lbl": self._lbl,
-            "leak": self._leak,
-            "battery": self._battery,
+        updates: dict[str, tuple[_Update, tuple[str, ...]]] = {
+            "imu": (self._imu, ("f_S", "w_S")),
+            "attitude": (self._attitude, ("q_NS",)),
+            "pressure": (self._pressure, ("pressure",)),
+            "depth": (self._pressure, ("depth",)),
+            "dvl": (self._dvl, ("v_S", "altitude", "figure_of_merit")),
+            "altimeter": (self._altimeter, ("range",)),
+            "gps": (self._gps, ("latitude", "longitude", "horizontal_accuracy")),
+            "motion_capture": (self._motion_capture, ("p_NS", "q_NS")),
+            "usbl": (self._usbl, ("beacon", "range", "p_beacon_S")),
+            "lbl": (self._lbl, ("beacon", "range")),
+            "leak": (self._leak, ("leak",)),
+            "battery": (self._battery, ("charge",)),
         }
-        self._takes = {path: takes[source.kind] for path, source in sources.items()}
+        self._updates: dict[str, tuple[_Update, tuple[int, ...]]] = {}
+        for path, source in sources.items():
+            tells_depth = source.kind == "pressure" and any(field.name == "depth" for field in source.fields)
+            update, names = updates["depth" if tells_depth else source.kind]
+            self._updates[path] = update, bind(path, source.fields, *names)
 
     def begin(self) -> Estimate:
         """The estimate before the first sample."""
@@ -109,11 +121,12 @@ class Estimator:
             return Estimate()
         return Estimate(p=start, flat=(1.0, 0.0, 0.0, 1.0, 0.0, 0.01))
 
-    def take(self, e: Estimate, sample: Sample, now_ns: int) -> None:
-        """Take in a delivered sample; an invalid one tells nothing."""
+    def update(self, e: Estimate, sample: Sample, now_ns: int) -> None:
+        """Correct the estimate by a delivered sample; an invalid one tells nothing."""
         if sample.valid:
-            source = self.sources[sample.port]
-            self._takes[sample.port](e, sample, source, (now_ns - sample.t_ns) / NANOSECONDS)
+            update, places = self._updates[sample.port]
+            values = [sample.value[k] for k in places]
+            update(e, sample.t_ns, self.sources[sample.port], (now_ns - sample.t_ns) / NANOSECONDS, *values)
 
     def step(self, e: Estimate, drifts: bool, sinks: bool) -> None:
         """Go on by one step of the autopilot.
@@ -145,21 +158,21 @@ class Estimator:
 
     # -- sensors --------------------------------------------------------------------------------------------------------------------
 
-    def _imu(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        f, w = rotate(source.q, _vector(sample.value[0])), rotate(source.q, _vector(sample.value[1]))
-        dt = (sample.t_ns - e.imu_ns) / NANOSECONDS if e.imu_ns != NEVER else 0.0
-        e.imu_ns = sample.t_ns
+    def _imu(self, e: Estimate, t_ns: int, source: Source, late: float, f_S: Value, w_S: Value) -> None:
+        f, w = rotate(source.q, _vector(f_S)), rotate(source.q, _vector(w_S))
+        dt = (t_ns - e.imu_ns) / NANOSECONDS if e.imu_ns != NEVER else 0.0
+        e.imu_ns = t_ns
         g = self._place.gravity
         force = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
         # Nothing measures the attitude, or not any more: the vertical shows the tilt.
-        alone = sample.t_ns - e.heading_ns > ALONE_NS
+        alone = t_ns - e.heading_ns > ALONE_NS
         if alone:
             if e.attitude_ns == NEVER and force > 0.0:
                 # Level as the first specific force says, which points up.
                 yaw = rpy_from_quat(e.q)[2]
                 e.q = quat_from_rpy(math.atan2(-f[1], -f[2]), math.atan2(f[0], math.hypot(f[1], f[2])), yaw)
             if abs(force - g) < QUIET * g:
-                e.attitude_ns = sample.t_ns
+                e.attitude_ns = t_ns
         e.w = w
         if dt > 0.0:
             turn = w
@@ -177,13 +190,13 @@ class Estimator:
         e.acceleration = (sx + a[0], sy + a[1], sz + a[2] + g)
         e.count += 1
 
-    def _attitude(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        q = multiply(_quaternion(sample.value[0]), conjugate(source.q))
+    def _attitude(self, e: Estimate, t_ns: int, source: Source, late: float, q_NS: Value) -> None:
+        q = multiply(_quaternion(q_NS), conjugate(source.q))
         if source.north:
             q = multiply(quat_from_rpy(0.0, 0.0, source.north), q)
-        self._see_attitude(e, q, sample.t_ns, late)
+        self._correct_attitude(e, q, t_ns, late)
 
-    def _see_attitude(self, e: Estimate, q: Quat, t_ns: int, late: float) -> None:
+    def _correct_attitude(self, e: Estimate, q: Quat, t_ns: int, late: float) -> None:
         if not self.has_imu and e.attitude_ns != NEVER and t_ns > e.attitude_ns:
             # No gyroscope: the rate from two attitudes, smoothed over some of them.
             dt = (t_ns - e.attitude_ns) / NANOSECONDS
@@ -193,14 +206,13 @@ class Estimator:
         e.q = _turned(q, e.w, late)
         e.attitude_ns = e.heading_ns = t_ns
 
-    def _pressure(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        reading = sample.value[0]
+    def _pressure(self, e: Estimate, t_ns: int, source: Source, late: float, reading: Value) -> None:
         assert isinstance(reading, float)
         depth = (reading - source.atmosphere) / source.density if source.density else reading
-        self._see_depth(e, depth - rotate(e.q, source.p)[2], late, DEPTH_VARIANCE)
-        e.depth_ns = sample.t_ns
+        self._correct_depth(e, depth - rotate(e.q, source.p)[2], late, DEPTH_VARIANCE)
+        e.depth_ns = t_ns
 
-    def _see_depth(self, e: Estimate, z: float, late: float, variance: float) -> None:
+    def _correct_depth(self, e: Estimate, z: float, late: float, variance: float) -> None:
         k, m, n, e.steep = tracks.measure_position(e.steep, variance)
         d = z - (e.p[2] - e.v[2] * late)
         e.p, e.v, e.bias = (
@@ -209,20 +221,21 @@ class Estimator:
             (e.bias[0], e.bias[1], e.bias[2] + n * d),
         )
 
-    def _dvl(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        v, (wx, wy, wz), (rx, ry, rz) = rotate(source.q, _vector(sample.value[0])), e.w, source.p
+    def _dvl(
+        self, e: Estimate, t_ns: int, source: Source, late: float, v_S: Value, altitude: Value, merit: Value
+    ) -> None:
+        v, (wx, wy, wz), (rx, ry, rz) = rotate(source.q, _vector(v_S)), e.w, source.p
         v_N = rotate(e.q, (v[0] - wy * rz + wz * ry, v[1] - wz * rx + wx * rz, v[2] - wx * ry + wy * rx))
         if e.velocity_ns != NEVER and math.dist(v_N, e.v) > JUMP_MPS and e.doubted < FEW:
             e.doubted += 1
             return
         e.doubted = 0
-        merit = sample.value[2]
         variance = max(VELOCITY_VARIANCE, merit * merit) if isinstance(merit, float) else VELOCITY_VARIANCE
-        self._see_velocity(e, v_N, variance)
-        e.velocity_ns = sample.t_ns
-        self._see_bottom(e, sample, source, sample.value[1], late)
+        self._correct_velocity(e, v_N, variance)
+        e.velocity_ns = t_ns
+        self._correct_bottom(e, t_ns, source, altitude, late)
 
-    def _see_velocity(self, e: Estimate, v_N: Vec3, variance: float) -> None:
+    def _correct_velocity(self, e: Estimate, v_N: Vec3, variance: float) -> None:
         dx, dy, dz = v_N[0] - e.v[0], v_N[1] - e.v[1], v_N[2] - e.v[2]
         k, m, n, e.flat = tracks.measure_velocity(e.flat, variance)
         s, t, u, e.steep = tracks.measure_velocity(e.steep, variance)
@@ -230,47 +243,50 @@ class Estimator:
         e.v = (e.v[0] + m * dx, e.v[1] + m * dy, e.v[2] + t * dz)
         e.bias = (e.bias[0] + n * dx, e.bias[1] + n * dy, e.bias[2] + u * dz)
 
-    def _altimeter(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        self._see_bottom(e, sample, source, sample.value[0], late)
+    def _altimeter(self, e: Estimate, t_ns: int, source: Source, late: float, reach: Value) -> None:
+        self._correct_bottom(e, t_ns, source, reach, late)
 
-    def _see_bottom(self, e: Estimate, sample: Sample, source: Source, reach: Value, late: float) -> None:
+    def _correct_bottom(self, e: Estimate, t_ns: int, source: Source, reach: Value, late: float) -> None:
         if not isinstance(reach, float):
             return
         x, y, z = rotate(source.q, (0.0, 0.0, reach))
         below = rotate(e.q, (x + source.p[0], y + source.p[1], z + source.p[2]))[2]
         bottom = e.p[2] - e.v[2] * late + below
-        dt = (sample.t_ns - e.altitude_ns) / NANOSECONDS
+        dt = (t_ns - e.altitude_ns) / NANOSECONDS
         share = 1.0 if math.isnan(e.bottom) or dt > 5.0 else dt / (BOTTOM_S + dt)
         e.bottom = bottom if share == 1.0 else e.bottom + share * (bottom - e.bottom)
-        e.altitude_ns = sample.t_ns
+        e.altitude_ns = t_ns
 
-    def _gps(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        latitude, longitude, accuracy = sample.value[0], sample.value[1], sample.value[4]
+    def _gps(
+        self, e: Estimate, t_ns: int, source: Source, late: float, latitude: Value, longitude: Value, accuracy: Value
+    ) -> None:
         assert isinstance(latitude, float)
         assert isinstance(longitude, float)
         place = self._place
         north, east = north_east(np.array(latitude), np.array(longitude), place.latitude, place.longitude)
         sigma = accuracy if isinstance(accuracy, float) and accuracy > 0.0 else source.sigma
-        self._see_place(e, sample.t_ns, float(north), float(east), source.p, sigma, late)
+        self._correct_place(e, t_ns, float(north), float(east), source.p, sigma, late)
 
-    def _motion_capture(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
+    def _motion_capture(self, e: Estimate, t_ns: int, source: Source, late: float, p_NS: Value, q_NS: Value) -> None:
         if not self._has_attitude:
-            self._see_attitude(e, multiply(_quaternion(sample.value[1]), conjugate(source.q)), sample.t_ns, late)
-        x, y, z = _vector(sample.value[0])
-        self._see_place(e, sample.t_ns, x, y, source.p, source.sigma, late)
-        self._see_depth(e, z - rotate(e.q, source.p)[2], late, source.sigma**2)
-        e.depth_ns = sample.t_ns
+            self._correct_attitude(e, multiply(_quaternion(q_NS), conjugate(source.q)), t_ns, late)
+        x, y, z = _vector(p_NS)
+        self._correct_place(e, t_ns, x, y, source.p, source.sigma, late)
+        self._correct_depth(e, z - rotate(e.q, source.p)[2], late, source.sigma**2)
+        e.depth_ns = t_ns
 
-    def _usbl(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        beacon, reach = self._place.beacons.get(str(sample.value[0])), sample.value[1]
+    def _usbl(
+        self, e: Estimate, t_ns: int, source: Source, late: float, name: Value, reach: Value, p_beacon_S: Value
+    ) -> None:
+        beacon = self._place.beacons.get(str(name))
         if beacon is None or not isinstance(reach, float):
             return
-        towards = rotate(e.q, rotate(source.q, _vector(sample.value[4])))
+        towards = rotate(e.q, rotate(source.q, _vector(p_beacon_S)))
         sigma = math.hypot(source.sigma, 0.02 * reach)
-        self._see_place(e, sample.t_ns, beacon[0] - towards[0], beacon[1] - towards[1], source.p, sigma, late)
+        self._correct_place(e, t_ns, beacon[0] - towards[0], beacon[1] - towards[1], source.p, sigma, late)
 
-    def _lbl(self, e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        beacon, reach = self._place.beacons.get(str(sample.value[0])), sample.value[1]
+    def _lbl(self, e: Estimate, t_ns: int, source: Source, late: float, name: Value, reach: Value) -> None:
+        beacon = self._place.beacons.get(str(name))
         if beacon is None or not isinstance(reach, float):
             return
         arm = rotate(e.q, source.p)
@@ -287,9 +303,9 @@ class Estimator:
         e.refused = 0
         k, m, n, e.flat = tracks.measure_bearing(e.flat, variance)
         self._shift(e, d * x / flat, d * y / flat, k, m, n)
-        e.fix_ns = sample.t_ns
+        e.fix_ns = t_ns
 
-    def _see_place(
+    def _correct_place(
         self, e: Estimate, t_ns: int, north: float, east: float, arm: Vec3, sigma: float, late: float
     ) -> None:
         x, y, _ = rotate(e.q, arm)
@@ -312,12 +328,11 @@ class Estimator:
         e.bias = (e.bias[0] + n * dx, e.bias[1] + n * dy, e.bias[2])
 
     @staticmethod
-    def _leak(e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        e.leak = bool(sample.value[0])
+    def _leak(e: Estimate, t_ns: int, source: Source, late: float, leak: Value) -> None:
+        e.leak = bool(leak)
 
     @staticmethod
-    def _battery(e: Estimate, sample: Sample, source: Source, late: float) -> None:
-        charge = sample.value[4]
+    def _battery(e: Estimate, t_ns: int, source: Source, late: float, charge: Value) -> None:
         if isinstance(charge, float):
             e.charge = charge
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+
+from msgspec import Struct, structs
 
 from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
@@ -12,10 +13,10 @@ from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.estimator import Known, known
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
-from uwserver.autopilot.state import NAN, Memory, Mode, Orders, Saved
+from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders
 from uwserver.autopilot.sticks import enter, stay
-from uwserver.ports import Fault, Json, OnReply, Progress, Refused, Reply, Sample
-from uwserver.ports.later import Later
+from uwserver.ports import Fault, Json, Refused, Sample
+from uwserver.ports.later import Answers, Later
 
 _PROGRESS_S = 0.5
 
@@ -27,13 +28,16 @@ class Autopilot:
         set_points: slots of its own ports, by name, which take commands in some modes only.
     """
 
-    def __init__(self, craft: Craft, now: Callable[[], tuple[int, int]], say: Callable[[str], None]) -> None:
+    def __init__(
+        self, craft: Craft, now: Callable[[], tuple[int, int]], say: Callable[[str], None], answers: Answers
+    ) -> None:
         """For a vehicle.
 
         Args:
             craft: the vehicle.
             now: tick and simulation time (ns).
             say: tells all clients.
+            answers: takes what callers that wait are to be told.
         """
         self.craft = craft
         self.divisor = craft.divisor
@@ -44,7 +48,7 @@ class Autopilot:
         self._now, self._say = now, say
         self._errand: Later | None = None
         self._told = 0.0
-        self._answers: list[tuple[OnReply, Reply | Progress]] = []
+        self._answers = answers
 
     def begin(self) -> None:
         """Once everything is built."""
@@ -60,7 +64,7 @@ class Autopilot:
 
     def take(self, sample: Sample, now_ns: int) -> None:
         """A sample of one of its sensors was delivered."""
-        self.craft.estimator.take(self.estimate, sample, now_ns)
+        self.craft.estimator.update(self.estimate, sample, now_ns)
 
     def step(self, t_ns: int) -> None:
         """One step: estimate, fail-safes, guidance, control, allocation, commands."""
@@ -201,12 +205,12 @@ class Autopilot:
         o.stick = (0.0,) * 6
         if o.pilot == "on" and o.armed and not o.failsafe:
             o.failsafe = "pilot"
-            self._say(f'"{self.craft.path}" fail-safe: no command of the pilot, the sticks are neutral')
+            self._say(f'"{self.craft.path}" fail-safe: no command from the pilot, the sticks are neutral')
         o.pilot = "lost"
 
     def test(self, outputs: tuple[float, ...]) -> None:
         """Give these parts of full commands to the actuators, instead of control."""
-        self.preempt("the actuators are tried")
+        self.preempt("the actuators are being tested")
         self.orders.test = outputs
         self.memory.tau = self.memory.lack = (0.0,) * 6
 
@@ -284,7 +288,7 @@ class Autopilot:
         o, e = self.orders, self.estimate
         route.set_course(o, e, place, heading, speed, radius)
         o.length = max(route.distance(o, e), 1e-9)
-        self._errand, self._told = Later(), 0.0
+        self._errand, self._told = Later(self._answers), 0.0
         return self._errand
 
     def _follow_errand(self) -> None:
@@ -299,7 +303,6 @@ class Autopilot:
         if self._told >= _PROGRESS_S:
             self._told = 0.0
             errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self._now()[1])
-            self._answers += errand.taken()
 
     def preempt(self, why: str) -> None:
         """End the errand under way, if there is one."""
@@ -313,22 +316,40 @@ class Autopilot:
         away = route.distance(self.orders, self.estimate)
         result: Json = None if fault is not None or math.isnan(away) else {"distance_m": away}
         errand.finish(tick, t_ns, result, fault)
-        self._answers += errand.taken()
-
-    def answers(self) -> list[tuple[OnReply, Reply | Progress]]:
-        """What callers are to be told since the last time."""
-        answers, self._answers = self._answers, []
-        return answers
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
-    def save(self) -> Saved:
-        """A copy of what it remembers."""
-        return Saved(copy.copy(self.estimate), copy.copy(self.memory), copy.copy(self.orders))
+    def check(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
+        """Refuse what it was in another place or time, if it cannot have been this vehicle's.
 
-    def load(self, saved: Saved) -> None:
-        """Put it back; a call that waits ends."""
+        Raises:
+            ValueError: attitudes without length, a mission that ends before its item, or parts of other actuators.
+        """
+        for q in (estimate.q, orders.attitude or estimate.q):
+            if not abs(math.hypot(*q) - 1.0) < 1e-3:
+                raise ValueError(f'"{self.craft.path}" has an attitude that is no rotation')
+        if not -1 <= orders.index < max(1, len(orders.items)) or not 0 <= orders.reached <= len(orders.items):
+            raise ValueError(f'"{self.craft.path}" is at an item that its mission does not have')
+        count = len(self.craft.outputs.names)
+        if any(len(parts) not in (0, count) for parts in (memory.outputs, orders.test)):
+            raise ValueError(f'"{self.craft.path}" commands other actuators')
+        limited = structs.replace(orders, turn_limit=0.0 if orders.turn_limit == math.inf else orders.turn_limit)
+        if not all(math.isnan(x) or abs(x) < 1e12 for part in (estimate, memory, limited) for x in _floats(part)):
+            raise ValueError(f'"{self.craft.path}" holds a number out of all range')
+
+    def load(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
+        """Go on from there; a call that waits ends."""
         self.preempt("the world was reset or restored")
-        self.estimate, self.memory = copy.copy(saved.estimate), copy.copy(saved.memory)
-        self.orders = copy.copy(saved.orders)
+        self.estimate, self.memory, self.orders = estimate, memory, orders
         self._take_hold()
+
+
+def _floats(value: object) -> Iterator[float]:
+    """All numbers with a fraction in a record, however deep."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _floats(item)
+    elif isinstance(value, Struct):
+        yield from _floats(structs.astuple(value))

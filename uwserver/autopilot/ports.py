@@ -12,6 +12,7 @@ from uwserver.autopilot.state import NAN, NOWHERE, STILL, Orders
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Field, Value
+from uwserver.sensors.base import IdealSensor, Scope
 
 TEST_TIMEOUT_S = 0.5
 """Without a command a test of the actuators ends; that of ArduSub too."""
@@ -56,8 +57,8 @@ def _pilot(pilot: Autopilot) -> SetPoint:
             pilot.steer(u)
 
     doc = (
-        "The pilot's sticks. They act on the axes that the mode leaves free, and move the set points that it holds; without command they "
-        "spring back."
+        "The pilot's sticks. They act on the axes that the mode leaves free, and move the set points that it holds; without a command "
+        "they spring back."
     )
     axes = "surge, sway, heave (down positive), roll, pitch, yaw; 1 is full stick"
     field = Field("u", "1", axes, "", (6,), minimum=-1.0, maximum=1.0)
@@ -104,7 +105,7 @@ def _heading(pilot: Autopilot) -> SetPoint:
 
     fields = (
         Field("heading", "rad", "to hold, from north, clockwise", minimum=-100.0, maximum=100.0),
-        Field("rate", "rad/s", "alone: turn on and on, 0 ends it; with a heading: how fast to go there at most",
+        Field("rate", "rad/s", "alone: keep turning at this rate, 0 stops; with a heading: the largest rate of the turn",
               minimum=-10.0, maximum=10.0),
     )  # fmt: skip
     return SetPoint(fields, "Heading to hold, or a rate of turn; it stands until the mode changes.", apply, _nothing)
@@ -132,7 +133,7 @@ def _attitude(pilot: Autopilot) -> SetPoint:
         Field("q_NB", "1", "attitude to hold, w x y z; normalised", "NB", (4,), minimum=-_FAR, maximum=_FAR),
         Field("heave", "1", "vertical speed, part of the largest; 0 holds the depth", minimum=-1.0, maximum=1.0),
     )
-    doc = "Attitude to hold in mode guided; without command the vehicle stops and holds where it is."
+    doc = "Attitude to hold in mode guided; without a command the vehicle stops and holds where it is."
     return SetPoint(fields, doc, apply, neutral)
 
 
@@ -162,11 +163,11 @@ def _velocity(pilot: Autopilot) -> SetPoint:
 
     fields = (
         Field("v_B", "m/s", "over ground, along the vehicle's axes when level", "B", (3,), minimum=-20.0, maximum=20.0),
-        Field("v_N", "m/s", "over ground; v_B goes before", "N", (3,), minimum=-20.0, maximum=20.0),
+        Field("v_N", "m/s", "over ground; v_B takes precedence", "N", (3,), minimum=-20.0, maximum=20.0),
         Field("yaw_rate", "rad/s", "to turn with", minimum=-10.0, maximum=10.0),
-        Field("heading", "rad", "to hold; goes before yaw_rate", minimum=-100.0, maximum=100.0),
+        Field("heading", "rad", "to hold; takes precedence over yaw_rate", minimum=-100.0, maximum=100.0),
     )
-    doc = "Velocity over ground in modes velocity and guided; without command the vehicle stops."
+    doc = "Velocity over ground in modes velocity and guided; without a command the vehicle stops."
     return SetPoint(fields, doc, apply, neutral)
 
 
@@ -197,7 +198,7 @@ def _test(pilot: Autopilot) -> SetPoint:
             pilot.test(outputs)
 
     doc = (
-        "Tries the actuators that the autopilot holds, instead of control; without command for half a second it disarms. "
+        "Tests the actuators that the autopilot holds, instead of controlling the vehicle; half a second without a command disarms it. "
         f"Order: {', '.join(pilot.craft.outputs.names)}."
     )
     size = len(pilot.craft.outputs.names)
@@ -227,11 +228,10 @@ _STATE = (
 )
 
 
-class StateSensor:
+class StateSensor(IdealSensor):
     """What the autopilot believes and wants, as a sensor's port."""
 
     doc = "What the autopilot believes, from its sensors, and what it wants."
-    needs_rates = False
 
     def __init__(self, pilot: Autopilot) -> None:
         self._pilot = pilot
@@ -240,7 +240,7 @@ class StateSensor:
         doc = f"what its actuators were told, parts of their full commands: {', '.join(names)}"
         self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
 
-    def measure(self, scope: object) -> tuple[bool, list[Value]]:
+    def measure(self, scope: Scope | None) -> tuple[bool, list[Value]]:
         """Always valid: each part tells by itself whether it is."""
         pilot = self._pilot
         e, o, now = pilot.estimate, pilot.orders, pilot.known

@@ -57,12 +57,13 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         return None
 
     force = Argument(
-        "force", "bool", "though a sensor is missing or water is in the hull", required=False, default=False
+        "force", "bool", "arm even if a sensor is missing or there is water in the hull", required=False, default=False
     )
     mode = Argument("mode", "str", "what it holds", choices=MODES)
     mode_doc = "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing."
-    place_doc = "Correct the dead reckoning: the vehicle is here. The depth counts without a depth sensor only."
-    yield Service(f"{path}/arm", "Take the actuators over; others are refused until disarm.", (force,)), arm
+    place_doc = "Correct the dead reckoning: the vehicle is here. The depth is used only without a depth sensor."
+    arm_doc = "Take over the actuators; commands from others are refused until disarm."
+    yield Service(f"{path}/arm", arm_doc, (force,)), arm
     yield Service(f"{path}/disarm", "Stop, and let others command the actuators."), disarm
     yield Service(f"{path}/set_mode", mode_doc, (mode,)), set_mode
     yield Service(f"{path}/set_position", place_doc, (_PLACE,)), set_position
@@ -101,22 +102,21 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         return None
 
     heading = Argument(
-        "heading_deg", "float", "heading on the way, in degrees; default: it looks where it goes", required=False,
+        "heading_deg", "float", "heading on the way, in degrees; default: the direction of travel", required=False,
         minimum=-1e4, maximum=1e4,
     )  # fmt: skip
     speed = Argument(
         "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
     )
-    radius = Argument(
-        "radius_m", "float", "nearer than this it is there", "m", required=False, default=1.0, minimum=0.01, maximum=1e4
-    )
+    near = "distance at which it has arrived"
+    radius = Argument("radius_m", "float", near, "m", required=False, default=1.0, minimum=0.01, maximum=1e4)
     items = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
     index = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
     go = "Go to a place in mode guided, and stay; replies when it is there."
-    put = "Put in a mission in place of the old one; with any fault nothing is changed."
+    put = "Replace the mission; if anything is wrong with the new one, nothing changes."
     show = "The mission, the item under way (-1 for none) and how many are done."
     begin = "Begin mode mission with this item; the autopilot must be armed."
-    clear = "Take the mission out; a vehicle under way holds where it is."
+    clear = "Remove the mission; a vehicle under way holds where it is."
     yield Service(f"{path}/goto", go, (_PLACE, heading, speed, radius), long_running=True), goto
     yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
     yield Service(f"{path}/set_mission", put, (items,)), set_mission

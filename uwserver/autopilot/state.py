@@ -153,11 +153,3 @@ class Orders(Struct):
     waited: float = 0.0
     test: tuple[float, ...] = ()
     failsafe: str = ""
-
-
-class Saved(Struct, frozen=True):
-    """A copy of all of it."""
-
-    estimate: Estimate
-    memory: Memory
-    orders: Orders

@@ -50,12 +50,17 @@ class _Lazy(click.Group):
 
 
 def _elsewhere(name: str) -> click.Command:
-    """The command of another distribution; one that says what to install, when that is missing."""
+    """The command of another distribution; one that says what to install, when that is missing or does not load."""
+    package = _ELSEWHERE[name]
+    fault = "it is not installed"
     for entry in entry_points(group="uwserver.commands", name=name):
-        command: click.Command = entry.load()
-        return command
-    missing = _ELSEWHERE[name]
-    text = f"it is not installed: pip install {missing} (in a checkout of the sources: pip install ./{name})"
+        try:
+            command: click.Command = entry.load()
+        except ImportError as error:
+            fault = f"it does not load ({error})"
+        else:
+            return command
+    text = f"{fault}: pip install {package} (in a checkout of the sources: pip install ./{name})"
 
     def refuse(**_: object) -> None:
         raise click.ClickException(f"uwserver {name}: {text}")

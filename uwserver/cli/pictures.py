@@ -29,7 +29,7 @@ def picture(port: Port, samples: Sequence[Sample]) -> Figure:
         ValueError: there is nothing that could be drawn.
     """
     if not samples:
-        raise ValueError(f'"{port.path}" told nothing in that time')
+        raise ValueError(f'"{port.path}" gave no samples in that time')
     figure = _PICTURES.get(port.kind, _over_time)(port, samples)
     figure.suptitle(port.path, fontsize=10)
     return figure
@@ -119,9 +119,13 @@ def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
 
 def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
     """Every number over time, one panel a field; long arrays as an image."""
-    drawn = [f for f in port.fields if f.type != "str" and np.isfinite(_column(port, samples, f.name)).any()]
+    drawn = [
+        f
+        for f in port.fields
+        if f.type != "str" and not f.is_packed and np.isfinite(_column(port, samples, f.name)).any()
+    ]
     if not drawn:
-        raise ValueError(f'"{port.path}" told no numbers: it was never valid')
+        raise ValueError(f'"{port.path}" gave no numbers: it was never valid')
     t = _times(samples)
     figure = Figure(figsize=(7.0, 0.8 + 1.15 * len(drawn)), layout="constrained")
     axes = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]

@@ -20,7 +20,7 @@ from uwserver.units import NANOSECONDS
 _RUN_S = 20.0
 _PATIENCE_S = 1.0
 """What was measured before the end is waited for so long."""
-_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str"}
+_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
 @click.group()
@@ -39,7 +39,7 @@ def plot() -> None:
     "--to", "end_s", type=float, help="Last simulation time, s; default: the end of a recording, 20 s of a scenario."
 )
 def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: float | None) -> None:
-    """Draw what PORT told: SOURCE is a recording (.mcap), or a scenario by name or file, which is run as fast as possible.
+    """Draw the samples of PORT: SOURCE is a recording (.mcap), or a scenario by name or file, which is run as fast as possible.
 
     A scanning sonar gives its picture, a DVL its beams, LBL and USBL their beacons, everything else its values over time; grey: not valid.
     """

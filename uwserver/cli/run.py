@@ -39,13 +39,23 @@ class _Number(click.FloatRange):
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
 @click.option("--metrics-bind", help="Address of /health and /metrics.")
-@click.option("--seed", type=click.IntRange(0), help="Instead of the scenario's.")
+@click.option("--seed", type=click.IntRange(0), help="Random seed, instead of the scenario's.")
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
 @click.option("--speed", type=_Number(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
 @click.option("--paused", is_flag=True, help="Start paused.")
 @click.option("--until", "until_s", type=_Number(0.0, 1e9), metavar="SECONDS", help="End at this simulation time.")
 @click.option(
     "--record", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP file (see `uwserver replay`)."
+)
+@click.option(
+    "--from", "begin", type=click.Path(path_type=Path, dir_okay=False), help="Begin at a saved state of this scenario."
+)
+@click.option(
+    "--save-at",
+    type=(_Number(0.0, 1e9), click.Path(path_type=Path, dir_okay=False)),
+    multiple=True,
+    metavar="SECONDS FILE",
+    help="Save the state at this simulation time; may be given several times.",
 )
 @click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
 @click.option("--log-json", is_flag=True, help="One JSON object a log line.")
@@ -60,6 +70,8 @@ def run(
     paused: bool,
     until_s: float | None,
     record: Path | None,
+    begin: Path | None,
+    save_at: tuple[tuple[float, Path], ...],
     log_level: str,
     log_json: bool,
 ) -> None:
@@ -69,6 +81,7 @@ def run(
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
     from uwserver.server.life_cycle import Options, StartFailed, timing_of
+    from uwserver.server.state_files import read_state
 
     set_up_logging(log_level, log_json)
     try:
@@ -84,8 +97,11 @@ def run(
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
     _announce_compilation()
-    options = Options(seed, timing, record, until_s, lambda addresses: _announce(resolved, addresses, log_json))
     try:
+        state = None if begin is None else read_state(begin)
+        options = Options(
+            seed, timing, record, until_s, state, save_at, lambda addresses: _announce(resolved, addresses, log_json)
+        )
         status = _run_loop(resolved, options)
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)

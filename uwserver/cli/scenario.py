@@ -147,8 +147,7 @@ def _of_sensor(kind: SensorKind) -> Iterator[str]:
     for output in kind.outputs:
         yield output.doc
         for field in output.fields:
-            shape = "x".join(map(str, field.shape)) or "scalar"
-            yield f"  {field.name:<20} {shape:<7} {field.unit:<8} {field.frame or '-':<3} {field.doc}"
+            yield f"  {field.name:<20} {field.form:<7} {field.unit:<8} {field.frame or '-':<3} {field.doc}"
     yield _keys(kind.table)
     settings = [setting.name for setting in kind.outputs[0].settings]
     yield f"set while it runs: {', '.join(['rate_hz', *settings])}"

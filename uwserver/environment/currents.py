@@ -1,9 +1,10 @@
-"""Currents as a scenario declares them: uniform, by depth, or drifting at random. All currents of a scenario add up."""
+"""Currents as a scenario declares them: uniform, by depth, or drifting with time. All currents of a scenario add up."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 import numpy as np
@@ -14,7 +15,31 @@ from uwserver.table import NonNegative, Positive, Table, Vector3
 
 
 class CurrentTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What all currents share: the key `kind`."""
+    """What all currents share: the key `kind`.
+
+    A kind other than `uniform` and `profile` has ``build()``, which says what the current comes to: a table of one of these two, where it is
+    steady, or `Drifting`, where it changes with time. `build` raises ValueError for keys that do not go together.
+    """
+
+
+class Drifting(Protocol):
+    """A current that is the same everywhere and changes with time. All that it remembers are its last velocity and its random stream."""
+
+    @property
+    def interval_s(self) -> float:
+        """It is asked this often (rounded to ticks), and linear between: water that jumped in each tick would shake every body in it."""
+
+    def velocity(
+        self, t: float, dt: float, last: FloatArray | None, rng: np.random.Generator
+    ) -> Sequence[float] | FloatArray:
+        """Velocity (3) of the water in N, m/s. Depends on the arguments alone.
+
+        Args:
+            t: simulation time, s.
+            dt: the interval, s, as rounded.
+            last: (3) at t - dt; None at the start.
+            rng: random numbers of this current.
+        """
 
 
 class UniformConfig(CurrentTable, tag="uniform", kw_only=True, frozen=True):
@@ -24,7 +49,7 @@ class UniformConfig(CurrentTable, tag="uniform", kw_only=True, frozen=True):
 
 
 class ProfileConfig(CurrentTable, tag="profile", kw_only=True, frozen=True):
-    """Velocity by depth, steady; above the first and below the last depth that of the first and last.
+    """Steady velocity by depth; constant above the first depth and below the last.
 
     Attributes:
         depth_m: rising, below the still water level.
@@ -51,8 +76,29 @@ class GaussMarkovConfig(CurrentTable, tag="gauss_markov", kw_only=True, frozen=T
     tau_s: Positive
     interval_s: Positive | msgspec.UnsetType = msgspec.UNSET
 
+    def build(self) -> Drifting:
+        """The process."""
+        return _GaussMarkov(self)
+
 
 CurrentConfig = UniformConfig | ProfileConfig | GaussMarkovConfig
+
+
+def flow_of(current: CurrentTable) -> UniformConfig | ProfileConfig | Drifting:
+    """What a current comes to.
+
+    Raises:
+        ValueError: its kind gives something else; and whatever the `build` of an extension's kind raises.
+    """
+    flow: object = current if isinstance(current, UniformConfig | ProfileConfig) else current.build()  # type: ignore[attr-defined]  # any other kind has it
+    if isinstance(flow, UniformConfig | ProfileConfig):
+        return flow
+    if not callable(getattr(flow, "velocity", None)) or not getattr(flow, "interval_s", 0.0) > 0.0:
+        text = (
+            "build() must give a UniformConfig, a ProfileConfig, or something with velocity() and an interval_s above 0"
+        )
+        raise ValueError(f"{text}, not {type(flow).__name__}")
+    return flow  # type: ignore[return-value]  # as just checked
 
 
 def profile_rows(config: ProfileConfig) -> FloatArray:
@@ -100,7 +146,21 @@ def _end_slope(h0: float, h1: float, s0: float, s1: float) -> float:
     return float(d)
 
 
-class GaussMarkov:
+class _GaussMarkov:
+    def __init__(self, config: GaussMarkovConfig) -> None:
+        given = config.interval_s
+        self.interval_s = config.tau_s / 100.0 if isinstance(given, msgspec.UnsetType) else given
+        self._tau, self._sigma = config.tau_s, np.array(config.sigma_ned_mps)
+
+    def velocity(self, t: float, dt: float, last: FloatArray | None, rng: np.random.Generator) -> FloatArray:
+        draw: FloatArray = rng.standard_normal(3)
+        if last is None:  # of the stationary distribution
+            return self._sigma * draw
+        keep = math.exp(-dt / self._tau)
+        return keep * last + math.sqrt(1.0 - keep**2) * self._sigma * draw
+
+
+class Drift:
     """One drifting current, with its own random stream.
 
     Attributes:
@@ -109,29 +169,26 @@ class GaussMarkov:
         ends: (2, 3) velocity in N at the last and at the next draw, m/s.
     """
 
-    def __init__(self, config: GaussMarkovConfig, rate_hz: float, rng: np.random.Generator) -> None:
-        """Begins with a draw of its stationary distribution; `rate_hz`: ticks a second."""
-        interval = config.tau_s / 100.0 if config.interval_s is msgspec.UNSET else float(config.interval_s)
-        self.ticks = max(1, round(interval * rate_hz))
+    def __init__(self, current: Drifting, rate_hz: float, rng: np.random.Generator) -> None:
+        """At t = 0; `rate_hz`: ticks a second."""
+        self.ticks = max(1, round(current.interval_s * rate_hz))
         self.rng = rng
-        self._keep = math.exp(-self.ticks / rate_hz / config.tau_s)
-        self._sigma = np.array(config.sigma_ned_mps)
+        self._current, self._rate = current, rate_hz
         self.ends: FloatArray = np.zeros((2, 3))
-        self.ends[0] = self._sigma * rng.standard_normal(3)
-        self.ends[1] = self._following()
+        self.ends[0] = current.velocity(0.0, self.ticks / rate_hz, None, rng)
+        self.ends[1] = self._following(0)
 
     def move(self, tick: int) -> None:
         """Carry it to a tick, one after the last one."""
         if tick % self.ticks == 0:
             self.ends[0] = self.ends[1]
-            self.ends[1] = self._following()
+            self.ends[1] = self._following(tick)
 
     def at(self, tick: int) -> tuple[FloatArray, FloatArray]:
         """Velocity (3, m/s) at a tick and its change (3) until the next."""
         step = (self.ends[1] - self.ends[0]) / self.ticks
         return self.ends[0] + (tick % self.ticks) * step, step
 
-    def _following(self) -> FloatArray:
-        innovation = math.sqrt(1.0 - self._keep**2) * self._sigma
-        following: FloatArray = self._keep * self.ends[0] + innovation * self.rng.standard_normal(3)
-        return following
+    def _following(self, tick: int) -> FloatArray:
+        t = (tick + self.ticks) / self._rate
+        return np.asarray(self._current.velocity(t, self.ticks / self._rate, self.ends[0].copy(), self.rng))

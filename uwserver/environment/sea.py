@@ -8,7 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
-from uwserver.environment.currents import GaussMarkov
+from uwserver.environment.currents import Drift
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SeaRows
@@ -27,10 +27,10 @@ class Sea:
 
     Attributes:
         rows: for the kernel; `uniform` holds from the present tick to the next.
-        drifts: the random currents.
+        drifts: the currents that change with time.
     """
 
-    def __init__(self, rows: SeaRows, drifts: Sequence[GaussMarkov] = (), dt: float = 1.0) -> None:
+    def __init__(self, rows: SeaRows, drifts: Sequence[Drift] = (), dt: float = 1.0) -> None:
         """A sea at t = 0; dt: s a tick."""
         self.rows = rows
         self.drifts = tuple(drifts)

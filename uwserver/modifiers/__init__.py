@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Modifier, ModifierTable, Stream
+from uwserver.modifiers.base import Measurement, Memory, Modifier, ModifierTable, Stream
 from uwserver.modifiers.bias import Bias, Scale
 from uwserver.modifiers.delivery import ClockDrift, Delay, Dropout, Reorder
 from uwserver.modifiers.drift import Drift, RandomWalk
@@ -28,6 +28,6 @@ ModifierConfig = (
 )
 
 __all__ = [
-    "Bias", "ClockDrift", "Delay", "Drift", "Dropout", "GaussMarkov", "Measurement", "Misalignment", "Modifier", "ModifierConfig", "ModifierTable",
-    "Outlier", "Quantise", "RandomWalk", "Reorder", "Saturate", "Scale", "Stream", "WhiteNoise",
+    "Bias", "ClockDrift", "Delay", "Drift", "Dropout", "GaussMarkov", "Measurement", "Memory", "Misalignment", "Modifier", "ModifierConfig",
+    "ModifierTable", "Outlier", "Quantise", "RandomWalk", "Reorder", "Saturate", "Scale", "Stream", "WhiteNoise",
 ]  # fmt: skip

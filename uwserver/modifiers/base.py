@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct, structs
 
 from uwserver.ports import Field, Value
 from uwserver.table import Table
@@ -14,6 +16,31 @@ from uwserver.units import NANOSECONDS
 
 NEVER = -1.0
 """A time (s) before the first reading."""
+Time = Annotated[float, Meta(ge=NEVER, le=9e9)]
+"""A time in a record, s: `NEVER`, or one that can be told in 64 bits of nanoseconds."""
+Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
+"""Any other number in a record: finite, and so small that what is computed from it is too."""
+
+
+class Memory(Struct):
+    """What a sensor or modifier remembers from reading to reading: one record, which is saved with the world.
+
+    A kind that remembers something derives its own, with a default for each field. Fields are bool, int, float, str, bytes, None, tuples of
+    these, or frozen records of these, never numpy's numbers; their types state the limits within which any value is harmless (`Number`,
+    `Time`, `msgspec.Meta`).
+    """
+
+
+NOTHING = Memory()
+"""The record of all kinds that remember nothing."""
+
+
+def check_lengths(record: Memory, own: Memory) -> None:
+    """ValueError where a tuple of a record has another length than in one of the same kind that fits."""
+    for name, value in structs.asdict(own).items():
+        given = getattr(record, name)
+        if isinstance(value, tuple) and len(given) != len(value):
+            raise ValueError(f'"{name}" has {len(given)} numbers, here it needs {len(value)}')
 
 
 class ModifierTable(Table, tag_field="kind", kw_only=True, frozen=True):
@@ -81,14 +108,21 @@ class Stream:
         return index, values
 
 
-class Modifier(Protocol):
-    """One change of a stream. `memory` is all that it remembers from sample to sample, plain numbers, so that it can be saved."""
+class Modifier(ABC):
+    """One change of a stream, which depends on the reading, on `memory` and on the random numbers of `stream`, and on nothing else."""
 
-    stream: Stream
-    memory: list[float]
+    memory: Memory = NOTHING
 
+    def __init__(self, stream: Stream) -> None:
+        self.stream = stream
+
+    @abstractmethod
     def apply(self, reading: Measurement) -> None:
         """Change the reading in place."""
+
+    def valid(self, record: Memory) -> None:
+        """Raise ValueError where a record of another run, though of the right types, cannot be the memory of this one."""
+        check_lengths(record, self.memory)
 
 
 def shifted(value: Value, offsets: Sequence[float]) -> Value:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, ModifierTable, Stream, mapped, shifted
+from uwserver.modifiers.base import Measurement, Memory, Modifier, ModifierTable, Number, Stream, mapped, shifted
 from uwserver.table import Name, NonNegative
 
 
@@ -22,19 +22,28 @@ class Bias(ModifierTable, tag="bias", kw_only=True, frozen=True):
         return _Bias(stream, self.field, "value", self.value, self.sigma)
 
 
-class _Drawn:
+class Constants(Memory):
+    """Attributes:
+    each: of each component, field's unit or factor; drawn errors included."""
+
+    each: tuple[Number, ...] = ()
+
+
+class _Drawn(Modifier):
     """Keeps, for each component of a field, what key `key` gives and an error of it drawn once."""
 
+    memory: Constants
+
     def __init__(self, stream: Stream, field: str, key: str, given: float | tuple[float, ...], sigma: float) -> None:
-        self.stream = stream
+        super().__init__(stream)
         self._index, each = stream.of_each(field, key, given)
         turn_on = stream.rng.normal(0.0, sigma, len(each)).tolist()
-        self.memory = [g + t for g, t in zip(each, turn_on, strict=True)]
+        self.memory = Constants(tuple(g + t for g, t in zip(each, turn_on, strict=True)))
 
 
 class _Bias(_Drawn):
     def apply(self, reading: Measurement) -> None:
-        reading.values[self._index] = shifted(reading.values[self._index], self.memory)
+        reading.values[self._index] = shifted(reading.values[self._index], self.memory.each)
 
 
 class Scale(ModifierTable, tag="scale", kw_only=True, frozen=True):
@@ -58,7 +67,7 @@ class _Scale(_Drawn):
     def apply(self, reading: Measurement) -> None:
         value = reading.values[self._index]
         if isinstance(value, tuple):
-            scaled = (None if v is None else v * f for v, f in zip(value, self.memory, strict=True))
+            scaled = (None if v is None else v * f for v, f in zip(value, self.memory.each, strict=True))  # type: ignore[operator]
             reading.values[self._index] = tuple(scaled)
         else:
-            reading.values[self._index] = mapped(value, lambda v: v * self.memory[0])
+            reading.values[self._index] = mapped(value, lambda v: v * self.memory.each[0])

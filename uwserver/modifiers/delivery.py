@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from uwserver.modifiers.base import NEVER, Measurement, ModifierTable, Stream
+from uwserver.modifiers.base import NEVER, Measurement, Memory, Modifier, ModifierTable, Stream, Time
 from uwserver.table import NonNegative, Probability
 from uwserver.units import NANOSECONDS
 
@@ -20,13 +20,12 @@ class Delay(ModifierTable, tag="delay", kw_only=True, frozen=True):
     jitter_s: NonNegative = 0.0
 
     def build(self, stream: Stream) -> _Delay:
-        """The modifier."""
         return _Delay(self, stream)
 
 
-class _Delay:
+class _Delay(Modifier):
     def __init__(self, config: Delay, stream: Stream) -> None:
-        self.stream, self.memory = stream, list[float]()
+        super().__init__(stream)
         self._config = config
 
     def apply(self, reading: Measurement) -> None:
@@ -43,13 +42,12 @@ class Dropout(ModifierTable, tag="dropout", kw_only=True, frozen=True):
     probability: Probability
 
     def build(self, stream: Stream) -> _Dropout:
-        """The modifier."""
         return _Dropout(self, stream)
 
 
-class _Dropout:
+class _Dropout(Modifier):
     def __init__(self, config: Dropout, stream: Stream) -> None:
-        self.stream, self.memory = stream, list[float]()
+        super().__init__(stream)
         self._probability = config.probability
 
     def apply(self, reading: Measurement) -> None:
@@ -58,35 +56,41 @@ class _Dropout:
 
 
 class Reorder(ModifierTable, tag="reorder", kw_only=True, frozen=True):
-    """Each sample comes with `probability` too late, behind the next `behind` samples, as over a network with several ways. The sequence number
-    shows it."""
+    """With `probability` a sample arrives too late, behind the next `behind` samples, as over a network with several routes. The sequence
+    number shows it."""
 
     probability: Probability
     behind: Annotated[int, Meta(ge=1, le=1000)] = 1
 
     def build(self, stream: Stream) -> _Reorder:
-        """The modifier."""
         return _Reorder(self, stream)
 
 
-class _Reorder:
-    """Its memory is the time of the reading before (s)."""
+class Last(Memory):
+    """Attributes:
+    last: time of the reading before, s."""
+
+    last: Time = NEVER
+
+
+class _Reorder(Modifier):
+    memory: Last
 
     def __init__(self, config: Reorder, stream: Stream) -> None:
-        self.stream, self.memory = stream, [NEVER]
-        self._config = config
+        super().__init__(stream)
+        self._config, self.memory = config, Last()
 
     def apply(self, reading: Measurement) -> None:
         dt = self.stream.dt
-        interval = max(dt, reading.since(self.memory[0], dt))
-        self.memory = [reading.t_ns / NANOSECONDS]
+        interval = max(dt, reading.since(self.memory.last, dt))
+        self.memory.last = reading.t_ns / NANOSECONDS
         if self.stream.rng.random() < self._config.probability:
             # Between the last that overtakes it and the next.
             reading.delay_ns += round((self._config.behind + 0.5) * interval * NANOSECONDS)
 
 
 class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
-    """The device writes the time of its own clock on its samples (`t_ns`); when they come (`t_sent_ns`) stays true.
+    """The device writes the time of its own clock on its samples (`t_ns`); the time of delivery (`t_sent_ns`) stays true.
 
     Attributes:
         offset_s: by which the clock is ahead at t = 0.
@@ -103,24 +107,34 @@ class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
     walk_sqrts: NonNegative = 0.0
 
     def build(self, stream: Stream) -> _ClockDrift:
-        """The modifier."""
         return _ClockDrift(self, stream)
 
 
-class _ClockDrift:
-    """Its memory: time of the reading before (s), offset with the walk (s), drift."""
+class ClockError(Last):
+    """Attributes:
+    offset: by which the clock is ahead, the walk included and the drift not, s.
+    drift: seconds gained a second."""
+
+    offset: Annotated[float, Meta(ge=-1e9, le=1e9)] = 0.0
+    drift: Annotated[float, Meta(ge=-1, le=1)] = 0.0
+
+
+class _ClockDrift(Modifier):
+    memory: ClockError
 
     def __init__(self, config: ClockDrift, stream: Stream) -> None:
-        self.stream, self._walk = stream, config.walk_sqrts
+        super().__init__(stream)
+        self._walk = config.walk_sqrts
         offset, drift = stream.rng.standard_normal(2).tolist()
-        self.memory = [
-            NEVER, config.offset_s + config.offset_sigma_s * offset, config.drift + config.drift_sigma * drift,
-        ]  # fmt: skip
+        self.memory = ClockError(
+            offset=config.offset_s + config.offset_sigma_s * offset, drift=config.drift + config.drift_sigma * drift
+        )
 
     def apply(self, reading: Measurement) -> None:
-        last, offset, drift = self.memory
-        t = reading.t_ns / NANOSECONDS
+        m, t = self.memory, reading.t_ns / NANOSECONDS
         if self._walk:
-            offset += self._walk * math.sqrt(reading.since(last, self.stream.dt)) * self.stream.rng.standard_normal()
-        self.memory = [t, offset, drift]
-        reading.stamp_ns += round((offset + drift * t) * NANOSECONDS)
+            m.offset += (
+                self._walk * math.sqrt(reading.since(m.last, self.stream.dt)) * self.stream.rng.standard_normal()
+            )
+        m.last = t
+        reading.stamp_ns += round((m.offset + m.drift * t) * NANOSECONDS)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from uwserver.modifiers.base import NEVER, Measurement, ModifierTable, Stream, shifted
+from uwserver.modifiers.base import NEVER, Measurement, Memory, Modifier, ModifierTable, Number, Stream, Time, shifted
 from uwserver.table import Name, NonNegative
 from uwserver.units import NANOSECONDS
 
 
 class Drift(ModifierTable, tag="drift", kw_only=True, frozen=True):
-    """Error that leaves zero at the start of the run and never comes back: straight, and at random.
+    """Error that starts at zero and grows: a straight drift and a random walk.
 
     Attributes:
         rate: straight drift, field's unit a second; one number for all components, or one a component.
@@ -32,28 +32,36 @@ class Drift(ModifierTable, tag="drift", kw_only=True, frozen=True):
         return _Drift(self, stream)
 
 
-class _Drift:
-    """Its memory: time of the reading before (s), then for each component what the walk has come to, then the rates (unit/s)."""
+class Drifting(Memory):
+    """Attributes:
+    last: time of the reading before, s.
+    walk: what the random walk of each component has come to, field's unit.
+    rate: straight drift of each component, unit/s."""
+
+    last: Time = NEVER
+    walk: tuple[Number, ...] = ()
+    rate: tuple[Number, ...] = ()
+
+
+class _Drift(Modifier):
+    memory: Drifting
 
     def __init__(self, config: Drift, stream: Stream) -> None:
-        self.stream = stream
+        super().__init__(stream)
         self._density = config.density
         self._index, rate = stream.of_each(config.field, "rate", config.rate)
-        self._size = len(rate)
-        drawn = (
-            stream.rng.normal(0.0, config.rate_sigma, self._size).tolist() if config.rate_sigma else [0.0] * self._size
-        )
-        self.memory = [NEVER, *([0.0] * self._size), *(r + d for r, d in zip(rate, drawn, strict=True))]
+        n = len(rate)
+        drawn = stream.rng.normal(0.0, config.rate_sigma, n).tolist() if config.rate_sigma else [0.0] * n
+        self.memory = Drifting(walk=(0.0,) * n, rate=tuple(r + d for r, d in zip(rate, drawn, strict=True)))
 
     def apply(self, reading: Measurement) -> None:
-        n, memory, t = self._size, self.memory, reading.t_ns / NANOSECONDS
-        walk, rates = memory[1 : n + 1], memory[n + 1 :]
+        m, t = self.memory, reading.t_ns / NANOSECONDS
         if self._density:
-            scale = self._density * math.sqrt(reading.since(memory[0], self.stream.dt))
-            draws = self.stream.rng.standard_normal(n).tolist()
-            walk = [w + scale * d for w, d in zip(walk, draws, strict=True)]
-        self.memory = [t, *walk, *rates]
-        offsets = [w + r * t for w, r in zip(walk, rates, strict=True)]
+            scale = self._density * math.sqrt(reading.since(m.last, self.stream.dt))
+            draws = self.stream.rng.standard_normal(len(m.walk)).tolist()
+            m.walk = tuple([w + scale * d for w, d in zip(m.walk, draws, strict=True)])
+        m.last = t
+        offsets = [w + r * t for w, r in zip(m.walk, m.rate, strict=True)]
         reading.values[self._index] = shifted(reading.values[self._index], offsets)
 
 

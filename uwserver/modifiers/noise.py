@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from uwserver.modifiers.base import NEVER, Measurement, ModifierTable, Stream, shifted
+from uwserver.modifiers.base import NEVER, Measurement, Memory, Modifier, ModifierTable, Number, Stream, Time, shifted
 from uwserver.table import Name, NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS
 
@@ -22,9 +22,9 @@ class WhiteNoise(ModifierTable, tag="white_noise", kw_only=True, frozen=True):
         return _White(self, stream)
 
 
-class _White:
+class _White(Modifier):
     def __init__(self, config: WhiteNoise, stream: Stream) -> None:
-        self.stream, self.memory = stream, list[float]()
+        super().__init__(stream)
         self._config = config
         self._index = stream.index(config.field)
         self._size = stream.fields[self._index].size
@@ -49,23 +49,33 @@ class GaussMarkov(ModifierTable, tag="gauss_markov", kw_only=True, frozen=True):
         return _GaussMarkov(self, stream)
 
 
-class _GaussMarkov:
-    """Its memory: time of the reading before (s), then the error of each component."""
+class Correlated(Memory):
+    """Attributes:
+    last: time of the reading before, s.
+    error: of each component, field's unit."""
+
+    last: Time = NEVER
+    error: tuple[Number, ...] = ()
+
+
+class _GaussMarkov(Modifier):
+    memory: Correlated
 
     def __init__(self, config: GaussMarkov, stream: Stream) -> None:
-        self.stream, self._config = stream, config
+        super().__init__(stream)
+        self._config = config
         self._index = stream.index(config.field)
         start = stream.rng.normal(0.0, config.sigma, stream.fields[self._index].size).tolist()
-        self.memory: list[float] = [NEVER, *start]
+        self.memory = Correlated(error=tuple(start))
 
     def apply(self, reading: Measurement) -> None:
-        c, (last, *errors) = self._config, self.memory
-        decay = math.exp(-reading.since(last, self.stream.dt) / c.tau_s)
+        c, m = self._config, self.memory
+        decay = math.exp(-reading.since(m.last, self.stream.dt) / c.tau_s)
         scale = c.sigma * math.sqrt(1.0 - decay * decay)
-        draws = self.stream.rng.standard_normal(len(errors)).tolist()
-        errors = [decay * e + scale * d for e, d in zip(errors, draws, strict=True)]
-        self.memory = [reading.t_ns / NANOSECONDS, *errors]
-        reading.values[self._index] = shifted(reading.values[self._index], errors)
+        draws = self.stream.rng.standard_normal(len(m.error)).tolist()
+        m.last = reading.t_ns / NANOSECONDS
+        m.error = tuple([decay * e + scale * d for e, d in zip(m.error, draws, strict=True)])
+        reading.values[self._index] = shifted(reading.values[self._index], m.error)
 
 
 class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
@@ -87,9 +97,9 @@ class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
         return _Outlier(self, stream)
 
 
-class _Outlier:
+class _Outlier(Modifier):
     def __init__(self, config: Outlier, stream: Stream) -> None:
-        self.stream, self.memory = stream, list[float]()
+        super().__init__(stream)
         self._config = config
         self._index = stream.index(config.field)
         self._size = stream.fields[self._index].size

@@ -6,7 +6,7 @@ import math
 
 from msgspec import UNSET, UnsetType
 
-from uwserver.modifiers.base import Measurement, ModifierTable, Stream, mapped
+from uwserver.modifiers.base import Measurement, Modifier, ModifierTable, Stream, mapped
 from uwserver.ports import Value
 from uwserver.table import Name, Positive
 
@@ -22,9 +22,9 @@ class Quantise(ModifierTable, tag="quantise", kw_only=True, frozen=True):
         return _Quantise(self, stream)
 
 
-class _Quantise:
+class _Quantise(Modifier):
     def __init__(self, config: Quantise, stream: Stream) -> None:
-        self.stream, self.memory = stream, list[float]()
+        super().__init__(stream)
         self._index = stream.index(config.field)
         # k / 500 prints as 0.142 where k * 0.002 does not.
         steps = round(1.0 / config.step)
@@ -63,9 +63,9 @@ class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
         return _Saturate(self, stream)
 
 
-class _Saturate:
+class _Saturate(Modifier):
     def __init__(self, config: Saturate, stream: Stream) -> None:
-        self.stream, self.memory = stream, list[float]()
+        super().__init__(stream)
         self._index = stream.index(config.field)
         self._low = -math.inf if isinstance(config.minimum, UnsetType) else config.minimum
         self._high = math.inf if isinstance(config.maximum, UnsetType) else config.maximum

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import cache
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -53,36 +53,19 @@ def _sea_kernel() -> ModuleType:
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
-_FIXED = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")
-"""Arrays that only `add` changes, by making new ones."""
+_FLAGS = {
+    "touching": 1,
+    "retired": 1,
+    "by_force": 1,
+    "fresh": 1,
+    "stuck": 2,
+    "frame": 1,
+    "harmonic": 1,
+} | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+"""Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
 
-
-@dataclass(frozen=True, eq=False)
-class Saved:
-    """All rows of a world at an instant; equal if their bits are.
-
-    Attributes:
-        params, tables, lags, fixed: what only `add` changes.
-        running: copies of the other arrays.
-        touched: contacts of the last tick.
-    """
-
-    params: tuple[BodyParams, ...]
-    tables: dict[ForceTable, int]
-    lags: dict[Lag, int]
-    fixed: tuple[Records, ...]
-    running: tuple[Records | FloatArray, ...]
-    touched: Impulses
-
-    def bits(self) -> tuple[bytes, ...]:
-        """Everything that changes in a run."""
-        arrays = (*self.running, *self.touched.contacts, self.touched.impulse)
-        return tuple(array.tobytes() for array in arrays)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Saved) and self.bits() == other.bits()
-
-    __hash__ = None  # type: ignore[assignment]  # as of any mutable thing
+Saved = dict[str, bytes]
+"""All that changes in a run, by the name of the array, and of the contacts' arrays."""
 
 
 class Hydrodynamics:
@@ -103,6 +86,11 @@ class Hydrodynamics:
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
+        self.collider: Collider | None = None
+        self.sea: layout.SeaRows | None = None
+        self.set_bodies(bodies)
+
+    def _clear(self) -> None:
         self.params: tuple[BodyParams, ...] = ()
         self._tables: dict[ForceTable, int] = {}
         self._lags: dict[Lag, int] = {}
@@ -120,14 +108,10 @@ class Hydrodynamics:
         self.hulls: Records = np.zeros(0, layout.HULL)
         self.scratch: Records = np.zeros(1, layout.SCRATCH)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
-        self.collider: Collider | None = None
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
         self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
-        self.sea: layout.SeaRows | None = None
         self._gather()
-        for body in bodies:
-            self.add(body)
 
     def __len__(self) -> int:
         return len(self.params)
@@ -180,25 +164,66 @@ class Hydrodynamics:
         self.contact_nu_dot[row] = 0.0
         self.bodies["external"][row] = self.bodies["acted"][row] = 0.0
 
+    def set_bodies(self, params: Sequence[BodyParams]) -> None:
+        """Have these bodies and no others, in this order, at rest at the origin. The rows are as if they had been added one by one."""
+        self._clear()
+        for body in params:
+            self.add(body)
+
+    def arrays(self) -> dict[str, Any]:
+        """All attributes as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
+        return {name: dict(value) if isinstance(value, dict) else value for name, value in self.__dict__.items()}
+
+    def go_back(self, arrays: dict[str, Any]) -> None:
+        """Undo what was added since."""
+        self.__dict__.update(arrays)
+
     def save(self) -> Saved:
-        """All rows as they are."""
-        running = tuple(getattr(self, name).copy() for name in _RUNNING)
-        fixed = tuple(getattr(self, name) for name in _FIXED)
-        return Saved(self.params, dict(self._tables), dict(self._lags), fixed, running, self.touched)
+        """Copies of all arrays that change in a run. The water at the bodies is not among them."""
+        return {name: array.tobytes() for name, array in self._running()}
+
+    def check(self, saved: Saved) -> None:
+        """Refuse arrays from outside that cannot be those of these bodies.
+
+        Raises:
+            ValueError: of other names or lengths, not finite where they are now, a quaternion that is no rotation, or other rows.
+        """
+        running = dict(self._running())
+        if saved.keys() != running.keys():
+            raise ValueError("other arrays than those of bodies and contacts")
+        k, rest = divmod(len(saved["gap"]), 8)
+        for name, array in running.items():
+            count = k if name in _CONTACTS else len(array)
+            size = count * array.dtype.itemsize * int(np.prod(array.shape[1:]))
+            if rest or len(saved[name]) != size:
+                raise ValueError(f'{len(saved[name])} bytes of "{name}", not {size}')
+            _check_rows(name, np.frombuffer(saved[name], array.dtype), array)
+        q = np.frombuffer(saved["state"]).reshape(-1, layout.STATE_SIZE)[:, layout.Q : layout.Q + 4]
+        if (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
+            raise ValueError("a quaternion that is no rotation")
+        for name in ("body_a", "body_b"):
+            rows = np.frombuffer(saved[name], np.int64)
+            if ((rows < -1) | (rows >= len(self))).any():
+                raise ValueError(f'a row in "{name}" that is no body\'s')
 
     def load(self, saved: Saved) -> None:
-        """Put all rows back, bit for bit; bodies that were added since are gone. The water at the bodies is not part of it."""
-        if saved.params is not self.params:
-            self.params, self._tables, self._lags = saved.params, dict(saved.tables), dict(saved.lags)
-            for name, rows in zip(_FIXED, saved.fixed, strict=True):
-                setattr(self, name, rows)
-            for name, array in zip(_RUNNING, saved.running, strict=True):
-                setattr(self, name, array.copy())
-            self.flows = np.zeros((len(self), layout.FLOW_SIZE))
-            self._gather()
-        for name, array in zip(_RUNNING, saved.running, strict=True):
-            getattr(self, name)[...] = array
-        self.touched = saved.touched
+        """Put all arrays back, bit for bit; they are of these bodies (`check`)."""
+        for name in _RUNNING:
+            array = getattr(self, name)
+            array[...] = np.frombuffer(saved[name], array.dtype).reshape(array.shape)
+        found = {
+            name: np.frombuffer(saved[name], array.dtype).reshape(-1, *array.shape[1:]).copy()
+            for name, array in self._running()
+            if name in _CONTACTS
+        }
+        impulse = found.pop("impulse")
+        self.touched = Impulses(Contacts(**found), impulse)
+
+    def _running(self) -> Iterator[tuple[str, Any]]:
+        for name in _RUNNING:
+            yield name, getattr(self, name)
+        yield from self.touched.contacts._asdict().items()
+        yield "impulse", self.touched.impulse
 
     def _append_appendages(self, body: BodyParams, row: Records) -> None:
         """Rows of the body's appendages; their ranges go into its BODY row."""
@@ -285,3 +310,24 @@ class Hydrodynamics:
         from uwserver.physics.dynamics.energy import kinetic_energy
 
         return kinetic_energy(self.bodies, self.state, self.currents)
+
+
+_CONTACTS = (*Contacts._fields, "impulse")
+
+
+def _check_rows(name: str, new: Any, now: Any) -> None:
+    """Raise ValueError for numbers that are not finite (but for limits, which are as they were), and for whole numbers that cannot be."""
+    if new.dtype.names is None:
+        if new.dtype.kind == "f" and not np.isfinite(new).all():
+            raise ValueError(f'"{name}" holds what is not finite')
+        return
+    for field in new.dtype.names:
+        after, before = new[field], now[field]
+        if after.dtype.kind == "f":
+            if not (np.isfinite(after) | (after == before)).all():
+                raise ValueError(f'"{name}" holds a {field} that is not finite')
+        elif field in _FLAGS:
+            if ((after < 0) | (after > _FLAGS[field])).any():
+                raise ValueError(f'"{name}" holds an impossible {field}')
+        elif (after != before).any():
+            raise ValueError(f'"{name}" is of other bodies ({field})')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.ports.buffer import Buffer, Layout, binary_form
 from uwserver.ports.values import (
     Argument,
     Call,
@@ -10,6 +11,8 @@ from uwserver.ports.values import (
     Event,
     Fault,
     Field,
+    Item,
+    Items,
     Json,
     OnReply,
     Port,
@@ -25,13 +28,17 @@ from uwserver.ports.values import (
 
 __all__ = [
     "Argument",
+    "Buffer",
     "Call",
     "Command",
     "ErrorCode",
     "Event",
     "Fault",
     "Field",
+    "Item",
+    "Items",
     "Json",
+    "Layout",
     "OnReply",
     "Port",
     "Progress",
@@ -41,5 +48,6 @@ __all__ = [
     "Scalar",
     "Service",
     "Value",
+    "binary_form",
     "matches",
 ]

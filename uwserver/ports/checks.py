@@ -8,8 +8,12 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-from uwserver.ports.values import Argument, ErrorCode, Field, Json, Port, Refused, Service
+from msgspec.structs import replace
+
+from uwserver.ports.buffer import Buffer, unpacked
+from uwserver.ports.values import Argument, ErrorCode, Field, Item, Items, Json, Port, Refused, Service, Value
 
 SHOWN = 80
 
@@ -24,7 +28,7 @@ def find(kind: str, path: str, known: Mapping[str, object]) -> None:
 
 def shown(word: object) -> str:
     """A foreign name as it may be shown and compared: cut at 80 characters, so that a long one costs neither time nor log."""
-    text = str(word)
+    text = str(word[: SHOWN + 1] if isinstance(word, str | bytes) else word)
     return text if len(text) <= SHOWN else text[:SHOWN] + "..."
 
 
@@ -34,11 +38,15 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f' (did you mean "{near[0]}"?)' if near else ""
 
 
-def checked_command(port: Port, value: Mapping[str, object]) -> tuple[tuple[float, ...] | None, ...]:
-    """One tuple of floats per field of an actuator's port; None for a field that was left out.
+def checked_command(port: Port, value: Mapping[str, object]) -> Items:
+    """One entry per field of an actuator's port: floats, a text, bytes or a buffer; None for a field that was left out.
+
+    Args:
+        port: of the actuator.
+        value: by field; numbers, lists, texts, bytes, buffers and arrays, or what stands for bytes and buffers on a wire (`unpacked`).
 
     Raises:
-        Refused: unknown field (`bad_argument`), nothing given, wrong shape, not finite, out of range.
+        Refused: unknown field (`bad_argument`), nothing given, wrong type or shape, not finite, out of range, too large.
     """
     if port.direction != "actuator":
         raise Refused("bad_argument", f'"{port.path}" is a sensor: it takes no commands, subscribe to it', port.path)
@@ -52,10 +60,66 @@ def checked_command(port: Port, value: Mapping[str, object]) -> tuple[tuple[floa
             raise Refused("bad_argument", text, word)
     if not value:
         raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
-    return tuple(_checked_field(field, value[field.name]) if field.name in value else None for field in port.fields)
+    return tuple(_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields)
+
+
+def _checked_item(field: Field, value: object) -> Item:
+    item: Item
+    if field.type == "str":
+        item = _checked_text(field.name, value)
+        size = len(item.encode())
+    elif field.is_packed:
+        item = _checked_packed(field, value)
+        size = len(item.data)
+    else:
+        return _checked_field(field, value)
+    if size > field.most_bytes:
+        text = f'"{field.name}" holds at most {field.most_bytes} bytes, here are {size}: send it in pieces'
+        raise Refused("too_large", text, field.name)
+    return item
+
+
+def _checked_text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise Refused("bad_argument", f'"{name}" must be a text, not {_kind(value)}', name)
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise Refused("bad_argument", f'"{name}" has half a surrogate pair, which no wire can carry', name) from None
+    return value
+
+
+def _checked_packed(field: Field, value: object) -> Buffer:
+    name, layout = field.name, field.buffer
+    try:
+        if isinstance(value, dict):
+            value = unpacked(value)
+        elif isinstance(value, bytes):
+            value = Buffer(data=value)
+        elif layout and hasattr(value, "dtype") and hasattr(value, "astype"):
+            array: Any = value  # in the same process
+            value = Buffer.of(array)
+        if not isinstance(value, Buffer) or (value.dtype and not layout):
+            form = f'"dtype": "{layout.dtype}", "shape": [...], ' if layout else ""
+            what = "a buffer" if layout else "bytes"
+            raise ValueError(f'must be {what}, in JSON {{{form}"base64": "..."}}, not {_kind(value)}')
+        if not layout:
+            return value
+        if not value.dtype:
+            value = layout.shaped(value.data)
+    except ValueError as error:
+        raise Refused("bad_argument", f'"{name}": {str(error)[:300]}', name) from None
+    if not layout.fits(value):
+        text = f'"{name}" must be {layout}, not {value.dtype} {list(value.shape)}'
+        raise Refused("bad_shape", text, name)
+    if not value.is_finite():
+        raise Refused("not_finite", f'"{name}" has an item that is no finite number', name)
+    return value
 
 
 def _checked_field(field: Field, value: object) -> tuple[float, ...]:
+    if hasattr(value, "tolist"):
+        value = value.tolist()  # an array, in the same process
     flat = _flatten(value, field.shape, field.name)
     if not all(map(math.isfinite, flat)):
         raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
@@ -104,6 +168,8 @@ def _kind(value: object) -> str:
         tuple: "a list",
         int: "a number",
         float: "a number",
+        bytes: "bytes",
+        Buffer: "a buffer",
     }
     return names.get(type(value), f"a {type(value).__name__}")
 
@@ -134,9 +200,18 @@ def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json
     return checked
 
 
+def _holds_bytes(value: object) -> bool:
+    """Binary encodings may hold some anywhere; decoders bound the nesting."""
+    if isinstance(value, dict):
+        return any(map(_holds_bytes, value)) or any(map(_holds_bytes, value.values()))
+    return any(map(_holds_bytes, value)) if isinstance(value, list) else isinstance(value, bytes)
+
+
 def _checked_argument(argument: Argument, value: object) -> Json:
     name = argument.name
     if argument.type == "json":
+        if _holds_bytes(value):
+            raise Refused("bad_argument", f'"{name}" takes no bytes: send them as a text, in base64', name)
         return value  # type: ignore[return-value]  # came from a decoder: it is Json
     if argument.type == "bool":
         if not isinstance(value, bool):
@@ -161,3 +236,46 @@ def _checked_argument(argument: Argument, value: object) -> Json:
     if argument.type == "int" and isinstance(value, int):
         return value  # above 2**53 the float is not exact
     return numbers[0]
+
+
+def check_values(fields: Sequence[Field], values: Sequence[Value]) -> None:
+    """Refuse values that no sensor with these fields gives; a component may be missing (None).
+
+    Raises:
+        ValueError: another number of fields or components, or of another type.
+    """
+    if len(values) != len(fields):
+        raise ValueError(f"{len(values)} values for {len(fields)} fields")
+    for field, value in zip(fields, values, strict=True):
+        if isinstance(value, Buffer):
+            fits = field.is_packed and field.holds(value)
+        else:
+            parts = value if isinstance(value, tuple) else (value,)
+            shaped = len(parts) == field.size and isinstance(value, tuple) == bool(field.shape)
+            fits = shaped and all(part is None or type(part) in _KINDS[field.type] for part in parts)
+        if not fits:
+            raise ValueError(f'"{field.name}" has another type or shape')
+
+
+_KINDS: Mapping[str, tuple[type, ...]] = {
+    "float": (float, int), "int": (int,), "bool": (bool,), "str": (str,), "bytes": (), "buffer": (),
+}  # fmt: skip
+
+
+def check_given(fields: Sequence[Field], given: Items) -> None:
+    """Refuse what is no checked command to these fields.
+
+    Raises:
+        ValueError: another number of fields or components, or of another type.
+        Refused: not finite, or out of range.
+    """
+    if len(given) != len(fields):
+        raise ValueError(f"{len(given)} values for {len(fields)} fields")
+    for field, value in zip(fields, given, strict=True):
+        if value is None:
+            continue
+        numeric = field.type != "str" and not field.is_packed
+        if numeric != isinstance(value, tuple):
+            raise ValueError(f'"{field.name}" is of another type')
+        # Numbers are flat, and one alone is a tuple too.
+        _checked_item(replace(field, shape=(field.size,)) if numeric else field, value)

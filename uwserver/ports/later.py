@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from uwserver.ports.values import Fault, Json, OnReply, Progress, Reply
 
+Answers = list[tuple[OnReply, Reply | Progress]]
+"""Who is to be told what."""
+
 
 class Later:
     """What a long-running service gives instead of a result. Who posted the call adds where its answers go to.
@@ -12,9 +15,10 @@ class Later:
         on_reply: receives them; None for a caller in the same process, who does not wait.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, answers: Answers) -> None:
+        """answers: of the world, which passes them on at the end of the tick."""
         self.on_reply: OnReply | None = None
-        self._answers: list[tuple[OnReply, Reply | Progress]] = []
+        self._answers = answers
 
     def progress(self, fraction: float, t_ns: int) -> None:
         """Tell how far it has come."""
@@ -25,8 +29,3 @@ class Later:
         """Tell how it ended; nothing may follow."""
         if self.on_reply is not None:
             self._answers.append((self.on_reply, Reply(tick, t_ns, result, fault)))
-
-    def taken(self) -> list[tuple[OnReply, Reply | Progress]]:
-        """Answers since the last time."""
-        answers, self._answers = self._answers, []
-        return answers

@@ -8,12 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from msgspec import Struct
+from msgspec import UNSET, Struct, UnsetType
+
+from uwserver.ports.buffer import LARGEST, Buffer, Layout
 
 Scalar = float | int | bool | str | None
 """One component of a field."""
-Value = Scalar | tuple[Scalar, ...]
-"""One field: a scalar, or the row-major components of an array; None where a sensor has no value."""
+Value = Scalar | Buffer | tuple[Scalar, ...]
+"""One field: a scalar, the row-major components of an array, or a buffer; None where a sensor has no value."""
+Item = tuple[float, ...] | str | Buffer
+"""One field of a checked command: numbers (also one alone) are a tuple of floats, bytes a buffer without type."""
+Items = tuple[Item | None, ...]
+"""One entry for each field of an actuator's port; None where the sender left the field out."""
+MOST_BYTES = 1 << 16
+"""Most bytes of a text (UTF-8) or of bytes in a command, where its field says no less."""
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 """Anything a service takes or gives."""
 
@@ -27,8 +35,10 @@ class Field(Struct, frozen=True):
         doc: one sentence.
         frame: frame of a vector's components (N, B, S, or "NB" of a rotation); "" where none applies.
         shape: () for a scalar, (3,) for a vector.
-        type: type of each component.
+        type: type of each component; the values of "bytes" and "buffer" are a `Buffer`, and their shape is ().
         minimum, maximum: limits of each component; a command outside is refused.
+        buffer: type and shape of a buffer's items.
+        max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 4 MiB of a buffer.
     """
 
     name: str
@@ -36,14 +46,37 @@ class Field(Struct, frozen=True):
     doc: str
     frame: str = ""
     shape: tuple[int, ...] = ()
-    type: Literal["float", "int", "bool", "str"] = "float"
+    type: Literal["float", "int", "bool", "str", "bytes", "buffer"] = "float"
     minimum: float | None = None
     maximum: float | None = None
+    buffer: Layout | UnsetType = UNSET
+    max_bytes: int | UnsetType = UNSET
 
     @property
     def is_rotation(self) -> bool:
         """Whether it is a quaternion w x y z between the two frames of its `frame`."""
         return self.shape == (4,) and len(self.frame) == 2
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether its values are bytes or buffers."""
+        return self.type in ("bytes", "buffer")
+
+    def holds(self, buffer: Buffer) -> bool:
+        """Whether a buffer, or plain bytes, may be its value."""
+        return self.type == ("buffer" if buffer.dtype else "bytes") and (not self.buffer or self.buffer.fits(buffer))
+
+    @property
+    def form(self) -> str:
+        """What one value looks like, for people: ``scalar``, ``3``, ``bytes`` or ``uint8 nx512``."""
+        if self.is_packed:
+            return str(self.buffer or "bytes")
+        return "x".join(map(str, self.shape)) or "scalar"
+
+    @property
+    def most_bytes(self) -> int:
+        """Longest text, bytes or buffer of a command."""
+        return self.max_bytes or (LARGEST if self.type == "buffer" else MOST_BYTES)
 
     @property
     def size(self) -> int:
@@ -135,13 +168,13 @@ class Sample(Struct, frozen=True, gc=False):
 
 
 class Command(Struct, frozen=True):
-    """A value for an actuator; `value` holds one float tuple per field of the port (None: field not given), checked against the port.
+    """A value for an actuator; `value` holds one entry per field of the port, checked against it.
 
     `source` names who sent it (adapter and client), so that two commanders of one actuator are seen.
     """
 
     port: str
-    value: tuple[tuple[float, ...] | None, ...]
+    value: Items
     source: str = ""
 
 

@@ -22,19 +22,21 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__
-from uwserver.ports import Call, Command, Event, Field, Port, Sample
-from uwserver.scenario.files.convert import NO_MORE, More, convert_struct
+from uwserver.physics import PHYSICS
+from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
+from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
 from uwserver.scenario.solids.objects import object_params
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
-FORMAT = "uwserver-recording-1"
+FORMAT = "uwserver-recording-2"
+"""Of the requests and hashes; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
 METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
@@ -42,7 +44,14 @@ CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
 _SECRETS = ("token", "password", "secret")
-_JSON_TYPES = {"float": "number", "int": "integer", "bool": "boolean", "str": "string"}
+_JSON_TYPES = {
+    "float": "number",
+    "int": "integer",
+    "bool": "boolean",
+    "str": "string",
+    "bytes": "object",
+    "buffer": "object",
+}
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -61,7 +70,7 @@ class Request(Struct, frozen=True, omit_defaults=True):
     tick: int
     source: str
     port: str = ""
-    value: tuple[tuple[float, ...] | None, ...] = ()
+    value: Items = ()
     service: str = ""
     args: dict[str, Any] = {}
 
@@ -139,6 +148,7 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
     solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
     return {
         "format": FORMAT,
+        "physics": str(PHYSICS),
         **{key: str(value) for key, value in msgspec.structs.asdict(versions_here()).items()},
         "seed": str(seed),
         "timing": msgspec.json.encode(timing).decode(),
@@ -155,22 +165,26 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         more: kinds of the extensions that its scenario uses; their files are not in the recording.
 
     Raises:
-        ValueError: it is of another format, or the scenario in it does not fit this version.
+        ValueError: it is of another format or physics, or the scenario in it does not fit this version.
     """
-    if record.get("format") != FORMAT:
-        raise ValueError(f'the recording is of the format "{record.get("format")}", this uwserver reads {FORMAT}')
+    for name, here in (("format", FORMAT), ("physics", str(PHYSICS))):
+        then = record.get(name, "1")
+        if then != here:
+            made_by = f"uwserver {record.get('uwserver', 'of old')}"
+            text = f"the recording was made by {made_by}, whose {name} is {then}; here it is {here}, and the run would go otherwise"
+            raise ValueError(f"{text}: replay it with that version. MCAP tools and `uwserver plot` read it as before")
     try:
         whole = msgspec.json.decode(record["scenario"])
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
-            raise ValueError(f"its sensors come from {names}: give the file by --extension, if you trust it")
+            raise ValueError(f"its components come from {names}: give the file by --extension, if you trust it")
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         vehicles = {
             name: ResolvedVehicle(
                 name,
                 scenario.vehicles[name],
-                _typed(parts["vehicle"], Vehicle, more),
+                _typed(parts["vehicle"], VehicleFile, more),
                 msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
                 solids.get(f"vehicles/{name}"),
             )
@@ -196,7 +210,7 @@ def _typed(raw: dict[str, Any], type_: Any, more: More) -> Any:
     def fail(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
         raise ValueError(f"{dotted(path)}: {text}")
 
-    return convert_struct(raw, type_, (), fail, more=more)
+    return convert(raw, type_, (), fail, more)
 
 
 def _without_secrets(scenario: dict[str, Any]) -> dict[str, Any]:
@@ -307,6 +321,12 @@ def _field_schema(field: Field) -> dict[str, Any]:
     about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
     # null where a sensor has no value.
     scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
+    if field.is_packed:
+        base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
+        if field.buffer:
+            about += f"; {field.buffer}, row-major, little-endian"
+            base64 |= {"dtype": {"const": field.buffer.dtype}, "shape": {"type": "array", "items": {"type": "integer"}}}
+        return {**scalar, "properties": base64, "description": about}
     if not field.shape:
         return {**scalar, "description": about}
     if len(field.shape) > 1:
@@ -322,6 +342,14 @@ def _field_schema(field: Field) -> dict[str, Any]:
 
 def _schema_of(type_: type) -> dict[str, Any]:
     """A flat JSON schema of a Struct, without references: not every viewer follows them."""
-    schema = msgspec.json.schema(type_)
-    found: dict[str, Any] = schema["$defs"][type_.__name__]
+    known = msgspec.json.schema(type_)["$defs"]
+
+    def flat(node: Any) -> Any:
+        if isinstance(node, list):
+            return [flat(entry) for entry in node]
+        if not isinstance(node, dict):
+            return node
+        return flat(known[node["$ref"].rpartition("/")[2]]) if "$ref" in node else {k: flat(v) for k, v in node.items()}
+
+    found: dict[str, Any] = flat(known[type_.__name__])
     return found

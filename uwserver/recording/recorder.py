@@ -272,9 +272,7 @@ class Recorder:
         self._ending.set()
         thread.join(CLOSE_TIMEOUT_S)
         if thread.is_alive():
-            log.warning(
-                "%s is not written to its end: the disk does not answer; it reads up to its last chunk", self._path
-            )
+            log.warning("%s is incomplete: the disk does not answer; it can be read up to its last chunk", self._path)
         if self._dropped:
             total = self._dropped + self._samples
             log.warning(

@@ -9,11 +9,11 @@ from typing import Any
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.files.convert import NO_MORE, More, Report, check_name, convert, convert_kind, kinds_of
+from uwserver.scenario.files.convert import NO_MORE, Converter, More, Report, check_name, convert, kinds_of
 from uwserver.scenario.files.documents import from_tables
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, did_you_mean
 from uwserver.scenario.load.extensions import extension_kinds
-from uwserver.scenario.load.scenario import scenario_from
+from uwserver.scenario.load.scenario import scenario_tree
 from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.solids.tables import ObjectEntry, Seabed, Structure
 from uwserver.scenario.vehicle.entry import VehicleEntry
@@ -48,7 +48,7 @@ class ScenarioBuilder:
         self.world(rate_hz=rate_hz)
 
     def extension(self, file: str | Path) -> ScenarioBuilder:
-        """A Python file with further kinds of sensor and modifier for the verbs that follow; it is run."""
+        """A Python file with further kinds of component for the verbs that follow; it is run."""
         path = str(Path(file).resolve())
         files, problems = [*self._raw.get("extensions", []), path], list[Problem]()
         label = self._raw["title"] or "scenario"
@@ -128,7 +128,7 @@ class ScenarioBuilder:
         raw = {"kind": kind, **_plain(keys)}
         path = self._sensor(vehicle, sensor)
         path = (*path, "modifiers", name) if stream is None else (*path, "streams", stream, "modifiers", name)
-        self._checked(lambda report: convert_kind(raw, kinds_of(ModifierConfig, self._more), path, report))
+        self._checked(lambda report: Converter(report).kind(raw, kinds_of(ModifierConfig, self._more), path))
         self._put(path, raw)
         return self
 
@@ -144,14 +144,15 @@ class ScenarioBuilder:
 
             self._installed = installed_adapters()
         installed, raw, path = self._installed, {"kind": kind, **_plain(keys)}, ("adapters", name)
-        self._checked(lambda report: convert_kind(raw, installed, path, report))
+        self._checked(lambda report: Converter(report).kind(raw, installed, path))
         self._put(path, raw)
         return self
 
     def build(self) -> Scenario:
         """The scenario; the builder may be used further."""
-        scenario = self._checked(lambda report: scenario_from(self._raw, self._installed or {}, report, self._more))
-        assert isinstance(scenario, Scenario)
+        adapters = self._installed or {}
+        tree = self._checked(lambda report: scenario_tree(self._raw, adapters, Converter(report, self._more)))
+        scenario: Scenario = tree.value
         return scenario
 
     def _sensor(self, vehicle: str, sensor: str) -> KeyPath:

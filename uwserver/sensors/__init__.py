@@ -8,9 +8,8 @@ from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, StreamTable
-from uwserver.sensors.compound import Compound, CompoundConfig
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
+from uwserver.sensors.compound import CompoundConfig
 from uwserver.sensors.motion.attitude import AttitudeConfig
 from uwserver.sensors.motion.gps import GpsConfig
 from uwserver.sensors.motion.imu import ImuConfig
@@ -50,8 +49,8 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "Compound", "CompoundConfig", "ContactConfig",
-    "CtdConfig", "DvlConfig", "GpsConfig", "ImuConfig", "Instrument", "LblConfig", "LeakConfig", "MagnetometerConfig",
+    "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
+    "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
     "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
 ]  # fmt: skip

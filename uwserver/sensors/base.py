@@ -1,22 +1,27 @@
-"""What a sensor is: a pure function of the world at one instant; errors come from modifiers, timing from the world."""
+"""What a sensor is: it reads the world at one instant. Ideal ones are pure functions, whose errors come from modifiers; others have errors,
+settings and timing of their own, as the physics of their errors needs what no value still shows."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
+import numpy as np
+from msgspec import Meta, Struct, structs
 
 from uwserver.environment.earth import Earth
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
-from uwserver.modifiers import ModifierConfig
+from uwserver.modifiers import Measurement, ModifierConfig
+from uwserver.modifiers.base import NOTHING, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.ports import Field, Value
+from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS
@@ -35,7 +40,7 @@ class StreamTable(Table, kw_only=True, frozen=True):
 
 
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What the table of any sensor may hold.
+    """What the table of any sensor may hold; each has ``build(mount) -> Sensor``.
 
     Attributes:
         rate_hz: samples a second; divides the physics rate.
@@ -131,6 +136,10 @@ class Scope:
         x, y, z = self.p_NB
         return (x + dx, y + dy, z + dz)
 
+    def submergence(self, p: Vec3) -> float:
+        """How far a point of N is below the sea surface above it, m; negative in the air."""
+        return p[2] + self.water.elevation(p[0], p[1], self.t)
+
     def attitude(self, q_BS: Quat) -> Quat:
         """q_NS of a frame fixed to the body."""
         return multiply(self.q_NB, q_BS)
@@ -171,20 +180,149 @@ def earlier(p: Vec3, q: Quat, nu: Sequence[float], ago: float) -> tuple[Vec3, Qu
     return (p[0] - vx * ago, p[1] - vy * ago, p[2] - vz * ago), q
 
 
-class Sensor(Protocol):
-    """An ideal sensor; stateless."""
+class Settings(Struct, frozen=True):
+    """What can be changed of a sensor while it runs. SI; the names of its fields are the service's arguments.
+
+    The limits of the types are those within which any value is harmless; the arguments' may be narrower.
+    """
+
+
+Gain = Annotated[float, Meta(ge=-1000, le=1000)]
+"""dB, as a setting."""
+Distance = Annotated[float, Meta(ge=1e-3, le=1e7)]
+"""m, as a setting."""
+SoundSpeed = Annotated[float, Meta(ge=0, le=1e5)]
+"""m/s, as a setting: what the device believes; 0 stands for the truth."""
+
+
+class Latest(Protocol):
+    """A sensor as one sees it that repeats its readings."""
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What a value tuple holds, in order."""
+        """Of its port."""
 
     @property
-    def doc(self) -> str:
-        """One or two sentences for the port."""
+    def held(self) -> tuple[bool, tuple[Value, ...]] | None:
+        """Validity and values of its last reading, errors included; None before the first."""
 
     @property
-    def needs_rates(self) -> bool:
-        """Whether `Scope.nu_dot` and `Scope.tau` must be filled in."""
+    def held_ns(self) -> int:
+        """When that was."""
+
+
+class Sensor(ABC):
+    """What lives in a vehicle and reads. The next reading depends on the world, `settings`, `memory` and random stream, and on nothing else.
+
+    These three are saved with the world. Subclasses set `fields`, `doc` and, where there are settings, `arguments`.
+
+    Attributes:
+        fields: what a reading holds, in order.
+        doc: one or two sentences for the port.
+        needs_rates: whether `Scope.nu_dot` and `Scope.tau` must be filled in.
+        settings: changed by `change` alone.
+        arguments: of the service ``set``, beside `rate_hz`: one for each setting, with its limits.
+        memory: what it keeps from reading to reading.
+        rng: random numbers of its own path; from `start` on.
+        dt: time between readings, s.
+        paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
+        listens: it waits for something that comes between two readings, as told by `wake`.
+        repeats: it repeats what other sensors have just read, and so reads after them.
+    """
+
+    fields: tuple[Field, ...]
+    doc: str
+    needs_rates = False
+    settings: Settings = Settings()
+    arguments: tuple[Argument, ...] = ()
+    memory: Memory = NOTHING
+    rng: np.random.Generator
+    dt = 1.0
+    paces = False
+    listens = False
+    repeats = False
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        """Switched on with random numbers of no path, for one who reads it alone."""
+        if settings is not None:
+            self.settings = settings
+        self.start(np.random.default_rng(0))
+
+    def start(self, rng: np.random.Generator) -> None:
+        """Switch it on: with this random stream, from which it draws what is constant in a run."""
+        self.rng = rng
+        self.memory = self.turn_on()
+
+    def turn_on(self) -> Memory:
+        """The memory at the start of a run."""
+        return NOTHING
+
+    def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats others needs them
+        """Get to know the other sensors of the vehicle, by name; before anything is read."""
+
+    def load_kernels(self) -> None:  # noqa: B027 - most have none
+        """Load what is compiled for the readings now, so that no tick waits for it."""
+
+    @abstractmethod
+    def sense(self, scope: Scope) -> Measurement | None:
+        """The next reading, with the delay of sound and processing; None when the sensor is not ready for one."""
+
+    @property
+    def wake(self) -> float | None:
+        """When (s) it has to be asked, whatever its rate: at the first tick that is not earlier; None while it waits for nothing."""
+        return None
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Whether it could measure, and one value per field, without timing; missing values while it is not ready."""
+        reading = self.sense(scope)
+        return (False, blank(self.fields)) if reading is None else (reading.valid, reading.values)
+
+    def properties(self) -> dict[str, Json]:
+        """The settings, by name."""
+        return structs.asdict(self.settings)
+
+    def change(self, args: Mapping[str, Json]) -> None:
+        """Change settings; all or none.
+
+        Raises:
+            Refused: the settings do not go together.
+        """
+        settings = structs.replace(self.settings, **args)
+        self.check(settings)
+        self.settings = settings
+
+    def check(self, settings: Settings) -> None:  # noqa: B027 - most have nothing to check
+        """Raise Refused where single limits do not say it all."""
+
+    def valid(self, record: Memory | Settings) -> None:
+        """Raise ValueError where a record of another run, though of the right types, cannot be the memory or the settings of this sensor."""
+        if isinstance(record, Memory):
+            check_lengths(record, self.memory)
+            return
+        try:
+            self.check(record)
+        except Refused as refused:
+            raise ValueError(str(refused)) from None
+
+
+class IdealSensor(Sensor):
+    """A sensor without errors, timing and memory of its own, a pure function of the world at one instant: subclasses write `measure` alone."""
+
+    @abstractmethod
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Whether it could measure, and one value per field."""
+
+    def sense(self, scope: Scope) -> Measurement:
+        """What it measures, at once."""
+        valid, values = self.measure(scope)
+        return Measurement(values, valid)
+
+
+def blank(fields: tuple[Field, ...]) -> list[Value]:
+    """Values of a reading that found nothing."""
+    return [(None,) * field.size if field.shape else None for field in fields]
+
+
+def out_of_range(name: str, text: str) -> Refused:
+    """The refusal of a setting."""
+    return Refused("out_of_range", text, name)

@@ -3,34 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from msgspec import Meta, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Latest, Pose, Scope, Sensor, SensorTable
 from uwserver.table import Name
 from uwserver.units import NANOSECONDS
 
-_AGE = Field("age", "s", "of the oldest reading in the message")
-
-
-class Latest(Protocol):
-    """A sensor as the compound sees it."""
-
-    @property
-    def fields(self) -> tuple[Field, ...]:
-        """Of its port."""
-
-    @property
-    def held(self) -> tuple[bool, tuple[Value, ...]] | None:
-        """Validity and values of its last reading, errors included; None before the first."""
-
-    @property
-    def held_ns(self) -> int:
-        """When that was."""
+_AGE = Field("age", "s", "age of the oldest reading in the message")
 
 
 class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
@@ -43,24 +26,25 @@ class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
     members: Annotated[tuple[Name, ...], Meta(min_length=1)]
 
     def build(self, mount: Pose) -> Compound:
-        """The instrument, without its members: `Compound.join` adds them."""
+        """The instrument, without its members: `join` adds them."""
         return Compound(self)
 
 
-class Compound(Instrument):
+class Compound(Sensor):
     """Measured after all other sensors of a tick, so that the message holds what is newest."""
 
     fields: tuple[Field, ...] = (_AGE,)
+    repeats = True
 
     def __init__(self, config: CompoundConfig) -> None:
         self.members = config.members
         self.doc = f"The last readings of {', '.join(config.members)} in one message; valid when all of them are."
         self._parts: tuple[Latest, ...] = ()
-        super().__init__(Settings())
+        super().__init__()
 
-    def join(self, parts: Mapping[str, Latest]) -> None:
-        """Take in the members; the fields are theirs, each with the member's name in front."""
-        self._parts = tuple(parts[name] for name in self.members)
+    def join(self, others: Mapping[str, Latest]) -> None:
+        """Find the members; the fields are theirs, each with the member's name in front."""
+        self._parts = tuple(others[name] for name in self.members)
         fields = [_AGE]
         for name, part in zip(self.members, self._parts, strict=True):
             fields.append(Field(f"{name}_valid", "1", f"whether {name} could measure", type="bool"))

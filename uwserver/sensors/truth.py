@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Scope, Sensor
+from uwserver.sensors.base import IdealSensor, Scope, Sensor
 from uwserver.table import Positive, Table
 
 
@@ -15,11 +15,10 @@ class Truth(Table, kw_only=True, frozen=True):
     rate_hz: Positive = 20.0
 
 
-class TruthPose:
+class TruthPose(IdealSensor):
     """Exact pose."""
 
     doc = "Exact pose of the body origin."
-    needs_rates = False
     fields = (
         Field("p_NB", "m", "position of the body origin", "N", (3,)),
         Field("q_NB", "1", "attitude, w x y z", "NB", (4,)),
@@ -30,11 +29,10 @@ class TruthPose:
         return True, [scope.p_NB, scope.q_NB]
 
 
-class TruthVelocity:
+class TruthVelocity(IdealSensor):
     """Exact velocity nu."""
 
     doc = "Exact velocity of the body origin relative to N."
-    needs_rates = False
     fields = (
         Field("v_NB_B", "m/s", "surge, sway, heave velocity", "B", (3,)),
         Field("w_NB_B", "rad/s", "roll, pitch, yaw rate", "B", (3,)),
@@ -45,7 +43,7 @@ class TruthVelocity:
         return True, [scope.v_NB_B, scope.w_NB_B]
 
 
-class TruthAcceleration:
+class TruthAcceleration(IdealSensor):
     """Exact derivative of nu."""
 
     doc = "Exact time derivative of the body-fixed velocity components."
@@ -60,7 +58,7 @@ class TruthAcceleration:
         return True, [scope.nu_dot[:3], scope.nu_dot[3:]]
 
 
-class TruthWrench:
+class TruthWrench(IdealSensor):
     """Force and moment of all actuators."""
 
     doc = "Force and moment of all actuators about the body origin (thrust with lag, inflow and immersion; applied wrenches)."

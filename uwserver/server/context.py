@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 import msgspec
 
 from uwserver import __version__
-from uwserver.adapter import AdapterStats, Driver, Order, Subscriber
+from uwserver.adapter import AdapterStats, Driver, Order, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
 from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox
-from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import Simulation
+from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
 CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
@@ -20,7 +23,7 @@ CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
 LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
-    Service("world/shutdown", "End the server in order, recording intact."),
+    Service("world/shutdown", "Shut the server down in an orderly way, with the recording intact."),
 )
 
 
@@ -32,6 +35,7 @@ class Hub:
         server: name of the server.
         shutdown: begins an orderly end of the server.
         status: the `world/status` answer.
+        files: saved states.
     """
 
     server: str
@@ -40,6 +44,7 @@ class Hub:
     mailbox: Mailbox
     shutdown: Callable[[str], None]
     status: Callable[[], dict[str, Json]]
+    files: StateFiles
     stats: dict[str, AdapterStats] = field(default_factory=dict)
 
     @property
@@ -65,6 +70,21 @@ class Context:
         self._ports: dict[str, Port] = {}
         self._seen_services: Mapping[str, Service] | None = None
         self._services: dict[str, Service] = {}
+
+    @property
+    def world(self) -> WorldFacts:
+        """The world as it is now."""
+        simulation = self._hub.simulation
+        world = simulation.world
+        return WorldFacts(
+            server=self._hub.server,
+            scenario=world.name,
+            rate_hz=float(world.rate_hz),
+            epoch_utc=world.epoch_utc,
+            mode=simulation.timing.mode,
+            speed=simulation.pace.speed,
+            vehicles=tuple(VehicleFacts(vehicle.name, vehicle.model) for vehicle in world.vehicles.values()),
+        )
 
     @property
     def ports(self) -> Mapping[str, Port]:
@@ -135,6 +155,9 @@ class Context:
         source = f"{self.name}:{source}"
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
+            return _too_late
+        if service in (SAVE.path, LOAD.path) and checked["name"]:
+            self._hub.files.call(service, checked, source, on_reply)
             return _too_late
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply)

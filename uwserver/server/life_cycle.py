@@ -11,18 +11,21 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from msgspec import UNSET
 
 from uwserver.adapter import AdapterStats, load_adapter
-from uwserver.ports import Event, Json
+from uwserver.ports import Event, Json, Progress, Reply
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.server.context import Context, Hub
-from uwserver.server.status import Metrics, Monitor, serve_http
+from uwserver.server.http import serve_http
+from uwserver.server.state_files import StateFiles
+from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation
@@ -46,6 +49,8 @@ class Options:
         timing: how time passes; None as in the scenario.
         record: file to write.
         until_s: end the server when simulation time reaches this.
+        begin: a saved state to start from.
+        save_at: times (s) at which to save the state, and the files.
         announce: called once peers can connect, with the addresses by adapter name.
     """
 
@@ -53,11 +58,13 @@ class Options:
     timing: Timing | None = None
     record: Path | None = None
     until_s: float | None = None
+    begin: bytes | None = None
+    save_at: tuple[tuple[float, Path], ...] = ()
     announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
 
 
 class StartFailed(Exception):
-    """A required adapter could not start; the text names it and why."""
+    """A required adapter could not start, or a saved state does not fit; the text names it and why."""
 
 
 def timing_of(resolved: Resolved) -> Timing:
@@ -84,7 +91,8 @@ class Server:
         self._simulation = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
         self._monitor = Monitor(lambda: self._hub, time.now_ns)
         name = resolved.scenario.server.name
-        self._hub = Hub(name, self._simulation, bus, mailbox, self.shutdown, self._status)
+        files = StateFiles(_state_folder(resolved), self._simulation, mailbox, self._call_soon)
+        self._hub = Hub(name, self._simulation, bus, mailbox, self.shutdown, self._status, files)
         self._recorder = Recorder(options.record, world, resolved) if options.record else None
 
     @property
@@ -113,6 +121,11 @@ class Server:
             stack.enter_context(self._signals())
             if self._recorder is not None:
                 stack.enter_context(self._recorder.running(self._simulation, self._hub.bus))
+            if self._options.begin is not None:
+                refused = self._simulation.begin_from(self._options.begin)
+                if refused:
+                    raise StartFailed(f"the run cannot begin from the saved state: {refused}")
+            self._save_at()
             await self._start_http(stack)
             tasks = await self._start_adapters()
             stack.push_async_callback(_cancel, tasks)
@@ -133,6 +146,7 @@ class Server:
             await self._loop.run_in_executor(None, thread.join, STOP_TIMEOUT_S)
             self._hub.bus.say(event)
             self._hub.bus.dispatch()
+            await self._hub.files.finish()
         return 1 if self._simulation.failure else 0
 
     # -- parts ----------------------------------------------------------------------------------------------------------------------
@@ -142,6 +156,13 @@ class Server:
         # After an orderly stop this says nothing new.
         reason = self._simulation.failure or f"simulation time reached {self._options.until_s} s"
         self._call_soon(lambda: self.shutdown(reason))
+
+    def _save_at(self) -> None:
+        for t_s, path in self._options.save_at:
+            tick = self._simulation.tick_at(t_s)
+            if tick < self._simulation.world.tick:
+                raise StartFailed(f"the state at {t_s:g} s cannot be saved: the run begins later")
+            self._simulation.appoint(tick, partial(self._hub.files.save_now, path, _told))
 
     def _call_soon(self, function: Callable[[], None]) -> None:
         # The loop is closed already when the last replies of a stopped simulation come.
@@ -250,6 +271,19 @@ class Server:
         finally:
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._loop.remove_signal_handler(number)
+
+
+def _state_folder(resolved: Resolved) -> Path | None:
+    """Beside the scenario's file, unless it is absolute."""
+    name = resolved.scenario.server.state_folder
+    if not name:
+        return None
+    return (Path.cwd() if resolved.path is None else resolved.path.parent) / name
+
+
+def _told(answer: Reply | Progress) -> None:
+    if isinstance(answer, Reply) and answer.fault is not None:
+        log.error("%s", answer.fault.text)
 
 
 async def _relay(again: asyncio.Event, ready: asyncio.Event, stats: AdapterStats) -> None:

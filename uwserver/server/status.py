@@ -1,12 +1,9 @@
-"""What a server tells of itself: `world/status`, ``/health`` and ``/metrics``."""
+"""What a server tells of itself: `world/status`, and the metrics of Prometheus."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
-import logging
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from uwserver.ports import Json
@@ -16,10 +13,6 @@ from uwserver.units import NANOSECONDS
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
-
-log = logging.getLogger(__name__)
-
-_REQUEST_TIMEOUT_S = 5.0
 
 
 class Monitor:
@@ -112,12 +105,16 @@ class Metrics:
             "uwserver_real_time_factor", "Simulated over wall time.", self._monitor.real_time_factor
         )
         yield GaugeMetricFamily("uwserver_paused", "1 while time stands still.", int(simulation.paused))
-        yield CounterMetricFamily("uwserver_overruns", "Times the deadlines started anew.", simulation.pace.overruns)
+        yield CounterMetricFamily(
+            "uwserver_overruns", "Times the clock fell behind and started anew.", simulation.pace.overruns
+        )
         yield CounterMetricFamily(
             "uwserver_bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped
         )
         conflicts = sum(slot.conflicts for slot in simulation.world.actuators.values())
-        yield CounterMetricFamily("uwserver_command_conflicts", "Commands against another commander.", conflicts)
+        yield CounterMetricFamily(
+            "uwserver_command_conflicts", "Commands to an actuator that somebody else commands too.", conflicts
+        )
         for name, doc in _ADAPTER_COUNTERS.items():
             family = CounterMetricFamily(f"uwserver_adapter_{name}", doc, labels=["adapter"])
             for adapter, stats in self._hub.stats.items():
@@ -138,42 +135,3 @@ _ADAPTER_COUNTERS = {
     "dropped": "Samples dropped for slow peers.",
     "restarts": "Restarts after a failure.",
 }
-
-
-@contextlib.asynccontextmanager
-async def serve_http(
-    bind: str, port: int, status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]
-) -> AsyncIterator[int]:
-    """Serve ``/health`` (200, or 503 after a failure) and ``/metrics`` while the context is open; gives the bound port."""
-
-    async def respond(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(
-            OSError, asyncio.TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ValueError
-        ):
-            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _REQUEST_TIMEOUT_S)
-            writer.write(_response(head.split()[1:2], status, metrics))
-            await asyncio.wait_for(writer.drain(), _REQUEST_TIMEOUT_S)
-        writer.close()
-
-    server = await asyncio.start_server(respond, bind, port, limit=8192)
-    try:
-        yield server.sockets[0].getsockname()[1]
-    finally:
-        server.close()
-        await server.wait_closed()
-
-
-def _response(path: list[bytes], status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]) -> bytes:
-    if path == [b"/metrics"]:
-        return _http("200 OK", "text/plain; version=0.0.4; charset=utf-8", metrics())
-    if path == [b"/health"]:
-        now = status()
-        return _http(
-            "503 Service Unavailable" if now["failure"] else "200 OK", "application/json", json.dumps(now).encode()
-        )
-    return _http("404 Not Found", "text/plain", b"there are /health and /metrics here\n")
-
-
-def _http(status: str, kind: str, body: bytes) -> bytes:
-    head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
-    return head.encode() + body

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from uwserver.logs import place_of
-from uwserver.ports import Argument, Call, Command, Event, Json, OnReply, Progress, Refused, Reply, Service
+from uwserver.ports import Call, Command, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
 from uwserver.units import NANOSECONDS
+from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
 
 log = logging.getLogger(__name__)
@@ -75,6 +76,7 @@ class Simulation:
         self._next_progress = 0
         self._jumps = world.jumps
         self._observer: Observer | None = None
+        self._appointments: list[tuple[int, Callable[[], None]]] = []
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -92,8 +94,27 @@ class Simulation:
         self._steering.append(action)
         self.mailbox.wake.set()
 
+    def appoint(self, tick: int, action: Callable[[], None]) -> None:
+        """Let the simulation thread do something quick as soon as the world stands at a tick, or behind it. Before `run`."""
+        self._appointments.append((tick, action))
+
+    def begin_from(self, data: bytes) -> str:
+        """Go to a saved state, as by a call of the first tick, so that a recording holds it. Before `run`.
+
+        Returns:
+            Why that was refused; "" where it was not.
+        """
+        replies: list[Reply | Progress] = []
+        self._submit(Call("world/load", in_one_piece(data), "begin"), replies.append)
+        output = self.world.flush()
+        for on_reply, reply in output.replies:
+            on_reply(reply)
+        self._follow_jump()
+        faults = [reply.fault for reply in replies if isinstance(reply, Reply) and reply.fault is not None]
+        return faults[0].text if faults else ""
+
     def call(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
-        """Start a service of the clock (`CLOCK_SERVICES`) with checked arguments; `client` is a name of the barrier, or "".
+        """Start a service of the clock (`uwserver.simulation.services`) with checked arguments; `client` is a name of the barrier, or "".
 
         Returns:
             Its cancel function.
@@ -120,6 +141,7 @@ class Simulation:
         gc.collect()
         gc.freeze()
         try:
+            self._keep_appointments()
             while not self._is_over():
                 self._turn()
         except Exception as error:
@@ -140,7 +162,7 @@ class Simulation:
         for posted in self.mailbox.take():
             if posted.on_reply is not None:
                 self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
-        for on_reply, answer in self.world.pilots.end(refused.fault.text):
+        for on_reply, answer in self.world.end(refused.fault.text):
             self.bus.reply(on_reply, answer)
 
     def _is_over(self) -> bool:
@@ -193,8 +215,14 @@ class Simulation:
             self._observer.ticked(self.world)
         self.bus.publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
+        self._keep_appointments()
         if self._goals:
             self._check_goals()
+
+    def _keep_appointments(self) -> None:
+        for appointment in [each for each in self._appointments if each[0] <= self.world.tick]:
+            self._appointments.remove(appointment)
+            appointment[1]()
 
     def _take_posted(self) -> None:
         for posted in self.mailbox.take():
@@ -348,26 +376,3 @@ class Simulation:
     def _say(self, event: Literal["paused", "resumed"], text: str) -> None:
         log.info("%s in tick %d: %s", event, self.world.tick, text)
         self.bus.say(Event(event, self.world.tick, self.world.t_ns, text))
-
-
-CLOCK_SERVICES = (
-    Service("world/pause", "Stop time. Calls are still answered."),
-    Service("world/resume", "Let time go on."),
-    Service(
-        "world/step",
-        "Paused: run n ticks as fast as possible, then reply. Lockstep: let time go n ticks on from this client's side, reply when it did.",
-        (Argument("n", "int", "ticks", required=False, default=1, minimum=1, maximum=1e9),),
-        long_running=True,
-    ),
-    Service(
-        "world/run_until",
-        "Reply when simulation time has reached t_s; a paused world runs until then and is paused again.",
-        (Argument("t_s", "float", "simulation time", "s", minimum=0.0, maximum=1e9),),
-        long_running=True,
-    ),
-    Service(
-        "world/set_speed",
-        "Simulated seconds per second of the wall clock (mode realtime).",
-        (Argument("speed", "float", "speed factor", minimum=1e-3, maximum=1000.0),),
-    ),
-)

@@ -1,12 +1,14 @@
-"""Public testing kit for those who write adapters, codecs, sensors and modifiers.
+"""Public testing kit for those who write adapters, codecs and components.
 
 - `check_adapter` (`uwserver.testing.adapters`): the conformance suite that every adapter of uwserver passes; run it on yours:
 
       asyncio.run(check_adapter(MyAdapter, MyAdapter.Config(port=0), connect=TcpPeer.connect, greeting=b"subscribe everything"))
 
+  With `requests=Requests(...)`, how a peer calls a service, it also covers leaving in the middle of a call, cancel, time-out and flood.
 - `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
 - `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
 - `check_modifier` (`uwserver.testing.modifiers`): the contract of a modifier, from its config.
+- `check_actuator`, `check_current` (`uwserver.testing.actuators`, `currents`): likewise.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
 - `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
 - `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads when the test says so.
@@ -15,8 +17,11 @@
 All checks raise AssertionError with a text that says what the contract wants; none needs pytest.
 """
 
-from uwserver.testing.adapters import TcpPeer, check_adapter
+from uwserver.testing.actuators import check_actuator
+from uwserver.testing.adapter_kit import Requests, TcpPeer
+from uwserver.testing.adapters import check_adapter
 from uwserver.testing.codecs import CodecCase, check_codec
+from uwserver.testing.currents import check_current
 from uwserver.testing.fake_context import FakeContext, sample_of
 from uwserver.testing.fake_geometry import FakeGeometry
 from uwserver.testing.loopback import Loopback
@@ -25,6 +30,6 @@ from uwserver.testing.modifiers import check_modifier
 from uwserver.testing.sensors import check_sensor
 
 __all__ = [
-    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "TcpPeer",
-    "check_adapter", "check_codec", "check_modifier", "check_sensor", "sample_of",
+    "CodecCase", "FakeContext", "FakeGeometry", "Loopback", "MockTime", "Requests", "TcpPeer",
+    "check_actuator", "check_adapter", "check_codec", "check_current", "check_modifier", "check_sensor", "sample_of",
 ]  # fmt: skip

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import socket
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol, get_args, get_type_hints
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 
 from uwserver.adapter import AdapterTable
 from uwserver.ports import Event, Port, Sample
+from uwserver.testing.adapter_kit import AdapterKit, Connect, Requests, cancelled, running, send, until
+from uwserver.testing.call_checks import (
+    check_cancel,
+    check_did_you_mean,
+    check_flood,
+    check_leaves_in_the_middle_of_a_call,
+    check_time_out,
+)
 from uwserver.testing.fake_context import TICK_NS, FakeContext, sample_of
 from uwserver.testing.traces import Traces, assert_no_traces
 
-START_S = 10.0
-"""Wall time to become ready."""
-CANCEL_S = 1.0
-"""Wall time to end once cancelled."""
-SETTLE_S = 5.0
-"""Wall time in which an adapter has noticed what its peer did."""
 GARBAGE = (
     b"\x00" * 64,
     b"\xff" * 64,
@@ -32,109 +31,6 @@ GARBAGE = (
 )
 _TICKS_TO_SLOW_PEER = 30_000
 _TICKS_ONCE_SLOW = 2000
-_RECEIVE_BUFFER = 4096
-
-
-class Peer(Protocol):
-    """The other side of an adapter, as the suite needs it. It reads nothing of itself."""
-
-    async def send(self, data: bytes) -> None:
-        """Send raw bytes; may raise OSError when the adapter has closed."""
-
-    async def close(self) -> None:
-        """End the connection; never raises OSError."""
-
-
-Connect = Callable[[FakeContext], Awaitable[Peer]]
-"""Connects a peer to the running adapter of a context (``context.stats.address`` tells where)."""
-
-
-@dataclass
-class AdapterKit:
-    """What is checked.
-
-    Attributes:
-        adapter_class, config: as the server would make it; the config takes a free port and loopback.
-        connect: makes a peer.
-        greeting: bytes with which a peer asks for samples, b"" when they come unasked.
-        make_context: ports and services to serve.
-    """
-
-    adapter_class: type[Any]
-    config: AdapterTable
-    connect: Connect
-    greeting: bytes = b""
-    make_context: Callable[[], FakeContext] = field(default=FakeContext)
-
-    @property
-    def kind(self) -> str:
-        """As the scenario names it."""
-        return str(self.config.__struct_config__.tag)
-
-
-@dataclass
-class Running:
-    """A started adapter."""
-
-    kit: AdapterKit
-    context: FakeContext
-    task: asyncio.Task[None]
-    peers: list[Peer] = field(default_factory=list)
-
-    async def connect(self) -> Peer:
-        """A peer; closed after the adapter has ended, if the check has not done so."""
-        peer = await asyncio.wait_for(self.kit.connect(self.context), SETTLE_S)
-        self.peers.append(peer)
-        return peer
-
-    async def subscriber(self) -> Peer:
-        """A peer that has asked for samples."""
-        peer = await self.connect()
-        await _send(peer, self.kit.greeting)
-        await asyncio.sleep(0.05)
-        return peer
-
-    def assert_alive(self, after: str) -> None:
-        """It still runs."""
-        if self.task.done():
-            error = None if self.task.cancelled() else self.task.exception()
-            raise AssertionError(
-                f"the adapter ended after {after}: {error!r}; run() serves until it is cancelled"
-            ) from error
-
-
-class TcpPeer:
-    """A peer of an adapter that listens on TCP at ``host:port`` of its `stats.address`."""
-
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.reader = reader
-        self.writer = writer
-
-    @classmethod
-    async def connect(cls, context: FakeContext) -> TcpPeer:
-        """Connect; the peer takes in little that nobody reads, so that a slow reader is seen soon."""
-        host, _, port = context.stats.address.rpartition(":")
-        host = host.strip("[]")
-        stream = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
-        stream.setblocking(False)
-        stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-        try:
-            await asyncio.get_running_loop().sock_connect(stream, (host, int(port)))
-        except BaseException:
-            stream.close()
-            raise
-        return cls(*await asyncio.open_connection(sock=stream, limit=_RECEIVE_BUFFER))
-
-    async def send(self, data: bytes) -> None:
-        """Send raw bytes."""
-        self.writer.write(data)
-        await self.writer.drain()
-
-    async def close(self) -> None:
-        """Close at once."""
-        self.writer.transport.abort()
-        with contextlib.suppress(OSError):
-            await self.writer.wait_closed()
 
 
 async def check_adapter(
@@ -144,6 +40,7 @@ async def check_adapter(
     connect: Connect,
     greeting: bytes = b"",
     make_context: Callable[[], FakeContext] = FakeContext,
+    requests: Requests | None = None,
 ) -> list[str]:
     """Run every check of `CHECKS` and return their names.
 
@@ -152,11 +49,12 @@ async def check_adapter(
         connect: makes a peer of the running adapter, for instance `TcpPeer.connect`.
         greeting: bytes with which a peer asks for samples; b"" when they come unasked.
         make_context: ports and services to serve, default those of `FakeContext`.
+        requests: how a peer calls services; None for a protocol that has no calls.
 
     Raises:
         AssertionError: the text names the check, what is wrong, and what the contract says.
     """
-    kit = AdapterKit(adapter_class, config, connect, greeting, make_context)
+    kit = AdapterKit(adapter_class, config, connect, greeting, make_context, requests)
     for name, check in CHECKS.items():
         before = Traces.now()
         try:
@@ -165,53 +63,6 @@ async def check_adapter(
             raise AssertionError(f'adapter "{kit.kind}", {name}: {error}') from error
         await assert_no_traces(before, f'adapter "{kit.kind}", {name}')
     return list(CHECKS)
-
-
-@contextlib.asynccontextmanager
-async def running(kit: AdapterKit) -> AsyncIterator[Running]:
-    """A started adapter; cancelled at the end, which must take less than a second."""
-    context = kit.make_context()
-    ready = asyncio.Event()
-    task: asyncio.Task[None] = asyncio.get_running_loop().create_task(kit.adapter_class(kit.config, context).run(ready))
-    started = Running(kit, context, task)
-    try:
-        waiting = asyncio.ensure_future(ready.wait())
-        await asyncio.wait([task, waiting], timeout=START_S, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
-        started.assert_alive("its start")
-        assert ready.is_set(), f"ready was not set within {START_S:g} s: set it once peers can connect"
-        yield started
-        started.assert_alive("the check")
-    finally:
-        try:
-            await _cancelled(task)
-        finally:
-            for peer in started.peers:
-                await peer.close()
-
-
-async def _cancelled(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    await asyncio.wait([task], timeout=CANCEL_S)
-    assert task.done(), (
-        f"run() has not ended {CANCEL_S:g} s after it was cancelled: do not swallow CancelledError, do not wait for peers"
-    )
-    if not task.cancelled():
-        task.exception()  # marks it as seen; `assert_alive` has told of it
-
-
-async def until(condition: Callable[[], object], what: str) -> None:
-    """Wait for a condition; raises AssertionError with `what` when it does not come true in `SETTLE_S`."""
-    loop = asyncio.get_running_loop()
-    end = loop.time() + SETTLE_S
-    while not condition():
-        assert loop.time() < end, f"{what} (waited {SETTLE_S:g} s)"
-        await asyncio.sleep(0.005)
-
-
-async def _send(peer: Peer, data: bytes) -> None:
-    with contextlib.suppress(OSError):  # the adapter may hang up on a peer that misbehaves
-        await asyncio.wait_for(peer.send(data), SETTLE_S)
 
 
 # -- the checks ---------------------------------------------------------------------------------------------------------------------
@@ -258,7 +109,7 @@ async def check_cancelled_at_once(kit: AdapterKit) -> None:
         kit.adapter_class(kit.config, context).run(asyncio.Event())
     )
     await asyncio.sleep(0)
-    await _cancelled(task)
+    await cancelled(task)
     assert not context.subscribers, "the subscriber is still attached after run() was cancelled during its start"
 
 
@@ -275,7 +126,7 @@ async def check_garbage(kit: AdapterKit) -> None:
     async with running(kit) as adapter:
         for junk in GARBAGE:
             peer = await adapter.connect()
-            await _send(peer, junk)
+            await send(peer, junk)
             adapter.context.emit()
             await peer.close()
             adapter.assert_alive(f"the garbage {junk[:20]!r}")
@@ -288,7 +139,7 @@ async def check_half_message(kit: AdapterKit) -> None:
     async with running(kit) as adapter:
         for cut in range(1, max(2, len(kit.greeting)), 7):
             peer = await adapter.connect()
-            await _send(peer, kit.greeting[:cut] or b"x")
+            await send(peer, kit.greeting[:cut] or b"x")
             await peer.close()
         await until(lambda: adapter.context.stats.peers == 0, "stats.peers does not return to 0 after half messages")
 
@@ -367,6 +218,11 @@ CHECKS: Mapping[str, Callable[[AdapterKit], Awaitable[None]]] = {
         check_strange_samples,
         check_events,
         check_restarts,
+        check_leaves_in_the_middle_of_a_call,
+        check_cancel,
+        check_time_out,
+        check_flood,
+        check_did_you_mean,
     )
 }
 """The suite, by name; each can be run on its own with an `AdapterKit`."""

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
+import numpy as np
 
-from uwserver.adapter import AdapterStats, Driver, Subscriber
+from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Argument,
+    Buffer,
     Command,
     Event,
     Field,
@@ -57,6 +59,16 @@ THRUSTERS = Port(
     timeout_s=1.0,
 )
 PORTS = (IMU, DEPTH, THRUSTERS)
+WORLD = WorldFacts(
+    server="uwserver",
+    scenario="fake",
+    rate_hz=1e9 / TICK_NS,
+    epoch_utc="2024-01-01T00:00:00Z",
+    mode="lockstep",
+    speed=1.0,
+    vehicles=(VehicleFacts("rov", "fake"),),
+)
+"""In lockstep, so that drivers are asked; adapters without one see no difference."""
 
 SERVICES = (
     Service("world/status", "State of the world.", reads_only=True),
@@ -98,6 +110,7 @@ class FakeContext:
     turn of the loop (services that only read: at once). All on the loop.
 
     Attributes:
+        world: facts of the world.
         ports, services: what there is, by path; replaced by `set_ports`.
         scripts: what a service answers, by path; null for the others.
         held: services and actuator ports whose answers wait for the test, by path.
@@ -112,6 +125,7 @@ class FakeContext:
 
     name: str = "fake"
     stats: AdapterStats = field(default_factory=AdapterStats)
+    world: WorldFacts = WORLD
     ports: Mapping[str, Port] = field(default_factory=lambda: {port.path: port for port in PORTS})
     services: Mapping[str, Service] = field(default_factory=lambda: {service.path: service for service in SERVICES})
     scripts: dict[str, Script] = field(default_factory=dict)
@@ -134,8 +148,13 @@ class FakeContext:
         """Ports and services that match."""
         self.described.append(pattern)
         return {
-            "server": {"name": "uwserver", "version": "test"},
-            "world": {"scenario": "fake", "rate_hz": 1e9 / TICK_NS, "epoch_utc": "2024-01-01T00:00:00Z", "seed": 1},
+            "server": {"name": self.world.server, "version": "test"},
+            "world": {
+                "scenario": self.world.scenario,
+                "rate_hz": self.world.rate_hz,
+                "epoch_utc": self.world.epoch_utc,
+                "seed": 1,
+            },
             "ports": msgspec.to_builtins([port for path, port in self.ports.items() if matches(pattern, path)]),
             "services": msgspec.to_builtins([s for path, s in self.services.items() if matches(pattern, path)]),
         }
@@ -295,6 +314,11 @@ def _value(field: Field, base: float, valid: bool) -> Value:
         components = [int(base) + component for component in range(field.size)]
     elif field.type == "bool":
         components = [component % 2 == 0 for component in range(field.size)]
+    elif field.buffer:
+        shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
+        return Buffer.of(np.full(shape, base % 128, field.buffer.dtype)) if valid else None
+    elif field.type == "bytes":
+        return Buffer(data=f"{field.name} {base}".encode()) if valid else None
     else:
         components = [f"{field.name}{component}" for component in range(field.size)]
     if not valid:

@@ -1,4 +1,4 @@
-"""The conformance suite for sensors: a pure function of the world at one instant, whose values fit its declared fields."""
+"""The conformance suite for sensors: functions of the world, of a memory that can be saved and of a random stream, whose values fit their fields."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from uwserver.environment.water import Water
@@ -16,6 +17,8 @@ from uwserver.modifiers import (
     Drift,
     GaussMarkov,
     Measurement,
+    Memory,
+    Modifier,
     ModifierConfig,
     Outlier,
     Quantise,
@@ -23,9 +26,8 @@ from uwserver.modifiers import (
     Stream,
     WhiteNoise,
 )
-from uwserver.ports import Field, Value
+from uwserver.ports import Buffer, Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
-from uwserver.sensors.instrument import Instrument
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
@@ -33,7 +35,16 @@ MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
 WATER = Water(density=1025.0, gravity=9.81, temperature=12.0, atmospheric_pressure=101325.0, current=(0.3, -0.1, 0.05))
 BOTTOM = FakeGeometry([Plane((0.0, 0.0, 30.0), (0.0, 0.0, -1.0))])
 """A flat bottom in 30 m."""
-_TYPES: dict[str, type | tuple[type, ...]] = {"float": (float, int), "int": int, "bool": bool, "str": str}
+_PLAIN = (bool, int, float, str, bytes, type(None))
+_RUN, _STEP_NS = 20, 100_000_000
+_TYPES: dict[str, type | tuple[type, ...]] = {
+    "float": (float, int),
+    "int": int,
+    "bool": bool,
+    "str": str,
+    "bytes": Buffer,
+    "buffer": Buffer,
+}
 
 
 def scopes() -> list[Scope]:
@@ -76,6 +87,8 @@ def check_sensor(config: SensorTable, *, mount: Pose = MOUNT, instants: Sequence
     asked = scopes() if instants is None else instants
     for scope in asked:
         _check_instant(kind, sensor, build(mount), scope)
+    for scope in asked[:: max(1, len(asked) // 4)]:
+        _check_memory(f'sensor "{kind}"', config, mount, scope)
     for field in sensor.fields:
         if field.type == "float" and not field.is_rotation:
             _check_modifiers(kind, sensor, field, asked)
@@ -121,6 +134,8 @@ def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], v
             assert fits, (
                 f'{where}, field "{field.name}": {component!r} is a {type(component).__name__}, declared {field.type}'
             )
+            if isinstance(component, Buffer):
+                assert field.holds(component), f'{where}, field "{field.name}": {component!r}, declared {field.form}'
             if valid and isinstance(component, float):
                 assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
 
@@ -142,10 +157,53 @@ def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> Non
 
 
 def measured(sensor: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
-    """What a sensor says; an instrument, which is a function of its memory and random stream too, when just switched on with the same one."""
-    if isinstance(sensor, Instrument):
-        sensor.start(np.random.default_rng(0))
+    """What a sensor says that was just switched on with the same random stream: it is a function of its memory and of that too."""
+    sensor.start(np.random.default_rng(0))
     return sensor.measure(scope)
+
+
+def kept(kind: str, component: Sensor | Modifier) -> Memory:
+    """The memory of a component as it comes back from a file.
+
+    Raises:
+        AssertionError: it is no record of plain values, or leaves its own limits.
+    """
+    memory = component.memory
+    assert isinstance(memory, Memory), f"{kind}: memory is a uwserver.modifiers.Memory, not {memory!r}"
+    assert _is_plain(memory), f"{kind}: its memory holds more than plain values and tuples of them: {memory!r}"
+    try:
+        record = msgspec.msgpack.decode(msgspec.msgpack.encode(memory), type=type(memory))
+        component.valid(record)
+    except ValueError as error:
+        raise AssertionError(f"{kind}: its memory leaves its own limits: {memory!r}: {error}") from None
+    assert repr(record) == repr(memory), f"{kind}: its memory comes back from a file as another: {memory!r}, {record!r}"
+    return record
+
+
+def _is_plain(value: object) -> bool:
+    if isinstance(value, msgspec.Struct):
+        return all(map(_is_plain, msgspec.structs.astuple(value)))
+    return all(map(_is_plain, value)) if type(value) is tuple else type(value) in _PLAIN
+
+
+def _check_memory(kind: str, config: SensorTable, mount: Pose, scope: Scope) -> None:
+    """With memory, settings and random stream of another run it goes on as that."""
+    build = config.build  # type: ignore[attr-defined]  # it was there before
+    sensor: Sensor = build(mount)
+    sensor.start(np.random.default_rng(1))
+    _run(sensor, scope, range(_RUN))
+    record, stream = kept(kind, sensor), sensor.rng.bit_generator.state
+    later = _run(sensor, scope, range(_RUN, 2 * _RUN))
+    other: Sensor = build(mount)
+    other.start(np.random.default_rng(2))
+    other.memory, other.settings, other.rng.bit_generator.state = record, sensor.settings, stream
+    assert _run(other, scope, range(_RUN, 2 * _RUN)) == later, (
+        f"{kind}: with memory, settings and random stream of another run it does not go on as that: all that it remembers belongs in memory"
+    )
+
+
+def _run(sensor: Sensor, scope: Scope, steps: range) -> list[Measurement | None]:
+    return [sensor.sense(replace(scope, t_ns=scope.t_ns + k * _STEP_NS)) for k in steps]
 
 
 def _modifiers(field: Field) -> tuple[ModifierConfig, ...]:

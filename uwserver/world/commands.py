@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from typing import Any, ClassVar
 
 from uwserver.ports import Command, Refused
 from uwserver.world.components import ActuatorSlot
+from uwserver.world.part import Part, Stage, State
 
 CONFLICT_WINDOW_S = 1.0
 """Two sources that command one actuator within this simulation time are in conflict."""
 
 
-class Commands:
-    """Commands and watchdogs of all actuators of a world.
+class Commands(Part):
+    """Commands and watchdogs of all actuators of a world; `next_tick` is when a watchdog may expire. What it knows stands in the slots."""
 
-    Attributes:
-        watch: tick at which a watchdog may expire; None for none.
-    """
+    path = "world/commands"
+    state_type = State
+    stage: ClassVar[Stage] = Stage.WATCHDOGS
 
     def __init__(
         self, actuators: Mapping[str, ActuatorSlot], rate_hz: Fraction, say: Callable[[str, str], None]
@@ -32,7 +34,6 @@ class Commands:
         self._say = say
         self._window = round(CONFLICT_WINDOW_S * rate_hz)
         self._newest: dict[str, Command] = {}
-        self.watch: int | None = None
 
     def accept(self, command: Command, tick: int) -> bool:
         """Take a command over; of several to one actuator before the next `apply` only the last can act.
@@ -75,7 +76,7 @@ class Commands:
             slot.last_value = command.value
             if slot.timeout_ticks:
                 expires = tick + slot.timeout_ticks
-                self.watch = expires if self.watch is None else min(self.watch, expires)
+                self.next_tick = expires if self.next_tick is None else min(self.next_tick, expires)
         self._newest.clear()
 
     def newest(self, vehicle: str) -> list[str]:
@@ -86,7 +87,15 @@ class Commands:
             if path.startswith(f"{vehicle}/") and slot.last_tick >= 0
         ]
 
-    def expire(self, tick: int) -> None:
+    def save(self) -> State:
+        """Nothing: commands that are accepted are applied in the same tick."""
+        return State()
+
+    def load(self, state: Any) -> None:
+        """Look at all watchdogs anew."""
+        self.next_tick = -1
+
+    def before(self, tick: int, t_ns: int) -> None:
         """Let the actuators go to neutral that were left without a command for too long."""
         following: int | None = None
         for slot in self._actuators.values():
@@ -102,4 +111,4 @@ class Commands:
                 )
             else:
                 following = expires if following is None else min(following, expires)
-        self.watch = following
+        self.next_tick = following

@@ -1,21 +1,32 @@
-"""What a world keeps of each component, and what crosses its border in a tick."""
+"""What a world keeps of each component: sensors, actuators, and the bodies that carry them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Literal
+from fractions import Fraction
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta, Struct, structs
 
 from uwserver.actuators import Actuator
-from uwserver.autopilot.pilot import Autopilot
 from uwserver.modifiers import Measurement, Modifier
 from uwserver.physics.geometry.shapes import Solid
-from uwserver.ports import Field, Json, Port, Sample, Service, Value
-from uwserver.ports.later import Later
-from uwserver.sensors import Instrument, Scope, Sensor
-from uwserver.sensors.instrument import blank
+from uwserver.ports import Field, Items, Port, Sample, Service, Value
+from uwserver.ports.checks import check_given, check_values
+from uwserver.sensors import Scope, Sensor
+from uwserver.sensors.base import blank
 from uwserver.sensors.wiring import Wiring
+from uwserver.world.part import Carry, Part, State, check_stream, read_record, record, set_stream, stream_state
 from uwserver.world.vehicle import Vehicle
+
+Held = tuple[bool, tuple[Value, ...]] | None
+"""A reading: whether it is valid, and its values; None before the first."""
+NEVER = -(10**18)
+"""A tick before all others."""
 
 
 @dataclass(slots=True)
@@ -25,7 +36,7 @@ class SideStream:
     port: Port
     ideal: bool
     modifiers: tuple[Modifier, ...]
-    held: tuple[bool, tuple[Value, ...]] | None = None
+    held: Held = None
     reading: Measurement | None = None
 
     def take(self, raw: Measurement) -> None:
@@ -35,48 +46,74 @@ class SideStream:
             modifier.apply(reading)
 
 
-@dataclass(slots=True)
-class SensorSlot:
+class SensorState(State, frozen=True):
+    """What one sensor remembers.
+
+    Attributes:
+        seq, active, divisor, held, held_ns: of the slot.
+        settings: record of the sensor.
+        memories: random stream and record of the sensor, then of each modifier of each stream.
+        sides: last reading of each further stream.
+    """
+
+    seq: Annotated[int, Meta(ge=0)]
+    active: bool
+    divisor: Annotated[int, Meta(ge=1)]
+    held: Held
+    held_ns: int
+    settings: bytes
+    memories: tuple[tuple[bytes, bytes], ...]
+    sides: tuple[Held, ...]
+
+
+@dataclass(slots=True, eq=False)
+class SensorSlot(Part):
     """A sensor in the world: when it is due, what it counted, its errors, and its last reading (valid, values) for when it freezes or a
     compound sensor repeats it, with its time (ns); the vehicle's inside; its further streams, and the instrument without errors that the
     ideal ones read."""
+
+    state_type = SensorState
 
     port: Port
     row: int
     sensor: Sensor
     modifiers: tuple[Modifier, ...]
+    rate_hz: Fraction
     divisor: int
     latency_ns: int
     seq: int = 0
     active: bool = True
     fault: Literal["", "frozen", "silent"] = ""
-    held: tuple[bool, tuple[Value, ...]] | None = None
+    held: Held = None
     held_ns: int = 0
     wiring: Wiring | None = None
     sides: tuple[SideStream, ...] = ()
-    twin: Instrument | None = None
+    twin: Sensor | None = None
+
+    @property
+    def path(self) -> str:
+        """Of the port."""
+        return self.port.path
 
     @property
     def fields(self) -> tuple[Field, ...]:
         """Of the port."""
         return self.port.fields
 
-    @property
-    def listens(self) -> bool:
-        """Whether the sensor may have to measure between two readings; `is_called` tells when."""
-        return isinstance(self.sensor, Instrument) and self.sensor.listens
-
     def is_called(self, now: float) -> bool:
         """Whether it has to measure now (s), whatever its rate."""
-        wake = self.sensor.wake if isinstance(self.sensor, Instrument) else None
+        wake = self.sensor.wake
         return wake is not None and wake <= now + 1e-9
 
-    def set_interval(self, dt: float) -> None:
-        """Tell the sensor and its errors the time (s) from one reading to the next."""
-        for instrument in (self.sensor, self.twin):
-            if isinstance(instrument, Instrument):
-                instrument.dt = dt
+    def set_divisor(self, divisor: int) -> None:
+        """Measure every `divisor` ticks from now on; the sensor and its errors learn the time from one reading to the next."""
+        self.divisor = divisor
+        dt = float(divisor / self.rate_hz)
+        self.sensor.dt = dt
+        if self.twin is not None:
+            self.twin.dt = dt
         for stream in self.streams():
+            stream.port = structs.replace(stream.port, rate_hz=float(self.rate_hz / divisor))
             for modifier in stream.modifiers:
                 modifier.stream.dt = dt
 
@@ -110,14 +147,10 @@ class SensorSlot:
     def read(self, scope: Scope) -> Measurement | None:
         """A reading with its errors; None when the device has none to give. The side streams then have theirs too."""
         exact = None if self.twin is None else self._exact(self.twin, scope)
-        if isinstance(self.sensor, Instrument):
-            reading = self.sensor.sense(scope)
-            if reading is None:
-                return None
-            reading.delay_ns += self.latency_ns
-        else:
-            valid, values = self.sensor.measure(scope)
-            reading = Measurement(values, valid, self.latency_ns)
+        reading = self.sensor.sense(scope)
+        if reading is None:
+            return None
+        reading.delay_ns += self.latency_ns
         reading.t_ns = scope.t_ns - reading.since_ns
         for side in self.sides:
             side.take(reading if exact is None or not side.ideal else replace(reading, valid=exact[0], values=exact[1]))
@@ -125,35 +158,149 @@ class SensorSlot:
             modifier.apply(reading)
         return reading
 
-    def _exact(self, twin: Instrument, scope: Scope) -> tuple[bool, list[Value]]:
+    def _exact(self, twin: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
         """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
-        assert isinstance(self.sensor, Instrument)
         twin.settings = self.sensor.settings
         if twin.paces:
-            twin.memory = list(self.sensor.memory)
+            twin.memory = copy(self.sensor.memory)
         reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
         return (False, blank(twin.fields)) if reading is None else (reading.valid, reading.values)
 
+    def save(self) -> SensorState:
+        """All that it remembers."""
+        return SensorState(
+            self.seq,
+            self.active,
+            self.divisor,
+            self.held,
+            self.held_ns,
+            record(self.sensor.settings),
+            tuple((stream_state(rng), record(owner.memory)) for owner, rng in self._remembering()),
+            tuple(side.held for side in self.sides),
+        )
 
-@dataclass(slots=True)
-class ActuatorSlot:
+    def check(self, state: Any) -> None:
+        """The records are of its kinds, and readings fit their fields."""
+        settings = read_record(state.settings, self.sensor.settings)
+        self.sensor.valid(settings)
+        self.sensor.check(settings)
+        owners = list(self._remembering())
+        if len(state.memories) != len(owners) or len(state.sides) != len(self.sides):
+            raise ValueError("other modifiers or streams than this sensor has")
+        for (owner, _), (stream, memory) in zip(owners, state.memories, strict=True):
+            check_stream(stream)
+            owner.valid(read_record(memory, owner.memory))
+        for stream, held in zip(self.streams(), (state.held, *state.sides), strict=True):
+            if held is not None:
+                check_values(stream.port.fields, held[1])
+
+    def load(self, state: SensorState) -> None:
+        """Go on from there; the twin follows by itself."""
+        self.seq, self.active, self.held, self.held_ns = state.seq, state.active, state.held, state.held_ns
+        if state.divisor != self.divisor:
+            self.set_divisor(state.divisor)
+        self.sensor.settings = read_record(state.settings, self.sensor.settings)
+        for (owner, rng), (stream, memory) in zip(self._remembering(), state.memories, strict=True):
+            set_stream(rng, stream)
+            owner.memory = read_record(memory, owner.memory)
+        for side, held in zip(self.sides, state.sides, strict=True):
+            side.held = held
+
+    def _remembering(self) -> Iterator[tuple[Any, np.random.Generator]]:
+        yield self.sensor, self.sensor.rng
+        for stream in self.streams():
+            for modifier in stream.modifiers:
+                yield modifier, modifier.stream.rng
+
+
+class Orders(Struct, frozen=True):
+    """Who commanded an actuator, who else did, and how often they disagreed or fell silent."""
+
+    source: str = ""
+    other_tick: int = NEVER
+    conflicts: int = 0
+    timeouts: int = 0
+
+
+class ActuatorState(State, frozen=True):
+    """What one actuator's slot remembers; where the device itself stands is in the bodies' arrays, or in the record `memory`."""
+
+    active: bool
+    timeout_ticks: Annotated[int, Meta(ge=0)]
+    last_tick: int
+    last_value: Items
+    memory: bytes
+    orders: Orders
+
+    def deciding(self) -> ActuatorState:
+        """Who commanded does not change the run."""
+        return structs.replace(self, orders=Orders())
+
+
+@dataclass(slots=True, eq=False)
+class ActuatorSlot(Part):
     """An actuator in the world: who commanded it last, when it goes to neutral, and why it takes no commands now ("" when it does)."""
+
+    state_type = ActuatorState
 
     port: Port
     actuator: Actuator
+    rate_hz: Fraction
     timeout_ticks: int
     active: bool = True
     last_tick: int = -1
-    last_value: tuple[tuple[float, ...] | None, ...] = ()
+    last_value: Items = ()
     source: str = ""
-    other_tick: int = -(10**18)
+    other_tick: int = NEVER
     conflicts: int = 0
     timeouts: int = 0
     refusal: str = ""
 
+    @property
+    def path(self) -> str:
+        """Of the port."""
+        return self.port.path
 
-Carry = Callable[[Mapping[str, Json]], Json | Later]
-"""What a service does; runs at the start of a tick. A long-running one gives its answers later."""
+    def set_timeout(self, ticks: int) -> None:
+        """Set the watchdog; 0 ticks for none."""
+        self.timeout_ticks = ticks
+        self.port = structs.replace(self.port, timeout_s=float(ticks / self.rate_hz) or None)
+
+    def save(self) -> ActuatorState:
+        """All that it remembers."""
+        memory = getattr(self.actuator, "memory", None)
+        return ActuatorState(
+            self.active,
+            self.timeout_ticks,
+            self.last_tick,
+            self.last_value,
+            b"" if memory is None else record(memory),
+            Orders(self.source, self.other_tick, self.conflicts, self.timeouts),
+        )
+
+    def check(self, state: Any) -> None:
+        """The last command fits the fields."""
+        memory = getattr(self.actuator, "memory", None)
+        if memory is not None:
+            read_record(state.memory, memory)
+        if state.last_value:
+            check_given(self.port.fields, state.last_value)
+
+    def load(self, state: ActuatorState) -> None:
+        """Go on from there."""
+        self.active, self.last_tick, self.last_value = state.active, state.last_tick, state.last_value
+        if state.timeout_ticks != self.timeout_ticks:
+            self.set_timeout(state.timeout_ticks)
+        memory = getattr(self.actuator, "memory", None)
+        if memory is not None:
+            self.actuator.memory = read_record(state.memory, memory)  # type: ignore[attr-defined]  # those that remember
+        by = state.orders
+        self.source, self.other_tick, self.conflicts, self.timeouts = (
+            by.source,
+            by.other_tick,
+            by.conflicts,
+            by.timeouts,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +312,7 @@ class Member:
         sensors, actuators: its components.
         services: those of its components, and what they do.
         solid: its collision shapes; None for none.
-        autopilot: None for none.
+        others: whatever else lives and goes with it, as an autopilot.
     """
 
     vehicle: Vehicle
@@ -173,4 +320,25 @@ class Member:
     actuators: tuple[ActuatorSlot, ...] = ()
     services: tuple[tuple[Service, Carry], ...] = ()
     solid: Solid | None = None
-    autopilot: Autopilot | None = None
+    others: tuple[Part, ...] = ()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All that comes and goes with the body."""
+        return (*self.sensors, *self.actuators, *self.others)
+
+
+class Population(Part):
+    """Who is in the world: the part that knows how bodies and their components are made."""
+
+    @abstractmethod
+    def members_of(self, state: Any) -> list[Member]:
+        """The bodies of a state, those that are there already as they are. Their rows are made anew where others were added or removed.
+
+        Raises:
+            ValueError: a body that this world cannot have.
+        """
+
+    @abstractmethod
+    def admit(self, state: Any, members: Iterable[Member]) -> None:
+        """Let the bodies of a state be in the world, and no others."""

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
-from typing import get_args
 
 import msgspec
 
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
-from uwserver.sensors import Instrument
 from uwserver.world import snapshot
-from uwserver.world.components import ActuatorSlot, Carry, SensorSlot
-from uwserver.world.faults import FaultConfig
+from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.part import Carry
 from uwserver.world.snapshot import Snapshot
 from uwserver.world.world import World
 
@@ -26,7 +24,7 @@ MAX_SNAPSHOT_NAME = 64
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash, set_current and those of faults to a finished world; reset comes back to what it is now."""
+    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
 
@@ -81,53 +79,6 @@ def offer_world_services(world: World) -> None:
         ),
         set_current,
     )
-    _offer_faults(world)
-
-
-def _offer_faults(world: World) -> None:
-    kinds = tuple(str(kind.__struct_config__.tag) for kind in get_args(FaultConfig))
-    name = Argument("name", "str", "name of the fault")
-
-    def set_fault(args: Mapping[str, Json]) -> Json:
-        keys = args["parameters"]
-        if not isinstance(keys, dict):
-            raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
-        try:
-            table = {**keys, "kind": args["kind"], "target": args["target"]}
-            # By way of JSON, which has no NaN.
-            fault = msgspec.json.decode(msgspec.json.encode(table), type=FaultConfig)
-        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
-            raise Refused("bad_argument", str(error), "parameters") from None
-        world.faults.set(str(args["name"]), fault, world.tick)
-        return None
-
-    def clear_fault(args: Mapping[str, Json]) -> Json:
-        if not world.faults.clear(str(args["name"])):
-            there = ", ".join(world.faults.entries) or "none"
-            raise Refused("bad_argument", f'no fault "{args["name"]}", there are: {there}', "name")
-        return None
-
-    def faults(_: Mapping[str, Json]) -> Json:
-        return [
-            {"name": entry.name, "state": entry.state, **msgspec.to_builtins(entry.fault)}
-            for entry in world.faults.entries.values()
-        ]
-
-    kind = Argument("kind", "str", "what fails, and how", choices=kinds)
-    target = Argument("target", "str", "<vehicle>/<component>, or a vehicle")
-    keys = Argument(
-        "parameters", "json", "object: the other keys of the kind, as in a scenario", required=False, default={}
-    )
-    world.offer(
-        Service(
-            "world/set_fault",
-            "Add a fault, now or at its at_s, or replace the one of that name.",
-            (name, kind, target, keys),
-        ),
-        set_fault,
-    )
-    world.offer(Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault)
-    world.offer(Service("world/faults", "All faults with their state: waiting, active or over."), faults)
 
 
 def component_services(
@@ -141,13 +92,12 @@ def component_services(
 
 
 def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tuple[Service, Carry]]:
-    instrument = slot.sensor if isinstance(slot.sensor, Instrument) else None
     rate = Argument(
         "rate_hz",
         "float",
         "samples a second; divides the physics rate",
         "Hz",
-        required=instrument is None,
+        required=False,
         minimum=1e-3,
     )
 
@@ -161,14 +111,13 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
             "rate_hz": float(world.rate_hz / slot.divisor),
             "active": slot.active,
             "latency_s": slot.latency_ns / 1e9,
-            **(instrument.properties() if instrument else {}),
+            **slot.sensor.properties(),
         }
 
     def change(args: Mapping[str, Json]) -> Json:
         given = {name: value for name, value in args.items() if value is not None}
         divisor = divisor_of(given.pop("rate_hz")) if "rate_hz" in given else slot.divisor
-        if instrument:
-            instrument.change(given)
+        slot.sensor.change(given)
         world.set_divisor(slot, divisor)
         return None
 
@@ -181,11 +130,10 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
             raise Refused("bad_argument", text, "rate_hz")
         return divisor
 
-    settings = instrument.arguments if instrument else ()
-    yield Service(f"{path}/activate", "Begin to measure."), lambda _: activate(True)
-    yield Service(f"{path}/deactivate", "Stop to measure."), lambda _: activate(False)
+    yield Service(f"{path}/activate", "Start measuring."), lambda _: activate(True)
+    yield Service(f"{path}/deactivate", "Stop measuring."), lambda _: activate(False)
     yield Service(f"{path}/get", "Properties of the sensor."), get
-    yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *settings)), change
+    yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *slot.sensor.arguments)), change
 
 
 def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[tuple[Service, Carry]]:
@@ -210,7 +158,7 @@ def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[
 
     def get(_: Mapping[str, Json]) -> Json:
         value: dict[str, Json] = {
-            field.name: None if part is None else list(part)
+            field.name: list(part) if isinstance(part, tuple) else msgspec.to_builtins(part)
             for field, part in zip(slot.port.fields, slot.last_value, strict=False)
         }
         return {

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-import heapq
-import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
-
-from msgspec import structs
 
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Reply, Sample, Service
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Posted, TickOutput
-from uwserver.ports.later import Later
-from uwserver.sensors import Compound, Scope
+from uwserver.ports.later import Answers, Later
+from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.units import NANOSECONDS
 from uwserver.world.commands import Commands
-from uwserver.world.components import ActuatorSlot, Carry, Member, SensorSlot, SideStream
-from uwserver.world.faults import Faults
-from uwserver.world.pilots import Pilots
+from uwserver.world.components import ActuatorSlot, Member, Population, SensorSlot, SideStream
+from uwserver.world.part import Carry, Part, Stage, takes_part
+from uwserver.world.requests import Requests
+from uwserver.world.sensing import Sensing
+from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
-
-log = logging.getLogger(__name__)
 
 
 class Diverged(Exception):
@@ -60,8 +56,10 @@ class World:
         geometry: the same, as sensors see it.
         lambert: (n) backscatter of their materials, by number.
         water, earth: the environment, and where N lies.
-        faults: of thrusters, sensors and hulls.
-        pilots: built-in autopilots.
+        parts: all that lives in it, by path: its own parts and those of the members.
+        population: the part that makes bodies.
+        identity: tells apart scenarios whose states cannot be exchanged.
+        answers: what callers that wait are to be told in this tick.
         jumps: how often a reset or restore has set the time.
     """
 
@@ -91,19 +89,20 @@ class World:
         self._own_services: dict[str, Service] = {}
         self._own_carry: dict[str, Carry] = {}
         self._carry: dict[str, Carry] = {}
-        self._due: list[tuple[int, list[SensorSlot]]] = []
-        self._listening: list[SensorSlot] = []
-        self.pending: list[tuple[int, int, Sample]] = []
-        self.pending_order = 0
-        self._posted: list[Posted] = []
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
-        self.commands = Commands(self.actuators, rate_hz, self.say)
         self.jumps = 0
-        self.pilots = Pilots()
-        self.faults = Faults(
-            hydro, water, self.vehicles, self.sensors, self.actuators, rate_hz, lambda text: self.say("fault", text)
-        )
+        self.answers: Answers = []
+        self.population: Population
+        self.identity: Callable[[], str] = str
+        self.parts: dict[str, Part] = {}
+        self._own_parts: list[Part] = []
+        self._ears: dict[str, list[Part]] = {}
+        self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
+        self._commands = Commands(self.actuators, rate_hz, self.say)
+        self._requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
+        for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
+            self.add(part)
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
 
@@ -111,34 +110,72 @@ class World:
         """Give the world its solid things; before any body is in it."""
         self.scene = self.hydro.collider = self.geometry = scene
 
+    def add(self, part: Part) -> None:
+        """Let a part of its own live in the world, with its services.
+
+        Raises:
+            ValueError: another part has this path.
+        """
+        if part.path in self.parts:
+            raise ValueError(f'there is a part "{part.path}" already')
+        self._own_parts.append(part)
+        self.parts[part.path] = part
+        for service, carry in part.services:
+            self.offer(service, carry)
+        self._line_up()
+
     def set_members(self, members: Iterable[Member]) -> None:
         """Let these bodies, and no others, be in the world. Their rows are there already."""
-        begun = bool(self.members)
-        self.members = {member.vehicle.name: member for member in members}
+        begun, before = bool(self.members), set(self.parts.values())
+        self.bind(members)
         self._set_solids()
-        self.pilots.set_members(self.members.values())
+        for part in before - set(self.parts.values()):
+            part.leave("the vehicle was taken out of the world")
+        self._sensing.keep(self.ports)
+        self._last = {path: sample for path, sample in self._last.items() if path in self.ports}
+        self._commands.next_tick = self.tick
+        if begun:
+            self.say("ports_changed", "bodies came or went")
+
+    def bind(self, members: Iterable[Member]) -> None:
+        """Know these bodies by name, with their components, and tell nobody: the part of `set_members` that can be taken back."""
+        self.members = {member.vehicle.name: member for member in members}
         self.vehicles.clear()
         self.sensors.clear()
         self.actuators.clear()
-        self._carry = dict(self._own_carry)
+        self.parts = {part.path: part for part in self._own_parts}
+        self._carry.clear()
+        self._carry |= self._own_carry
         services = dict(self._own_services)
         for name, member in self.members.items():
             self.vehicles[name] = member.vehicle
             self.sensors |= {slot.port.path: slot for slot in member.sensors}
             self.actuators |= {slot.port.path: slot for slot in member.actuators}
+            self.parts |= {part.path: part for part in member.parts}
             for service, carry in member.services:
                 services[service.path], self._carry[service.path] = service, carry
+        self.services = services
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Publish the ports as the slots now have them, and put everybody in line again."""
         slots: list[SensorSlot | SideStream | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
         slots += [side for slot in self.sensors.values() for side in slot.sides]
         self.ports = {slot.port.path: slot.port for slot in slots}
-        self.services = services
-        self.pending = [entry for entry in self.pending if entry[2].port in self.ports]
-        heapq.heapify(self.pending)
-        self._last = {path: sample for path, sample in self._last.items() if path in self.ports}
-        self.commands.watch = self.tick
-        self.schedule()
-        if begun:
-            self.say("ports_changed", "bodies came or went")
+        self._line_up()
+
+    def _line_up(self) -> None:
+        """Who acts when: lists in the order of a tick, so that nothing is paid in a tick for what is not there."""
+        everybody = sorted(self.parts.values(), key=lambda part: (part.stage, part.order, part.path))
+        acting = [part for part in everybody if takes_part(part, "before")]
+        self._first = [part for part in acting if part.stage == Stage.FAULTS]
+        self._before = [part for part in acting if part.stage > Stage.FAULTS]
+        self._after = [part for part in everybody if takes_part(part, "after")]
+        self._ears = {}
+        for part in everybody:
+            for port in part.hears:
+                self._ears.setdefault(port, []).append(part)
+        self._sensing.schedule()
 
     def _set_solids(self) -> None:
         if self.scene is None:
@@ -152,26 +189,20 @@ class World:
 
     def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
         """Let a sensor measure every `divisor` ticks, from now on."""
-        if slot.divisor == divisor:
-            return
-        slot.divisor = divisor
-        slot.set_interval(float(divisor / self.rate_hz))
-        for stream in slot.streams():
-            stream.port = self._replaced(structs.replace(stream.port, rate_hz=float(self.rate_hz / divisor)))
-        self.schedule()
+        if slot.divisor != divisor:
+            slot.set_divisor(divisor)
+            self._changed(slot.path)
 
     def set_timeout(self, slot: ActuatorSlot, ticks: int) -> None:
         """Set an actuator's watchdog; 0 ticks for none."""
-        if slot.timeout_ticks == ticks:
-            return
-        slot.timeout_ticks = ticks
-        slot.port = self._replaced(structs.replace(slot.port, timeout_s=float(ticks / self.rate_hz) or None))
-        self.commands.watch = self.tick
+        if slot.timeout_ticks != ticks:
+            slot.set_timeout(ticks)
+            self._commands.next_tick = self.tick
+            self._changed(slot.path)
 
-    def _replaced(self, port: Port) -> Port:
-        self.ports = {**self.ports, port.path: port}
-        self.say("ports_changed", f'"{port.path}" was changed')
-        return port
+    def _changed(self, path: str) -> None:
+        self.refresh()
+        self.say("ports_changed", f'"{path}" was changed')
 
     def offer(self, service: Service, carry: Carry) -> None:
         """Add a service of the world itself, which runs at the start of a tick."""
@@ -180,14 +211,8 @@ class World:
         self._carry[service.path] = carry
 
     def schedule(self) -> None:
-        """Sort the active sensors by how often they are due."""
-        groups: dict[tuple[bool, int], list[SensorSlot]] = {}
-        for slot in self.sensors.values():
-            if slot.active:
-                last = isinstance(slot.sensor, Compound)  # it repeats what the others have just measured
-                groups.setdefault((last, slot.divisor), []).append(slot)
-        self._listening = [slot for slot in self.sensors.values() if slot.active and slot.listens]
-        self._due = [(divisor, slots) for (_, divisor), slots in sorted(groups.items(), key=lambda group: group[0])]
+        """A sensor was switched on or off."""
+        self._sensing.schedule()
 
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
@@ -226,17 +251,16 @@ class World:
 
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
-        self._posted.append(Posted(item, on_reply))
+        self._requests.posted.append(Posted(item, on_reply))
 
     def command(self, port: str, **value: object) -> None:
-        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays. It acts from the next `step` on.
+        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.
 
         Raises:
-            Refused: unknown port or field, wrong shape, not finite, out of range.
+            Refused: unknown port or field, wrong type or shape, not finite, out of range, too large.
         """
         find("port", port, self.ports)
-        plain = {name: given.tolist() if hasattr(given, "tolist") else given for name, given in value.items()}
-        self.submit(Command(port, checked_command(self.ports[port], plain), "in-process"))
+        self.submit(Command(port, checked_command(self.ports[port], value), "in-process"))
 
     def call(self, service: str, **args: object) -> Json:
         """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.
@@ -274,128 +298,94 @@ class World:
         return self._last.get(port)
 
     def advance(self) -> TickOutput:
-        """One tick. The order is part of the contract:
+        """One tick. The order is part of the contract (`Stage`; within one, by a part's order and path):
 
         1. faults that begin or end, so that they meet the commands of this tick;
         2. what was posted, so that a command acts in the tick that its reply names;
         3. watchdogs, after the commands that may feed them;
         4. autopilots, after the orders of this tick and with what their sensors had delivered by t;
-        5. actuators, bodies and water together in the kernel, from t to t + dt;
-        6. delivery of the delayed samples whose time has come, oldest first: they are older than anything measured now;
-        7. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
-        8. sensors that are due at t + dt, with their errors, from the new state.
+        5. forces from outside, as of a tether, from where the bodies are at t;
+        6. actuators, bodies and water together in the kernel, from t to t + dt;
+        7. the water of t + dt, which sensors feel;
+        8. sensors and the delivery of samples (`Sensing.after` has their order), from the new state;
+        9. whoever listens hears what was delivered, and acts on it in the next tick.
         """
         tick = self._tick
         output = TickOutput(tick, self.t_ns, [])
-        if self.faults.next_tick is not None and tick >= self.faults.next_tick:
-            self.faults.turn(tick)
-        if self._posted:
-            self._carry_out(output)
+        for part in self._first:
+            if part.next_tick is not None and tick >= part.next_tick:
+                part.before(tick, self.t_ns)
+        if self._requests.posted:
+            self._requests.carry_out(output)
             tick = self._tick  # a restore or reset may have been among it
-        if self.commands.watch is not None and tick >= self.commands.watch:
-            self.commands.expire(tick)
-        if self.pilots:
-            output.replies += self.pilots.step(tick, self.t_ns)
+        for part in self._before:
+            if part.next_tick is not None and tick >= part.next_tick:
+                part.before(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self.tick = tick = tick + 1
-        if self.water.sea is not None:
-            self.water.sea.move(tick, self._seconds(), self.water.current)
+        samples, t_ns = output.samples, self.t_ns
         if diverged >= 0:
+            self._end_tick(output)
             raise Diverged(self._report(diverged), output)
-        if self.pending:
-            self._deliver(output.samples)
-        if self._listening:
-            self._measure([slot for slot in self._listening if slot.is_called(self._seconds())], output.samples)
-        for divisor, slots in self._due:
-            if tick % divisor == 0:
-                self._measure(slots, output.samples)
-        for sample in output.samples:
+        for part in self._after:
+            part.after(tick, t_ns, samples)
+        for sample in samples:
             self._last[sample.port] = sample
-        if self.pilots:
-            self.pilots.hear(output.samples, self.t_ns)
+            for part in self._ears.get(sample.port, ()):
+                part.hear(sample, t_ns)
+        self._end_tick(output)
+        return output
+
+    def _end_tick(self, output: TickOutput) -> None:
+        if self.answers:
+            output.replies += self.answers
+            self.answers.clear()
         if self._events:
             output.events, self._events = self._events, []
-        output.tick, output.t_ns = tick, self.t_ns
-        return output
+        output.tick, output.t_ns = self._tick, self.t_ns
 
     def flush(self) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self._carry_out(output)
-        output.replies += self.pilots.answers()
-        output.events, self._events = self._events, []
-        output.tick, output.t_ns = self.tick, self.t_ns
+        self._requests.carry_out(output)
+        self._end_tick(output)
         return output
+
+    def end(self, why: str) -> Answers:
+        """Answers for everybody who still waits, when the run ends."""
+        for part in self.parts.values():
+            part.leave(why)
+        answers = list(self.answers)
+        self.answers.clear()
+        return answers
 
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
         self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
 
-    def _carry_out(self, output: TickOutput) -> None:
-        posted, self._posted = self._posted, []
-        for entry in posted:
-            if isinstance(entry.item, Call):
-                # A call may depend on the commands before it.
-                self.commands.apply(self.tick)
-            reply = self._accept(entry.item) if isinstance(entry.item, Command) else self._run(entry)
-            if reply is not None and entry.on_reply is not None:
-                output.replies.append((entry.on_reply, reply))
-        self.commands.apply(self.tick)
+    def _scopes(self, with_rates: bool) -> Callable[[SensorSlot], Scope]:
+        """What sensors see of each body at this instant; made once a body."""
+        seen: dict[int, Scope] = {}
+        state, t_ns = self.hydro.state, self.t_ns
+        rates = self.hydro.rates_of_change(self._seconds()) if with_rates else None
 
-    def _accept(self, command: Command) -> Reply:
-        try:
-            return Reply(self.tick, self.t_ns, conflict=self.commands.accept(command, self.tick))
-        except Refused as refused:
-            return Reply(self.tick, self.t_ns, fault=refused.fault)
-
-    def _run(self, entry: Posted) -> Reply | None:
-        call, tick, t_ns = entry.item, self.tick, self.t_ns
-        assert isinstance(call, Call)
-        try:
-            if call.service not in self._carry:
-                raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
-            result = self._carry[call.service](call.args)
-            if isinstance(result, Later):
-                result.on_reply = entry.on_reply
-                return None
-            return Reply(tick, t_ns, result)
-        except Refused as refused:
-            return Reply(tick, t_ns, fault=refused.fault)
-        except Exception as error:  # a fault of one service must not end the simulation
-            log.exception("%s failed in tick %d", call.service, tick)
-            text = f"{call.service} failed by a fault of the server ({type(error).__name__}): please report it with the server's log"
-            return Reply(tick, t_ns, fault=Refused("internal", text, call.service).fault)
-
-    def _measure(self, slots: Sequence[SensorSlot], samples: list[Sample]) -> None:
-        scopes: dict[int, Scope] = {}
-        t_ns = self.t_ns
-        rates = self.hydro.rates_of_change(self._seconds()) if any(slot.sensor.needs_rates for slot in slots) else None
-        for slot in slots:
-            if slot.fault == "silent":
-                continue
-            scope = scopes.get(slot.row)
+        def scope_of(slot: SensorSlot) -> Scope:
+            scope = seen.get(slot.row)
             if scope is None:
-                x = self.hydro.state[slot.row].tolist()
-                scope = scopes[slot.row] = Scope(
+                x = state[slot.row].tolist()
+                scope = seen[slot.row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
                     geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=slot.wiring,
                     lambert=self.lambert,
                 )  # fmt: skip
                 if rates is not None:
                     scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            for sample in slot.samples(scope):
-                if sample.t_sent_ns <= t_ns:
-                    samples.append(sample)
-                else:
-                    self.pending_order += 1
-                    heapq.heappush(self.pending, (sample.t_sent_ns, self.pending_order, sample))
+            return scope
 
-    def _deliver(self, samples: list[Sample]) -> None:
-        while self.pending and self.pending[0][0] <= self.t_ns:
-            samples.append(heapq.heappop(self.pending)[2])
+        return scope_of
 
     def _report(self, row: int) -> str:
         vehicle = next(v for v in self.vehicles.values() if v.row == row)
         t = self.t_ns / NANOSECONDS
         line = f'body "{vehicle.name}" diverged in tick {self.tick} (t = {t:.6f} s): p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
-        return "\n".join([line, *self.commands.newest(vehicle.name)])
+        return "\n".join([line, *self._commands.newest(vehicle.name)])

@@ -11,15 +11,14 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterContext, AdapterTable
-from uwserver.ports import Refused, Sample
+from uwserver.adapter import AdapterContext, AdapterTable, CannotServe, Readings, bound_socket, vehicle_of
+from uwserver.ports import Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
-from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
-from uwserver_adapters.sil.readings import Readings
-from uwserver_adapters.sil.world import Deaf, bound, failure, physics_hz, stand_by
+from uwserver_adapters.sil.channels import Outputs, OutputTable
+from uwserver_adapters.sil.world import drive, stand_by
 
 _log = logging.getLogger(__name__)
 
@@ -86,28 +85,17 @@ class ArduPilotAdapter:
         stats = context.stats
         stats.details.update(dict.fromkeys(COUNTS, 0))
         stats.details["frame_rate_hz"] = 0
-        failed, on_reply = failure()
-        with contextlib.ExitStack() as stack:
-            endpoint = stack.enter_context(bound(socket.SOCK_DGRAM, config.bind, config.port))
+        with bound_socket(config.bind, config.port, "udp") as endpoint:
             link = None if config.dvl is None else MavlinkOut(config.dvl.address)
             driver = self._driver(endpoint, link)
-            stack.callback(context.attach(Deaf()))
-            try:
-                stack.callback(context.drive(config.client or context.name, driver, on_reply))
-            except Refused as refused:
-                raise CannotServe(refused.fault.text) from None
-            stats.address = "{}:{}".format(*endpoint.getsockname()[:2])
-            stats.state = "running"
-            ready.set()
             sending = asyncio.ensure_future(link.run()) if link is not None else None
             try:
-                await failed
+                await drive(context, config.client, driver, endpoint, ready)
             finally:
                 if sending is not None:
                     sending.cancel()
                     await asyncio.gather(sending, return_exceptions=True)
                 stats.peers = 0
-                stats.state = "stopped"
 
     def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
         config, context = self.config, self.context
@@ -128,7 +116,7 @@ class ArduPilotAdapter:
             for name in config.rangefinders
         ]
         battery = readings.want("battery", config.battery, [("voltage", "current")]) if config.battery else None
-        rate_hz = physics_hz(context)
+        rate_hz = context.world.rate_hz
         for reading in (pose, velocity):
             if reading.rate_hz != rate_hz:
                 text = f"{reading.path} must come with every tick: rate_hz = {rate_hz:g}"

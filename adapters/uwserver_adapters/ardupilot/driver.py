@@ -8,13 +8,12 @@ import socket
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterStats, Order
+from uwserver.adapter import AdapterStats, Order, Reading
 from uwserver.frames import Quat, Vec3, rotate
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.wire import Bad, Frame, Scale
 from uwserver_adapters.sil.channels import Outputs
-from uwserver_adapters.sil.readings import Reading
 from uwserver_adapters.sil.world import inertial
 
 _log = logging.getLogger(__name__)

@@ -10,11 +10,10 @@ from typing import Annotated, Any, cast
 
 from msgspec import Meta
 
+from uwserver.adapter import CannotServe, Reading
 from uwserver.frames import Vec3
 from uwserver.table import Name, Positive, Table
-from uwserver_adapters.sil.channels import CannotServe
 from uwserver_adapters.sil.codec import nanoseconds, seconds
-from uwserver_adapters.sil.readings import Reading
 
 _log = logging.getLogger(__name__)
 

@@ -1,7 +1,7 @@
 """MOOS: its wire, a client that joins a MOOSDB, a MOOSDB of our own, and a bridge for lines of text (README.md beside this file)."""
 
-from uwserver_adapters.moos.adapter import MoosAdapter
-from uwserver_adapters.moos.moosdb import MoosDbAdapter
-from uwserver_adapters.moos.text_adapter import MoosTextAdapter
+from uwserver_adapters.moos.client.adapter import MoosAdapter
+from uwserver_adapters.moos.db.adapter import MoosDbAdapter
+from uwserver_adapters.moos.text.adapter import MoosTextAdapter
 
 __all__ = ["MoosAdapter", "MoosDbAdapter", "MoosTextAdapter"]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from uwserver.adapter import AdapterContext
-from uwserver_adapters.log_file import LogFile
+from uwserver.adapter import AdapterContext, LogFile
 
 _RULE = "%" * 80
 

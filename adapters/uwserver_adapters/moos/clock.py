@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import deque
 from collections.abc import Callable
 from datetime import datetime, timezone
+
+from uwserver.adapter import AdapterContext
+
+_log = logging.getLogger(__name__)
 
 CREDIBLE_S = 86_400.0
 """Difference of two clocks above which the warp must be different, MOOS seconds at warp 1."""
@@ -56,6 +61,17 @@ class MoosClock:
     def is_credible(self) -> bool:
         """Whether the difference to the database can be one of clocks: another warp makes it far larger."""
         return abs(self.skew) < CREDIBLE_S * self.warp
+
+
+def warp_of(context: AdapterContext, given: float | None) -> float:
+    """MOOSTimeWarp: as given, else the speed of the server. Warns when the two differ, as time would run differently on the two sides."""
+    world = context.world
+    if world.mode != "realtime":
+        return 1.0 if given is None else given
+    if given is not None and abs(given - world.speed) > 1e-9 * world.speed:
+        text = "%s: warp = %g, but this server runs at speed %g: give both the same, or leave warp out"
+        _log.warning(text, context.name, given, world.speed)
+    return world.speed if given is None else given
 
 
 class Latency:

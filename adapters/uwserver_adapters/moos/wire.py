@@ -15,8 +15,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from enum import Enum
-from typing import Final, Literal
+from typing import Literal
 
 from msgspec import Struct
 
@@ -118,14 +117,7 @@ class Malformed(Struct, frozen=True):
     text: str
 
 
-class Sentinel(Enum):
-    """What is no event."""
-
-    NEED_DATA = "need data"
-
-
-NEED_DATA: Final = Sentinel.NEED_DATA
-WireEvent = Hello | Packet | Malformed | Literal[Sentinel.NEED_DATA]
+WireEvent = Hello | Packet | Malformed
 
 
 def notify(key: str, value: float | str | bytes, time: float, src: str = "", id: int = -1) -> Message:
@@ -214,22 +206,22 @@ class Decoder:
         if not self._is_broken:
             self._buffer += data
 
-    def next_event(self) -> WireEvent:
-        """The next packet, or NEED_DATA. After `Malformed` nothing comes any more."""
+    def next_event(self) -> WireEvent | None:
+        """The next packet; None until more bytes come. After `Malformed` nothing comes any more."""
         if self._is_broken:
-            return NEED_DATA
+            return None
         if self._expects_hello:
             return self._hello()
         buffer = self._buffer
         if len(buffer) < _LENGTH.size:
-            return NEED_DATA
+            return None
         (size,) = _LENGTH.unpack_from(buffer)
         if size < _PACKET.size:
             return self._fault(f"a packet of {size} bytes: its header alone has {_PACKET.size}")
         if size > self.limit:
             return self._fault(f"a packet of {size} bytes: the longest that is taken has {self.limit}")
         if len(buffer) < size:
-            return NEED_DATA
+            return None
         data = bytes(buffer[:size])
         del buffer[:size]
         try:
@@ -237,12 +229,12 @@ class Decoder:
         except _Fault as fault:
             return self._fault(str(fault))
 
-    def _hello(self) -> WireEvent:
+    def _hello(self) -> WireEvent | None:
         buffer = self._buffer
         if not HELLO.startswith(buffer[: len(HELLO)]):
             return self._fault(f"the first bytes are {bytes(buffer[:32])!r}, a MOOS V10 client says {HELLO!r}")
         if len(buffer) < len(HELLO):
-            return NEED_DATA
+            return None
         del buffer[: len(HELLO)]
         self._expects_hello = False
         return Hello()

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import socket
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterContext, AdapterTable
-from uwserver.ports import Refused
+from uwserver.adapter import AdapterContext, AdapterTable, CannotServe, Readings, bound_socket, vehicle_of
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver_adapters.px4.senses import Roles, Senses
-from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
-from uwserver_adapters.sil.readings import Readings
-from uwserver_adapters.sil.world import Deaf, bound, failure, physics_hz, stand_by
+from uwserver_adapters.sil.channels import Outputs, OutputTable
+from uwserver_adapters.sil.world import drive, stand_by
 
 if TYPE_CHECKING:
     from uwserver_adapters.px4.driver import Px4Driver
@@ -92,24 +89,12 @@ class Px4Adapter:
         """
         config, context = self.config, self.context
         await stand_by(context, ready)
-        stats = context.stats
-        failed, on_reply = failure()
-        with contextlib.ExitStack() as stack:
-            listener = stack.enter_context(bound(socket.SOCK_STREAM, config.bind, config.port))
+        with bound_socket(config.bind, config.port, "tcp") as listener:
             driver = self._driver(listener)
-            stack.callback(driver.close)
-            stack.callback(context.attach(Deaf()))
             try:
-                stack.callback(context.drive(config.client or context.name, driver, on_reply))
-            except Refused as refused:
-                raise CannotServe(refused.fault.text) from None
-            stats.address = "{}:{}".format(*listener.getsockname()[:2])
-            stats.state = "running"
-            ready.set()
-            try:
-                await failed
+                await drive(context, config.client, driver, listener, ready)
             finally:
-                stats.state = "stopped"
+                driver.close()
 
     def _driver(self, listener: socket.socket) -> Px4Driver:
         try:
@@ -135,7 +120,7 @@ class Px4Adapter:
                 for name, table in config.distances.items()
             ),
         )  # fmt: skip
-        ticks = round(physics_hz(context) / imu.rate_hz)
+        ticks = round(context.world.rate_hz / imu.rate_hz)
         context.stats.details.update(dict.fromkeys(driver.COUNTS, 0))
         context.stats.details["is_locked"] = False
         odometry_s = 1.0 / config.odometry_hz if config.odometry_hz else 0.0

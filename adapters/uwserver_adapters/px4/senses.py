@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from uwserver.adapter import Reading, Readings
 from uwserver.frames import Vec3
 from uwserver.ports import Sample
 from uwserver_adapters.sil.codec import nanoseconds, radians
-from uwserver_adapters.sil.readings import Reading, Readings
 from uwserver_adapters.sil.world import inertial
 
 if TYPE_CHECKING:

@@ -7,15 +7,12 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from uwserver.adapter import CannotServe, field_of, port_of
 from uwserver.ports import Field, Port
 from uwserver.table import Name, Table
 from uwserver_adapters.sil.codec import radians
 
 Channel = Annotated[int, Meta(ge=1, le=32)]
-
-
-class CannotServe(Exception):
-    """The adapter's table and the world do not fit; the text says what to change."""
 
 
 class OutputTable(Table, kw_only=True, frozen=True):
@@ -49,15 +46,9 @@ class Output:
 
     def __init__(self, name: str, table: OutputTable, ports: Mapping[str, Port], vehicle: str) -> None:
         where = f"outputs.{name}"
-        self.path = table.port if table.port in ports else f"{vehicle}/{table.port}"
-        port = ports.get(self.path)
-        if port is None or port.direction != "actuator":
-            there = ", ".join(sorted(path for path, port in ports.items() if port.direction == "actuator"))
-            raise CannotServe(f'{where}: no actuator "{self.path}"; there are: {there or "none"}')
-        field = next((field for field in port.fields if field.name == table.field), None)
-        if field is None:
-            names = ", ".join(field.name for field in port.fields)
-            raise CannotServe(f'{where}: "{self.path}" has no field "{table.field}", it has: {names}')
+        port = port_of(where, table.port, ports, vehicle, "actuator")
+        field = field_of(where, port, table.field)
+        self.path = port.path
         self.field = field.name
         self._is_scalar = not field.shape
         channels = table.channels or tuple(range(1, field.size + 1))
@@ -108,17 +99,3 @@ class Outputs:
         return [
             (path, {output.field: output.value(levels) for output in outputs}) for path, outputs in self._fields.items()
         ]
-
-
-def vehicle_of(name: str | None, ports: Mapping[str, Port]) -> str:
-    """The vehicle of this name, or the only one there is.
-
-    Raises:
-        CannotServe: there is none, or several.
-    """
-    names = sorted({path.split("/")[0] for path in ports})
-    if name is None and len(names) == 1:
-        return names[0]
-    if name not in names:
-        raise CannotServe(f'vehicle must be one of {", ".join(names) or "none"}, not "{name or ""}"')
-    return name

@@ -8,10 +8,9 @@ import socket
 from collections.abc import Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, CannotServe, Driver, address_text, serving
 from uwserver.frames import Quat, Vec3, conjugate, rotate
-from uwserver.ports import Event, OnReply, Progress, Reply, Sample
-from uwserver_adapters.sil.channels import CannotServe
+from uwserver.ports import Event, Progress, Refused, Reply, Sample
 
 _log = logging.getLogger(__name__)
 
@@ -28,18 +27,10 @@ class Deaf:
         """Nothing."""
 
 
-def physics_hz(context: AdapterContext) -> float:
-    """Ticks a second."""
-    world: Any = context.describe("world/none")["world"]
-    return float(world["rate_hz"])
-
-
 async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
     """Where the world is not in lockstep: say so and serve nobody, until cancelled. Else return at once."""
-    found: list[Any] = []
-    context.call("world/status", {}, context.name, lambda outcome: found.append(getattr(outcome, "result", None)))
-    mode = found[0].get("mode") if found and isinstance(found[0], dict) else None
-    if mode in (None, "lockstep"):
+    mode = context.world.mode
+    if mode == "lockstep":
         return
     stats = context.stats
     stats.last_error = f'the world runs in mode {mode}: an autopilot in the loop needs [world.clock] mode = "lockstep"'
@@ -49,41 +40,37 @@ async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
     await asyncio.get_running_loop().create_future()
 
 
-def bound(kind: socket.SocketKind, bind: str, port: int) -> socket.socket:
-    """A non-blocking socket at an address, for datagrams or to accept connections.
+async def drive(
+    context: AdapterContext, client: str | None, driver: Driver, endpoint: socket.socket, ready: asyncio.Event
+) -> None:
+    """Let a driver set the pace of the world, until cancelled. When this returns, the driver is not called any more.
+
+    Args:
+        context: of the adapter.
+        client: name in the scenario's `lockstep_clients`; default: the adapter's name.
+        driver: that is asked.
+        endpoint: where its peer finds it.
+        ready: as `Adapter.run` got it.
 
     Raises:
-        CannotServe: there is no such address, or it is taken.
+        CannotServe: the world does not take the driver.
+        RuntimeError: the driver failed.
     """
-    try:
-        family, _, _, _, address = socket.getaddrinfo(bind, port, type=kind)[0]
-        endpoint = socket.socket(family, kind)
-        try:
-            endpoint.setblocking(False)
-            if kind == socket.SOCK_STREAM:
-                endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            endpoint.bind(address)
-            if kind == socket.SOCK_STREAM:
-                endpoint.listen(8)
-        except OSError:
-            endpoint.close()
-            raise
-    except OSError as error:
-        protocol = "tcp" if kind == socket.SOCK_STREAM else "udp"
-        text = f"{protocol} {bind}:{port} cannot be bound: {error.strerror or error}"
-        raise CannotServe(f"{text}; is another server running? Choose another port of the adapter") from error
-    return endpoint
-
-
-def failure() -> tuple[asyncio.Future[None], OnReply]:
-    """A future that fails with the driver, and what to give to `AdapterContext.drive` for it."""
     failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def on_reply(outcome: Reply | Progress) -> None:
         if isinstance(outcome, Reply) and outcome.fault is not None and not failed.done():
             failed.set_exception(RuntimeError(outcome.fault.text))
 
-    return failed, on_reply
+    try:
+        end = context.drive(client or context.name, driver, on_reply)
+    except Refused as refused:
+        raise CannotServe(refused.fault.text) from None
+    try:
+        with serving(context, Deaf(), address_text(*endpoint.getsockname()[:2]), ready):
+            await failed
+    finally:
+        end()
 
 
 def inertial(imu: Any, q_NB: Quat, w_NB_B: Vec3) -> tuple[Vec3, Vec3]:

@@ -11,22 +11,20 @@ import hashlib
 import hmac
 import secrets
 from collections.abc import Callable, Hashable
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import msgspec
 
-from uwserver.adapter import AdapterStats
+from uwserver.adapter import AdapterStats, Peer, Peers
 from uwserver.ports import Fault
-from uwserver_adapters.sockets import verbs
-from uwserver_adapters.sockets.codec import NEED_DATA, Framed, Waiting
-from uwserver_adapters.sockets.encoding import JSON, MSGPACK, Encoding
-from uwserver_adapters.sockets.limits import LOCKOUT_S, WRONG_TOKENS, Lockout, RateMeter
-from uwserver_adapters.sockets.outbox import Delivery
-from uwserver_adapters.sockets.requests import Malformed, Request, parse_json, parse_msgpack
-from uwserver_adapters.sockets.session import Session
-
-if TYPE_CHECKING:
-    from uwserver_adapters.sockets.adapter import SocketsAdapter
+from uwserver_adapters.native import verbs
+from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
+from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
+from uwserver_adapters.native.limits import LOCKOUT_S, WRONG_TOKENS, Lockout
+from uwserver_adapters.native.outbox import Delivery
+from uwserver_adapters.native.requests import Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.native.service import NativeService
+from uwserver_adapters.sockets.config import SocketsConfig
 
 DATAGRAM_LIMIT = 65507
 """Longest datagram, bytes: what UDP over IPv4 can carry."""
@@ -59,7 +57,7 @@ def _bare(body: bytes) -> bytes:
     return body
 
 
-class DatagramCodec(Framed):
+class DatagramCodec(Codec):
     """The writing half; datagrams are read one by one, so nothing ever waits here."""
 
     def __init__(self, encoding: Encoding) -> None:
@@ -129,19 +127,18 @@ class DatagramClient:
     is_half_open = False
 
     def __init__(self, endpoint: DatagramEndpoint, address: Address, encoding: Encoding) -> None:
-        adapter = endpoint.adapter
+        service = endpoint.service
         self._endpoint = endpoint
-        self._adapter = adapter
+        self._service = service
         self._address = address
         self._loop = asyncio.get_running_loop()
         outbox = DatagramOutbox(
-            lambda data: endpoint.send(data, address), encoding, adapter.context.stats, self._refuse
+            lambda data: endpoint.send(data, address), encoding, service.context.stats, self._refuse
         )
-        codec = DatagramCodec(encoding)
-        self.session = Session(adapter.next_serial(), codec, outbox, adapter.fanout, lambda: None, adapter.allowance)
-        self._rate = RateMeter(adapter.config.max_requests_per_s)
+        self.session = service.session(DatagramCodec(encoding), outbox, lambda: None)
+        self._rate = service.rate_meter()
         self._heard = self._loop.time()
-        self._timer = self._loop.call_later(adapter.config.udp_lease_s, self._check_lease)
+        self._timer = self._loop.call_later(endpoint.config.udp_lease_s, self._check_lease)
 
     def take(self, event: Request | Malformed) -> None:
         """Carry out one datagram; any renews the lease."""
@@ -149,19 +146,19 @@ class DatagramClient:
         if not self._rate.take(self._heard):
             if self._rate.count == self._rate.most + 1:
                 text = f"more than {self._rate.most} requests a second: send fewer, or raise max_requests_per_s"
-                self._adapter.refusals.note("rate", text)
+                self._service.refusals.note("rate", text)
                 self._refuse(Fault("overload", text))
         elif isinstance(event, Malformed):
-            self._adapter.refusals.note(event.fault.code, event.fault.text)
+            self._service.refusals.note(event.fault.code, event.fault.text)
             self.session.refuse(event.id, event.fault)
         else:
             self._carry_out(event)
 
     def _carry_out(self, request: Request) -> None:
         try:
-            verbs.take(self.session, request, self._adapter.token)
+            verbs.take(self.session, request, self._service.token)
         except verbs.Rejected as rejected:
-            self._adapter.refusals.note(rejected.fault.code, rejected.fault.text)
+            self._service.refusals.note(rejected.fault.code, rejected.fault.text)
             self.session.refuse(request.id, rejected.fault)
             if rejected.fault.code == "denied":
                 self._endpoint.denied(self._address)
@@ -171,11 +168,11 @@ class DatagramClient:
         self.session.refuse(None, fault)
 
     def _check_lease(self) -> None:
-        end = self._heard + self._adapter.config.udp_lease_s
+        end = self._heard + self._endpoint.config.udp_lease_s
         if self._loop.time() < end:
             self._timer = self._loop.call_at(end, self._check_lease)
             return
-        text = f'nothing came for {self._adapter.config.udp_lease_s:g} s, so this session has ended: say "hello" with a new cookie'
+        text = f'nothing came for {self._endpoint.config.udp_lease_s:g} s, so this session has ended: say "hello" with a new cookie'
         self._refuse(Fault("timeout", text, "udp_lease_s"))
         self.close()
 
@@ -185,7 +182,7 @@ class DatagramClient:
             self._timer.cancel()
             self.session.close()
             self._endpoint.forget(self._address)
-            self._adapter.leave(self)
+            self._endpoint.peers.leave(self)
 
     def abort(self) -> None:
         """The same: nothing waits to be sent."""
@@ -193,10 +190,16 @@ class DatagramClient:
 
 
 class DatagramEndpoint(asyncio.DatagramProtocol):
-    """The UDP socket of an adapter."""
+    """The UDP socket of an adapter.
 
-    def __init__(self, adapter: SocketsAdapter) -> None:
-        self.adapter = adapter
+    Attributes:
+        service, config, peers: of the adapter.
+    """
+
+    def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
+        self.service = service
+        self.config = config
+        self.peers = peers
         self._transport: asyncio.DatagramTransport
         self._clients: dict[Address, DatagramClient] = {}
         self._secret = secrets.token_bytes(32)
@@ -223,7 +226,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         """Send a datagram; returns whether it was not dropped here."""
         if self._is_paused:
             return False
-        self.adapter.context.stats.bytes_sent += len(data)
+        self.service.context.stats.bytes_sent += len(data)
         self._transport.sendto(data, address)
         return True
 
@@ -237,7 +240,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
             text = (
                 f"more than {WRONG_TOKENS} wrong tokens of one host: it gets no UDP session for up to {LOCKOUT_S:g} s"
             )
-            self.adapter.refusals.note("lockout", text)
+            self.service.refusals.note("lockout", text)
 
     def datagram_received(self, data: bytes, address: Address) -> None:
         """Take one datagram."""
@@ -268,13 +271,13 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
     def _admit(self, encoding: Encoding, hello: Request | Malformed, address: Address) -> None:
         client = DatagramClient(self, address, encoding)
         self._clients[address] = client
-        if not self.adapter.enter(client):
-            text = f"{self.adapter.config.max_clients} clients are connected: close some, or raise max_clients of the adapter"
-            self.adapter.refusals.note("max_clients", text)
-            client.session.refuse(None, Fault("overload", text))
+        if not self.peers.enter(client):
+            fault = self.peers.too_many
+            self.service.refusals.note("max_clients", fault.text)
+            client.session.refuse(None, fault)
             client.close()
             return
-        if self.adapter.token is None:
+        if self.service.token is None:
             client.session.admit()
         client.take(hello)
         if not client.session.greeted:
@@ -282,9 +285,9 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
 
     def _refuse_stranger(self, event: Request | Malformed, cookie: str | None) -> None:
         if isinstance(event, Malformed):
-            self.adapter.refusals.note(event.fault.code, event.fault.text)
+            self.service.refusals.note(event.fault.code, event.fault.text)
         elif cookie is not None:
-            self.adapter.refusals.note("cookie", "a UDP hello came with a cookie that is old, or another address's")
+            self.service.refusals.note("cookie", "a UDP hello came with a cookie that is old, or another address's")
 
     def _challenge(self, encoding: Encoding, size: int, address: Address) -> None:
         answer = {"cookie": self._cookie(address, self._slot())}

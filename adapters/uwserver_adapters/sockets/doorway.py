@@ -6,12 +6,12 @@ import asyncio
 import os
 import socket
 import ssl
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
+from uwserver.adapter import Peer, Peers
+from uwserver_adapters.native.service import NativeService
+from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver_adapters.sockets.connection import Connection
-
-if TYPE_CHECKING:
-    from uwserver_adapters.sockets.adapter import SocketsAdapter
 
 _PLAIN = ("HTTP_REQUEST", "WRONG_VERSION_NUMBER", "UNKNOWN_PROTOCOL", "RECORD_LAYER_FAILURE", "PACKET_LENGTH_TOO_LONG")
 _TOO_OLD = ("UNSUPPORTED_PROTOCOL", "VERSION_TOO_LOW")
@@ -22,19 +22,34 @@ class Doorway(asyncio.Protocol):
     """Takes a peer from its TCP connection to a `Connection` on top of TLS.
 
     The server would start TLS by itself, but then its end could not wait for handshakes, and nobody would learn why one failed.
+
+    Args:
+        service, config, peers: of the connection that it may become.
+        handshakes: those under way.
+        context: of TLS.
     """
 
-    def __init__(self, adapter: SocketsAdapter, context: ssl.SSLContext) -> None:
-        self._adapter = adapter
+    def __init__(
+        self,
+        service: NativeService,
+        config: SocketsConfig,
+        peers: Peers[Peer],
+        handshakes: set[asyncio.Task[None]],
+        context: ssl.SSLContext,
+    ) -> None:
+        self._service = service
+        self._config = config
+        self._peers = peers
+        self._handshakes = handshakes
         self._context = context
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin the handshake on the peer's socket, unless too many are under way."""
         plain = cast(asyncio.Transport, transport)
-        tasks = self._adapter.handshakes
-        if len(tasks) >= self._adapter.config.max_clients:
+        tasks = self._handshakes
+        if len(tasks) >= self._config.max_clients:
             text = f"{len(tasks)} TLS handshakes are under way: raise max_clients of the adapter"
-            self._adapter.refusals.note("max_clients", text)
+            self._service.refusals.note("max_clients", text)
         else:
             peer = socket.socket(fileno=os.dup(plain.get_extra_info("socket").fileno()))
             peer.setblocking(False)
@@ -44,10 +59,13 @@ class Doorway(asyncio.Protocol):
         plain.abort()  # nothing was read yet, and the copy of the socket stays open
 
     async def _shake_hands(self, peer: socket.socket) -> None:
-        seconds = self._adapter.config.hello_timeout_s
+        seconds = self._config.hello_timeout_s
         try:
             await asyncio.get_running_loop().connect_accepted_socket(
-                lambda: Connection(self._adapter), peer, ssl=self._context, ssl_handshake_timeout=seconds
+                lambda: Connection(self._service, self._config, self._peers),
+                peer,
+                ssl=self._context,
+                ssl_handshake_timeout=seconds,
             )
         except ssl.SSLError as error:
             self._refuse(str(error.reason or "unknown"))
@@ -57,8 +75,8 @@ class Doorway(asyncio.Protocol):
             pass  # it went away; port scanners and health checks do
 
     def _refuse(self, reason: str) -> None:
-        self._adapter.context.stats.errors += 1
-        self._adapter.refusals.note(
+        self._service.context.stats.errors += 1
+        self._service.refusals.note(
             f"tls {_cause(reason)}", f"a TLS handshake failed ({reason.lower()}): {_remedy(reason)}"
         )
 

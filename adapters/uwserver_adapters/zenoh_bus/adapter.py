@@ -6,20 +6,17 @@ import asyncio
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from uwserver.adapter import AdapterContext
-from uwserver_adapters.zenoh_bus.codec import Codec, EncodingName
+from uwserver.adapter import AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
+from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.publications import Publications
+from uwserver_adapters.zenoh_bus.publications import Publications, direct
 from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Requests
-from uwserver_adapters.zenoh_bus.sender import Inbox, Sender, direct
 
 if TYPE_CHECKING:
     import zenoh
-
-T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -33,10 +30,6 @@ PEERS_S = 0.5
 """Wall time between two counts of the peers."""
 
 
-class CannotOpen(Exception):
-    """No session can be had; the text says why and what to do."""
-
-
 class ZenohAdapter:
     """Serves ports and services on a zenoh network, as README.md says."""
 
@@ -45,7 +38,7 @@ class ZenohAdapter:
     def __init__(self, config: ZenohConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        server = config.server or _server_name(context)
+        server = config.server or context.world.server
         self.keys = KeyScheme(config.prefix, server)
         self._zid = ""
         self._clients: set[str] = set()
@@ -54,10 +47,10 @@ class ZenohAdapter:
         """Serve until cancelled.
 
         Raises:
-            CannotOpen: zenoh is not installed, a setting is wrong, an endpoint cannot be had, or the server's name is taken.
+            CannotServe: zenoh is not installed, a setting is wrong, an endpoint cannot be had, or the server's name is taken.
         """
         stats = self.context.stats
-        sender = Sender(stats)
+        sender = Worker("zenoh sender", stats)
         held: list[Any] = []  # the session, once it is open; also if the opening was cancelled meanwhile
         try:
             session = await self._open(sender, held)
@@ -68,7 +61,7 @@ class ZenohAdapter:
             stats.state = "stopped"
             stats.peers = 0
 
-    async def _open(self, sender: Sender, held: list[Any]) -> zenoh.Session:
+    async def _open(self, sender: Worker, held: list[Any]) -> zenoh.Session:
         stats = self.context.stats
         while True:
             listen = _free(self.config)
@@ -92,9 +85,9 @@ class ZenohAdapter:
         own = self.keys.identity(str(session.zid()))
         for reply in session.liveliness().get(self.keys.identities, timeout=TAKEN_S):
             if reply.ok is not None and str(reply.ok.key_expr) != own:
-                raise CannotOpen(_taken(self.keys))
+                raise CannotServe(_taken(self.keys))
 
-    async def _serve(self, session: zenoh.Session, sender: Sender, ready: asyncio.Event) -> None:
+    async def _serve(self, session: zenoh.Session, sender: Worker, ready: asyncio.Event) -> None:
         import zenoh
 
         stats = self.context.stats
@@ -129,17 +122,14 @@ class ZenohAdapter:
         identity = liveliness.declare_token(self.keys.identity(self._zid))
         publications.open()
         alive = liveliness.declare_token(self.keys.alive())
-        detach = self.context.attach(publications)
         try:
-            stats.state = "running"
-            ready.set()
-            while True:
-                publications.look()
-                # A named client behind a router is known by its token alone; most give the id of their session as name.
-                stats.peers = len({str(peer.zid) for peer in session.info.transports()} | self._clients)
-                await asyncio.sleep(PEERS_S)
+            with serving(self.context, publications, stats.address, ready):
+                while True:
+                    publications.look()
+                    # A named client behind a router is known by its token alone; most give the id of their session as name.
+                    stats.peers = len({str(peer.zid) for peer in session.info.transports()} | self._clients)
+                    await asyncio.sleep(PEERS_S)
         finally:
-            detach()
             requests.close()
             self._clients.clear()
             alive.undeclare()
@@ -183,7 +173,7 @@ def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     try:
         import zenoh
     except ImportError as error:
-        raise CannotOpen(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error
+        raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error
     made = _zenoh_config(config, listen)
     if any(endpoint.startswith(("tls/", "quic/")) for endpoint in listen):
         zenoh.init_log_from_env_or(REFUSED_PEERS)
@@ -196,7 +186,7 @@ def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
                 f"{reason} It is tried again; start what should be there, or correct `connect`."
             ) from None
         hint = "stop what uses it, or change `listen`" if "in use" in reason else "correct the adapter's table"
-        raise CannotOpen(f"zenoh cannot open a session: {reason}: {hint}") from None
+        raise CannotServe(f"zenoh cannot open a session: {reason}: {hint}") from None
 
 
 def _zenoh_config(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Config:
@@ -205,13 +195,13 @@ def _zenoh_config(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Config:
     try:
         made = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
     except zenoh.ZError as error:
-        raise CannotOpen(f"config_file {config.config_file}: {str(error).split(' at /')[0]}") from None
+        raise CannotServe(f"config_file {config.config_file}: {str(error).split(' at /')[0]}") from None
     for path, value in settings(config, listen):
         try:
             made.insert_json5(path, value)
         except zenoh.ZError as error:
             reason = str(error).split(" at /")[0]
-            raise CannotOpen(f'zenoh refuses the setting "{path}" = {value[:200]}: {reason}') from None
+            raise CannotServe(f'zenoh refuses the setting "{path}" = {value[:200]}: {reason}') from None
     return made
 
 
@@ -219,14 +209,9 @@ def _free(config: ZenohConfig) -> tuple[str, ...]:
     try:
         return endpoints(config)
     except OSError as error:
-        raise CannotOpen(
+        raise CannotServe(
             f"cannot listen at {', '.join(config.listen or ())}: {error}; 127.0.0.1 is always there, 0.0.0.0 means all"
         ) from None
-
-
-def _server_name(context: AdapterContext) -> str:
-    server = context.describe("world/describe")["server"]
-    return str(server["name"]) if isinstance(server, dict) else ""
 
 
 def _taken(keys: KeyScheme) -> str:
@@ -253,7 +238,7 @@ def _put(sample: zenoh.Sample) -> Put:
 class _Reply:
     """The `Answer` to a query, given by the sender's thread: a reply is never dropped, so it may wait for a slow peer."""
 
-    def __init__(self, query: zenoh.Query, sender: Sender) -> None:
+    def __init__(self, query: zenoh.Query, sender: Worker) -> None:
         self._query = query
         self._sender = sender
 
@@ -267,7 +252,7 @@ class _Reply:
         self._sender.send(self._query.drop)
 
 
-def _question(query: zenoh.Query, sender: Sender) -> Question:
+def _question(query: zenoh.Query, sender: Worker) -> Question:
     payload, encoding, attachment = query.payload, query.encoding, query.attachment
     key = query.key_expr
     intersects: Callable[[str], bool] = key.intersects

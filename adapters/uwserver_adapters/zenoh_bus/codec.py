@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import msgspec
 from msgspec import Struct
 
-from uwserver.ports import Fault, Refused, Sample
-from uwserver_adapters.nesting import json_fault, msgpack_fault
-from uwserver_adapters.values import SampleForm, in_pieces
-
-EncodingName = Literal["json", "msgpack"]
+from uwserver.adapter import EncodingName, SampleForm, Undecodable, decode, in_pieces, raw_field
+from uwserver.ports import Buffer, Fault, Port, Refused, Sample
 
 PAYLOAD_LIMIT = 1 << 20
 """Longest payload of a command or call, bytes."""
@@ -23,6 +19,8 @@ CLIENT_LIMIT = 64
 """Longest client id, characters."""
 
 _MEDIA: dict[EncodingName, str] = {"json": "application/json", "msgpack": "application/msgpack"}
+RAW = "application/octet-stream"
+"""Of a payload that is the one value of a port, bytes or a buffer, as it is."""
 _UNSAID = ("", "zenoh/bytes", "zenoh/string", "text/plain", "text/json")
 """What a client that says nothing of its encoding sends: taken as JSON."""
 
@@ -35,6 +33,14 @@ class SampleMeta(Struct):
     t_ns: int
     t_sent_ns: int
     valid: bool
+
+
+class RawMeta(SampleMeta, omit_defaults=True):
+    """Attachment of a sample whose payload is the bytes of its one field; of a buffer with type and shape."""
+
+    field: str
+    dtype: str = ""
+    shape: tuple[int, ...] = ()
 
 
 class Caller(Struct, forbid_unknown_fields=True):
@@ -73,14 +79,16 @@ class Codec:
         """A refusal. What the peer sent does not come back at full length."""
         return self.encode(FaultText(fault.code, fault.text[:TEXT_LIMIT], fault.where[:TEXT_LIMIT]))
 
-    def payload(self, form: SampleForm, sample: Sample) -> bytes:
-        """The values of a sample."""
-        value = form.value(sample)
-        return self.encode(in_pieces(value, self.encode) if form.is_long and self.name == "json" else value)
-
-    def attachment(self, sample: Sample) -> bytes:
-        """What goes with the payload of a sample."""
-        return self.encode(SampleMeta(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid))
+    def sample(self, form: SampleForm, sample: Sample) -> tuple[bytes, str, bytes]:
+        """Payload, encoding and attachment of a sample. One that is bytes or a buffer and nothing else goes as it is."""
+        meta = (sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid)
+        if form.raw is not None:
+            raw = sample.value[0]
+            if isinstance(raw, Buffer):
+                return raw.data, RAW, self.encode(RawMeta(*meta, form.raw.name, raw.dtype, raw.shape))
+        value = form.value(sample, binary=self.name == "msgpack")
+        payload = self.encode(in_pieces(value, self.encode) if form.is_long and self.name == "json" else value)
+        return payload, self.media, self.encode(SampleMeta(*meta))
 
 
 def encoding_of(media: str, default: EncodingName) -> EncodingName:
@@ -92,6 +100,8 @@ def encoding_of(media: str, default: EncodingName) -> EncodingName:
     kind = media.partition(";")[0].strip().lower()
     if kind in _UNSAID:
         return default if not kind else "json"
+    if kind == RAW:
+        return default
     for name, known in _MEDIA.items():
         if kind == known:
             return name
@@ -114,6 +124,23 @@ def decode_map(payload: bytes | None, encoding: EncodingName) -> dict[str, objec
             "invalid_request", 'the payload must be a map from names to values, like {"u": [0.1, 0.1]}', "payload"
         )
     return value
+
+
+def command_value(port: Port, payload: bytes | None, media: str, encoding: EncodingName) -> dict[str, object]:
+    """The fields in the payload of a command: a map, or the bytes of the one field that there is.
+
+    Raises:
+        Refused: as `decode_map`; or bytes for a port of other fields.
+    """
+    if media.partition(";")[0].strip().lower() != RAW:
+        return decode_map(payload, encoding)
+    field = raw_field(port)
+    if field is None:
+        raise Refused(
+            "bad_argument", f'"{port.path}" takes a map of fields, as {" or ".join(_MEDIA.values())}', "encoding"
+        )
+    _check_size(payload or b"", PAYLOAD_LIMIT, "payload")
+    return {field.name: payload or b""}
 
 
 def decode_caller(attachment: bytes | None) -> Caller:
@@ -140,16 +167,16 @@ def decode_caller(attachment: bytes | None) -> Caller:
     return caller
 
 
-def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> object:
+def _check_size(data: bytes, limit: int, what: str) -> None:
     if len(data) > limit:
         raise Refused("too_large", f"the {what} holds at most {limit} bytes, this one has {len(data)}", what)
-    reason = json_fault(data) if encoding == "json" else msgpack_fault(data)
-    if reason is not None:
-        raise Refused("invalid_request", f"the {what}: {reason}", what)
+
+
+def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> object:
+    _check_size(data, limit, what)
     try:
-        value: object = msgspec.json.decode(data) if encoding == "json" else msgspec.msgpack.decode(data)
-    except (
-        ValueError
-    ) as error:  # msgspec's own errors are ValueErrors; others: no UTF-8, or a number of thousands of digits
+        return decode(data, encoding)
+    except Undecodable as error:
+        if error.is_valid:
+            raise Refused("invalid_request", f"the {what}: {error}", what) from None
         raise Refused("parse_error", f"the {what} is no {encoding} ({error})", what) from None
-    return value

@@ -9,9 +9,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterTable
+from uwserver.adapter import AdapterTable, EncodingName
 from uwserver.table import Name, Positive
-from uwserver_adapters.zenoh_bus.codec import EncodingName
 
 Endpoint = Annotated[str, Meta(pattern=r"^[a-z0-9_]+/.+$")]
 

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, SampleForm, Worker
 from uwserver.ports import Event, Port, Sample
-from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.sender import Sender, direct
 
 if TYPE_CHECKING:
     from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
 
 _log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 LARGE_BYTES = 1 << 15
 """A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
+
+
+def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
+    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
+    import zenoh
+
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class _Outlet:
@@ -60,7 +68,7 @@ class Publications:
     """
 
     def __init__(
-        self, context: AdapterContext, session: Session, keys: KeyScheme, codec: Codec, sender: Sender
+        self, context: AdapterContext, session: Session, keys: KeyScheme, codec: Codec, sender: Worker
     ) -> None:
         self._context = context
         self._session = session
@@ -117,10 +125,9 @@ class Publications:
             if outlet is None or outlet.publisher is None or not outlet.is_heard:
                 continue
             try:
-                payload = self._codec.payload(outlet.form, sample)
-                attachment = self._codec.attachment(sample)
+                payload, media, attachment = self._codec.sample(outlet.form, sample)
                 stats.encoded += 1
-                if not self._put(outlet, outlet.publisher, payload, attachment):
+                if not self._put(outlet, outlet.publisher, payload, media, attachment):
                     continue
             except Exception as error:  # noqa: BLE001  # a fault of ours, or of a closing session, must not end the adapter
                 stats.errors += 1
@@ -130,17 +137,19 @@ class Publications:
             stats.samples_sent += 1
             stats.bytes_sent += len(payload)
 
-    def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, attachment: bytes) -> bool:
+    def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, media: str, attachment: bytes) -> bool:
         """Number it, and put it; whether it went out."""
         from zenoh import SourceInfo
 
         numbered = SourceInfo(publisher.id, outlet.number)
+        encoding = None if media == self._codec.media else media  # the publisher has that of all others
+        put = partial(publisher.put, payload, encoding=encoding, attachment=attachment, source_info=numbered)
         if len(payload) > LARGE_BYTES or outlet.is_large:
             outlet.is_large = True  # from now on always, so that samples do not overtake each other
-            if not self._put_large(outlet, lambda: publisher.put(payload, attachment=attachment, source_info=numbered)):
+            if not self._put_large(outlet, put):
                 return False
         else:
-            publisher.put(payload, attachment=attachment, source_info=numbered)
+            put()
         outlet.number = (outlet.number + 1) & 0xFFFFFFFF
         return True
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-import difflib
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Conversation, EncodingName, Owed, Refusals, SampleForm, did_you_mean
 from uwserver.ports import Fault, Progress, Refused, Reply, Sample
-from uwserver_adapters.values import SampleForm
 from uwserver_adapters.zenoh_bus.codec import (
     Caller,
     Codec,
-    EncodingName,
     FaultText,
+    command_value,
     decode_caller,
     decode_map,
     encoding_of,
@@ -27,10 +24,6 @@ _log = logging.getLogger(__name__)
 
 UNNAMED = "unnamed"
 """Who sends without an attachment; two such are not told apart."""
-UNANSWERED = 1024
-"""Commands and calls that may wait for the world."""
-CAUSES = 256
-"""Different causes of refusal that are logged, once each."""
 CLIENTS = 1024
 """Named clients that may be there at once."""
 
@@ -79,15 +72,6 @@ class Question:
     intersects: Callable[[str], bool]
 
 
-@dataclass(eq=False)
-class _Running:
-    cancel: Callable[[], bool]
-    client: str
-    id: int | None
-    overdue: asyncio.TimerHandle | None = None
-    is_late: bool = False
-
-
 class Requests:
     """Carries out puts and gets on a context. Loop thread.
 
@@ -108,11 +92,10 @@ class Requests:
         self._call_timeout_s = call_timeout_s
         self._tell = tell
         self._look = look
-        self._unanswered = 0
-        self._running: dict[_Running, None] = {}
-        self._leave: dict[str, Callable[[], None]] = {}
-        self._names: dict[str, str] = {}
-        self._told: set[tuple[str, str]] = set()
+        self._owed = Owed()
+        self._strangers = Conversation(context, UNNAMED, self._owed)
+        self._clients: dict[str, Conversation] = {}
+        self._refusals = Refusals(context.name, context.stats)
 
     # -- puts -------------------------------------------------------------------------------------------------------------------------
 
@@ -127,7 +110,8 @@ class Requests:
             if put.is_delete:
                 raise Refused("bad_argument", f'"{path}" cannot be deleted: put a value to command an actuator', path)
             self._check_port(path)
-            value = decode_map(put.payload, encoding_of(put.media, self._default))
+            encoding = encoding_of(put.media, self._default)
+            value = command_value(self._context.ports[path], put.payload, put.media, encoding)
             self._context.stats.commands += 1
             self._context.command(path, value, client, self._put_refused(client, path))
         except Refused as refused:
@@ -164,7 +148,7 @@ class Requests:
         if path not in self._context.ports:
             raise Refused(
                 "unknown_port",
-                f'no port "{path[:256]}"{self._similar(path, self._context.ports)}; get {self._keys.describe} lists them',
+                f'no port "{path[:256]}"{did_you_mean(path, self._context.ports)}; get {self._keys.describe} lists them',
                 path,
             )
 
@@ -177,10 +161,7 @@ class Requests:
     def _log_once(self, path: str, fault: Fault) -> None:
         known = path in self._context.ports or path in self._context.services or path.startswith("@")
         # Names that are none are a peer's choice: they are one cause, or they would use up the log.
-        cause = (path if known else "", fault.code)
-        if cause not in self._told and len(self._told) < CAUSES:
-            self._told.add(cause)
-            _log.warning("%s refused [%s]: %s (told once)", path[:256], fault.code, fault.text[:500])
+        self._refusals.note(f"{path if known else 'unknown'} {fault.code}", fault.text)
 
     # -- gets -------------------------------------------------------------------------------------------------------------------------
 
@@ -234,21 +215,23 @@ class Requests:
             self._last_values(question)
             return True
         caller = decode_caller(question.attachment)
-        value = decode_map(question.payload, codec.name)
         if port is not None:
-            self._context.stats.commands += 1
-            source = caller.client or UNNAMED
-            shape = lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}  # noqa: E731
-            self._context.command(path, value, source, self._expect(question, codec, shape))
+
+            def answer(reply: Reply) -> None:
+                result = {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}
+                self._settle(question, codec, reply, result)
+
+            value = command_value(port, question.payload, question.media, codec.name)
+            self._conversation(caller).command(path, value, answer, caller.client)
             return False
         if path not in self._context.services:
             known = (*self._context.ports, *self._context.services)
             raise Refused(
                 "unknown_service",
-                f'no port or service "{path[:256]}"{self._similar(path, known)}; get {self._keys.describe} lists them',
+                f'no port or service "{path[:256]}"{did_you_mean(path, known)}; get {self._keys.describe} lists them',
                 path,
             )
-        self._call(question, codec, path, value, caller)
+        self._call(question, codec, path, decode_map(question.payload, codec.name), caller)
         return False
 
     def _last_values(self, question: Question) -> None:
@@ -259,46 +242,30 @@ class Requests:
             if port.direction == "sensor" and question.intersects(key):
                 sample: Sample | None = self._context.last(path)
                 if sample is not None:
-                    payload = codec.payload(SampleForm(port), sample)
-                    question.answer.reply(key, payload, codec.media, codec.attachment(sample))
+                    question.answer.reply(key, *codec.sample(SampleForm(port), sample))
 
     # -- calls ------------------------------------------------------------------------------------------------------------------------
 
+    def _conversation(self, caller: Caller) -> Conversation:
+        return self._clients.get(caller.client, self._strangers)
+
     def _call(self, question: Question, codec: Codec, path: str, args: dict[str, object], caller: Caller) -> None:
-        self._context.stats.calls += 1
         timeout_s = self._timeout(question)
-        running = _Running(lambda: False, caller.client, caller.id)
-        shape = lambda reply: {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result}  # noqa: E731
-        answer = self._expect(question, codec, shape)
-        finished = False
+        client, id = caller.client, caller.id
+        is_limited = client not in self._clients and self._context.services[path].long_running
 
-        def on_reply(outcome: Reply | Progress) -> None:
-            nonlocal finished
-            if isinstance(outcome, Progress):
-                if caller.client and caller.id is not None:
-                    progress = {"id": caller.id, "fraction": outcome.fraction, "t_ns": outcome.t_ns}
-                    self._tell(self._keys.progress(caller.client, caller.id), progress)
-                return
-            finished = True
-            self._running.pop(running, None)
-            if running.overdue is not None:
-                running.overdue.cancel()
-            if running.is_late and outcome.fault is not None:
-                text = f"not done within {timeout_s:g} s and therefore cancelled: ask with ?timeout_s=... for longer"
-                outcome = Reply(outcome.tick, outcome.t_ns, fault=Fault("timeout", text, path))
-            answer(outcome)
+        def answer(reply: Reply) -> None:
+            self._settle(question, codec, reply, {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result})
 
-        source = caller.client or UNNAMED
-        name = self._names.get(caller.client, "")
-        try:
-            running.cancel = self._context.call(path, args, source, on_reply, name)
-        except BaseException:
-            self._unanswered -= 1
-            raise
-        if not finished and self._context.services[path].long_running:
-            self._running[running] = None
-            if caller.client not in self._leave:
-                running.overdue = asyncio.get_running_loop().call_later(timeout_s, self._give_up, running)
+        def progress(progress: Progress) -> None:
+            if client and id is not None:
+                message = {"id": id, "fraction": progress.fraction, "t_ns": progress.t_ns}
+                self._tell(self._keys.progress(client, id), message)
+
+        self._conversation(caller).call(
+            path, args, answer, key=(client, id), progress=progress, timeout_s=timeout_s if is_limited else None,
+            advice="ask with ?timeout_s=... for longer", source=client,
+        )  # fmt: skip
 
     def _timeout(self, question: Question) -> float:
         given = question.parameters.get("timeout_s")
@@ -310,28 +277,12 @@ class Requests:
             raise Refused("bad_argument", "timeout_s is a number of seconds above zero", "timeout_s")
         return timeout_s
 
-    def _give_up(self, running: _Running) -> None:
-        running.is_late = True
-        running.cancel()
-
-    def _expect(
-        self, question: Question, codec: Codec, shape: Callable[[Reply], object]
-    ) -> Callable[[Reply | Progress], None]:
-        if self._unanswered >= UNANSWERED:
-            raise Refused("overload", f"{UNANSWERED} commands and calls wait for their answer: wait for some of them")
-        self._unanswered += 1
-
-        def answer(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Progress):
-                return
-            self._unanswered -= 1
-            if outcome.fault is not None:
-                self._refuse(question, codec, outcome.fault)
-                return
-            question.answer.reply(question.key, codec.encode(shape(outcome)), codec.media)
-            question.answer.end()
-
-        return answer
+    def _settle(self, question: Question, codec: Codec, reply: Reply, result: object) -> None:
+        if reply.fault is not None:
+            self._refuse(question, codec, reply.fault)
+            return
+        question.answer.reply(question.key, codec.encode(result), codec.media)
+        question.answer.end()
 
     def _refuse(self, question: Question, codec: Codec, fault: Fault) -> None:
         self._context.stats.errors += 1
@@ -354,43 +305,31 @@ class Requests:
         if name is not None and not (isinstance(name, str) and 0 < len(name) <= 256):
             raise Refused("bad_argument", '"name" is a text of 1 to 256 characters', "name")
         self.client_left(client)
-        if len(self._leave) >= CLIENTS:
+        if len(self._clients) >= CLIENTS:
             raise Refused("overload", f"{CLIENTS} named clients are the most there can be")
-        self._leave[client] = self._context.join(name) if name is not None else _nothing
-        self._names[client] = name or ""
+        conversation = Conversation(self._context, client, self._owed)
+        if name is not None:
+            conversation.join(name)
+        self._clients[client] = conversation
         hello: dict[str, object] = {**self._context.hello(), "encoding": self._default}
         return hello
 
     def client_left(self, client: str) -> None:
         """Its token vanished: nobody waits for its calls any more, and it grants no ticks."""
-        leave = self._leave.pop(client, None)
-        self._names.pop(client, None)
-        if leave is not None:
-            leave()
-            for running in [entry for entry in self._running if entry.client == client]:
-                running.cancel()
+        conversation = self._clients.pop(client, None)
+        if conversation is not None:
+            conversation.leave()
+            conversation.end_calls()  # their questions are answered, so that nothing of them is kept
 
     def _cancel(self, caller: Caller) -> bool:
         if not caller.client or caller.id is None:
             raise Refused("bad_argument", 'the attachment must name "client" and "id" of the call', "attachment")
-        found = [entry for entry in self._running if (entry.client, entry.id) == (caller.client, caller.id)]
-        cancelled = [entry.cancel() for entry in found]
+        asked = (self._conversation(caller), self._strangers)
+        cancelled = [conversation.cancel((caller.client, caller.id)) for conversation in asked]
         return any(cancelled)
 
     def close(self) -> None:
         """Cancel what is under way and let all clients go."""
-        for client in list(self._leave):
+        for client in list(self._clients):
             self.client_left(client)
-        for running in list(self._running):
-            if running.overdue is not None:
-                running.overdue.cancel()
-            running.cancel()
-
-    @staticmethod
-    def _similar(path: str, known: Mapping[str, object] | tuple[str, ...]) -> str:
-        near = difflib.get_close_matches(path, list(known), n=1, cutoff=0.6) if len(path) <= 256 else []
-        return f' (did you mean "{near[0]}"?)' if near else ""
-
-
-def _nothing() -> None:
-    """Leave no barrier."""
+        self._strangers.end_calls()

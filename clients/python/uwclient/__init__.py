@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from uwclient.aio import AsyncClient
+from uwclient.buffers import Buffer
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout, UwError
 from uwclient.link import tls_context
 from uwclient.over_zenoh import connect_zenoh, connect_zenoh_async
@@ -17,6 +18,7 @@ __all__ = [
     "Ack",
     "Argument",
     "AsyncClient",
+    "Buffer",
     "CallRefused",
     "Client",
     "ConnectionLost",

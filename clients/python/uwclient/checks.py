@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Protocol, cast, runtime_checkable
 
+from uwclient.buffers import packed
 from uwclient.errors import CallRefused
 from uwclient.ports import Field, Port
 
@@ -38,7 +39,13 @@ def command_value(ports: Mapping[str, Port], path: str, fields: Mapping[str, obj
                 code="bad_argument",
                 where=name,
             )
-    return {name: _checked(path, by_name[name], plain(value)) for name, value in fields.items()}
+    return {name: _prepared(path, by_name[name], value) for name, value in fields.items()}
+
+
+def _prepared(path: str, field: Field, value: object) -> object:
+    if field.type in ("bytes", "buffer"):
+        return packed(value)  # the server knows what fits
+    return _checked(path, field, plain(value))
 
 
 def plain(value: object) -> object:
@@ -109,9 +116,11 @@ def _leaves(value: object) -> Iterable[object]:
 
 
 def _form(field: Field) -> str:
-    if not field.shape:
-        return f"one {field.type}"
     sizes = " x ".join("n" if size < 0 else str(size) for size in field.shape)
+    if field.type == "buffer":
+        return f"a buffer of {field.dtype} {sizes}"
+    if not field.shape:
+        return f"one {field.type}" if field.type != "bytes" else "bytes"
     return f"a list of {sizes} {field.type}"
 
 

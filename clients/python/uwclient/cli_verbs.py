@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 
+from uwclient.buffers import Buffer, as_text
 from uwclient.errors import Timeout, UwError
 from uwclient.figure import draw, require_matplotlib
 from uwclient.ports import Field, Port, Progress, Sample, Service
@@ -68,7 +69,7 @@ def hz(client: Client, options: argparse.Namespace) -> None:
 def call(client: Client, options: argparse.Namespace) -> None:
     """Call a service and print its value as JSON; progress goes to standard error."""
     value = client.call(options.service, dict(options.values), on_progress=_print_progress)
-    print(json.dumps(value, indent=2))
+    print(json.dumps(value, indent=2, default=as_text))
 
 
 def send(client: Client, options: argparse.Namespace) -> None:
@@ -123,6 +124,7 @@ def _port_line(port: Port) -> str:
 
 def _field(field: Field) -> str:
     shape = "x".join("n" if size < 0 else str(size) for size in field.shape)
+    shape = " ".join(filter(None, (field.dtype, shape)))
     return field.name + (f"[{shape}]" if shape else "") + (f" {field.unit}" if field.unit not in ("", "1") else "")
 
 
@@ -132,12 +134,19 @@ def _service_line(service: Service) -> str:
 
 
 def _json_line(sample: Sample) -> str:
-    return json.dumps(dataclasses.asdict(sample), separators=(",", ":"))
+    return json.dumps(vars(sample), separators=(",", ":"), default=as_text)
 
 
 def _sample_line(sample: Sample) -> str:
-    values = " ".join(f"{name}={json.dumps(value)}" for name, value in sample.value.items())
+    values = " ".join(f"{name}={json.dumps(value, default=_brief)}" for name, value in sample.value.items())
     return f"{sample.port} seq={sample.seq} t={sample.time_s:.6f}{'' if sample.valid else ' INVALID'} {values}"
+
+
+def _brief(value: object) -> object:
+    """Say what a buffer is, not what is in it."""
+    if isinstance(value, Buffer):
+        return f"{value.dtype} {'x'.join(map(str, value.shape)) or 'scalar'}"
+    return as_text(value)
 
 
 def _shown(value: float | None) -> str:

@@ -8,11 +8,12 @@ from __future__ import annotations
 import importlib
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, Union, cast
 
 from uwclient import wire
+from uwclient.buffers import as_binary, as_text
 from uwclient.errors import CallRefused, ProtocolError, UwError
 from uwclient.ports import Event, Progress, Sample
 from uwclient.wire import RequestId
@@ -57,7 +58,7 @@ class JsonLines:
     def encode(self, message: Mapping[str, object]) -> bytes:
         """Return one line; raises CallRefused (`not_finite`, `bad_argument`, `too_large`)."""
         try:
-            line = json.dumps(message, allow_nan=False, separators=(",", ":")).encode("ascii") + b"\n"
+            line = json.dumps(message, allow_nan=False, separators=(",", ":"), default=as_text).encode("ascii") + b"\n"
         except ValueError as error:
             raise CallRefused(f"not a finite number in the request ({error})", code="not_finite") from None
         except TypeError as error:
@@ -86,7 +87,7 @@ def _parse_line(line: bytes) -> object:
 
 
 class _Msgpack(Protocol):
-    def packb(self, message: object) -> bytes: ...
+    def packb(self, message: object, default: Callable[[object], object]) -> bytes: ...
 
     def unpackb(self, data: bytes) -> object: ...
 
@@ -107,7 +108,7 @@ class MsgpackFrames:
     def encode(self, message: Mapping[str, object]) -> bytes:
         """Return one frame; raises CallRefused (`bad_argument`, `too_large`)."""
         try:
-            body = self._msgpack.packb(message)
+            body = self._msgpack.packb(message, default=as_binary)
         except (TypeError, ValueError, OverflowError) as error:
             raise CallRefused(f"the request cannot be sent as msgpack: {error}", code="bad_argument") from None
         # The length's first byte must be 0: it is what tells the server that this connection is binary.

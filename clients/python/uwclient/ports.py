@@ -10,9 +10,10 @@ import importlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from uwclient import wire
+from uwclient.buffers import Buffer, unpacked
 from uwclient.errors import UwError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ NANOSECONDS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a port. `shape` is () for a scalar; a size of -1 is variable."""
+    """One field of a port. `shape` is () for a scalar; a size of -1 is variable; that of a buffer is the buffer's, whose items are `dtype`."""
 
     name: str
     type: str
@@ -34,12 +35,14 @@ class Field:
     doc: str = ""
     minimum: float | None = None
     maximum: float | None = None
+    dtype: str = ""
 
     @classmethod
     def from_wire(cls, value: object) -> Field:
         """Read one entry of a port's `fields`; raises ProtocolError."""
         data = wire.as_map(value, "a field")
-        sizes = wire.as_list(data.get("shape", []), "a shape")
+        buffer = wire.as_map(data.get("buffer", {}), "a buffer")
+        sizes = wire.as_list(buffer.get("shape", data.get("shape", [])), "a shape")
         return cls(
             name=wire.text(data, "name"),
             type=wire.text(data, "type", "float"),
@@ -49,6 +52,7 @@ class Field:
             doc=wire.text(data, "doc", ""),
             minimum=wire.number(data, "minimum"),
             maximum=wire.number(data, "maximum"),
+            dtype=wire.text(buffer, "dtype", ""),
         )
 
 
@@ -180,7 +184,7 @@ class Sample:
             t_ns=t_ns,
             t_sent_ns=wire.integer(data, "t_sent_ns") if "t_sent_ns" in data else t_ns,
             valid=wire.flag(data, "valid", True),
-            value=wire.as_map(data.get("value"), "a value"),
+            value={name: unpacked(entry) for name, entry in wire.as_map(data.get("value"), "a value").items()},
         )
 
     @property
@@ -189,7 +193,7 @@ class Sample:
         return self.t_ns / NANOSECONDS
 
     def __getitem__(self, name: str) -> object:
-        """Return the field as sent: a number, a list, None; raises UwError for a name the sample has not."""
+        """Return the field: a number, a list, bytes, a Buffer, None; raises UwError for a name the sample has not."""
         try:
             return self.value[name]
         except KeyError:
@@ -209,13 +213,15 @@ class Sample:
         """Return a field as flat floats (row-major), one for a scalar, NaN for values the sensor has not."""
         return tuple(_floats(self[name], self.port, name))
 
-    def array(self, name: str) -> NDArray[numpy.float64]:
-        """Return a field as numpy array of its shape, NaN for values the sensor has not.
+    def array(self, name: str) -> NDArray[Any]:
+        """Return a field as numpy array of its shape: float64 with NaN for values the sensor has not, a buffer in its own type.
 
         Raises:
             UwError: numpy is not installed, or the sample has no such field.
         """
         value = self[name]
+        if isinstance(value, Buffer):
+            return value.array()
         try:
             np = importlib.import_module("numpy")
         except ImportError:
@@ -234,7 +240,7 @@ def _floats(value: object, port: str, name: str) -> Iterator[float]:
         for entry in cast("list[object]", value):
             yield from _floats(entry, port, name)
     else:
-        raise UwError(f'field "{name}" of {port} holds {value!r}, which is no number', where=name)
+        raise UwError(f'field "{name}" of {port} holds {type(value).__name__}, which is no number', where=name)
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,17 @@ from collections.abc import Mapping, Sequence
 from typing import Union, cast
 
 from uwclient import wire
+from uwclient.buffers import unpacked
 from uwclient.core import framing
 from uwclient.errors import ProtocolError, UwError
 
+RAW = "application/octet-stream"
+"""Of a sample whose payload is its one value, bytes or a buffer; field, dtype and shape stand in the attachment."""
 MEDIA = {"json": "application/json", "msgpack": "application/msgpack"}
 _JSON_SAMPLE = b'{"port":'
 _MSGPACK_SAMPLE = b"\x85\xa4port"
-"""First bytes of a sample's attachment: a map of five entries, the first one `port`."""
+"""First bytes of a sample's attachment: a map of five entries, the first one `port`; a raw sample's has more."""
+_RAW_MSGPACK = (b"\x86\xa4port", b"\x88\xa4port")
 
 RequestId = Union[int, str]
 
@@ -94,14 +98,16 @@ class Frames:
         return len(body).to_bytes(4, "big") + body
 
     def _transcoded(self, payload: bytes, attachment: bytes, media: str) -> bytes:
-        if media not in MEDIA.values() or not attachment.startswith((_JSON_SAMPLE, _MSGPACK_SAMPLE)):
+        if media not in (RAW, *MEDIA.values()):
             return b""
         return self.selected(payload, attachment, media, None)
 
     def meta(self, attachment: bytes, media: str) -> dict[str, object]:
         """Return a sample's attachment as a map, {} when it is none."""
-        if not attachment.startswith((_JSON_SAMPLE, _MSGPACK_SAMPLE)):
+        if not attachment.startswith((_JSON_SAMPLE, _MSGPACK_SAMPLE, *_RAW_MSGPACK)):
             return {}
+        if media == RAW:
+            media = MEDIA["json" if attachment.startswith(_JSON_SAMPLE) else "msgpack"]
         try:
             return wire.as_map(self.decoded(attachment, media), "an attachment")
         except UwError:
@@ -113,7 +119,8 @@ class Frames:
         if not meta:
             return b""
         try:
-            value = wire.as_map(self.decoded(payload, media), "a value")
+            value = _raw(payload, meta) if media == RAW else wire.as_map(self.decoded(payload, media), "a value")
+            value = {name: unpacked(entry) for name, entry in value.items()}
             if fields is not None:
                 value = {name: entry for name, entry in value.items() if name in fields}
             return self._framing.encode(
@@ -121,6 +128,12 @@ class Frames:
             )
         except UwError:
             return b""
+
+
+def _raw(payload: bytes, meta: dict[str, object]) -> dict[str, object]:
+    """Return the value of a raw sample, and leave in `meta` what any sample has."""
+    form: dict[str, object] = {key: meta.pop(key) for key in ("dtype", "shape") if key in meta}
+    return {str(meta.pop("field", "")): {**form, "data": payload}}
 
 
 def _null(value: object) -> object:

@@ -8,8 +8,9 @@ from uwserver.actuators import BallastConfig, Body, FinConfig, FinsConfig, Movin
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario, Truth
+from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.sensors.truth import Truth
 from uwserver.world.snapshot import restore, take
 
 SERVOS = ("fins.rudder", "fins.elevator", "propellers.main", "ballasts.buoyancy_engine", "moving_masses.battery")

@@ -9,8 +9,8 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from uwserver import adapter
 from uwserver.adapter import AdapterNotFound, AdapterTable, adapter_entries, installed_adapters, load_adapter
+from uwserver.adapter import contract as adapter
 
 
 class GoodTable(AdapterTable, tag="good", kw_only=True, frozen=True):

@@ -10,11 +10,43 @@ from uwserver.autopilot.estimator import STUBBORN, Estimator, Source, Surroundin
 from uwserver.autopilot.gains import Gains
 from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
-from uwserver.ports import Sample
+from uwserver.ports import Field, Sample
+from uwserver.sensors import (
+    AltimeterConfig,
+    AttitudeConfig,
+    BatteryConfig,
+    DvlConfig,
+    GpsConfig,
+    ImuConfig,
+    LblConfig,
+    LeakConfig,
+    MotionCaptureConfig,
+    Pose,
+    PressureConfig,
+    UsblConfig,
+)
+from uwserver.sensors.acoustic.interrogation import Beacon
 
 RATE = 50.0
 GAINS = Gains()
 G = 9.81
+
+
+BEACONS = {"b": Beacon(position_ned_m=(0.0, 0.0, 9.0))}
+FIELDS = {
+    str(config.__struct_config__.tag): config.build(Pose()).fields
+    for config in (
+        AttitudeConfig(rate_hz=1), ImuConfig(rate_hz=1), DvlConfig(rate_hz=1), AltimeterConfig(rate_hz=1), GpsConfig(rate_hz=1),
+        MotionCaptureConfig(rate_hz=1), LeakConfig(rate_hz=1), BatteryConfig(rate_hz=1), PressureConfig(rate_hz=1, output="depth"),
+        LblConfig(rate_hz=1, beacons=BEACONS), UsblConfig(rate_hz=1, beacons=BEACONS),
+    )
+}  # fmt: skip
+
+
+def source(kind, **keys):
+    """A sensor of the shipped kind; one of pressure tells depth, unless `density` says otherwise."""
+    absolute = kind == "pressure" and "density" in keys
+    return Source(kind, PressureConfig(rate_hz=1).build(Pose()).fields if absolute else FIELDS[kind], **keys)
 
 
 class Bench:
@@ -32,7 +64,7 @@ class Bench:
         self._seq += 1
         t_ns = self.t_ns - round(late_s * 1e9)
         sample = Sample(f"rov/{name}", self._seq, t_ns, self.t_ns, valid, value)
-        self.estimator.take(self.e, sample, self.t_ns)
+        self.estimator.update(self.e, sample, self.t_ns)
 
     def run(self, seconds, **every_step):
         for _ in range(round(seconds * RATE)):
@@ -51,7 +83,7 @@ def test_attitude_takes_off_the_mount_and_the_declination():
     q_BS = quat_from_rpy(0.1, -0.2, 0.7)
     q_NB = quat_from_rpy(0.05, 0.1, 2.0)
     declination = 0.06
-    bench = Bench(ahrs=Source("attitude", q=q_BS, north=declination))
+    bench = Bench(ahrs=source("attitude", q=q_BS, north=declination))
     magnetic = multiply(quat_from_rpy(0, 0, -declination), multiply(q_NB, q_BS))
     bench.hear("ahrs", magnetic, 0.0)
     assert rpy_from_quat(bench.e.q) == pytest.approx((0.05, 0.1, 2.0), abs=1e-9)
@@ -59,7 +91,7 @@ def test_attitude_takes_off_the_mount_and_the_declination():
 
 
 def test_the_gyroscope_carries_the_attitude_between_samples():
-    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"))
+    bench = Bench(ahrs=source("attitude"), imu=source("imu"))
     bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
     bench.run(0.5, imu=((0.0, 0.0, -G), (0.0, 0.0, 0.4), 10.0))
     # 24 intervals between 25 readings.
@@ -67,7 +99,7 @@ def test_the_gyroscope_carries_the_attitude_between_samples():
 
 
 def test_a_late_attitude_is_turned_on_to_now():
-    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"))
+    bench = Bench(ahrs=source("attitude"), imu=source("imu"))
     bench.hear("imu", (0.0, 0.0, -G), (0.0, 0.0, 0.5), 10.0)
     bench.hear("ahrs", quat_from_rpy(0, 0, 1.0), 1.0, late_s=0.1)
     assert rpy_from_quat(bench.e.q)[2] == pytest.approx(1.05, abs=1e-4)
@@ -76,7 +108,7 @@ def test_a_late_attitude_is_turned_on_to_now():
 def test_without_attitude_sensor_the_specific_force_shows_the_vertical_but_not_north():
     q = quat_from_rpy(0.2, -0.3, 0.0)
     f = rotate(conjugate(q), (0.0, 0.0, -G))
-    bench = Bench(imu=Source("imu"))
+    bench = Bench(imu=source("imu"))
     bench.hear("imu", f, (0.0, 0.0, 0.0), 10.0)
     assert rpy_from_quat(bench.e.q)[:2] == pytest.approx((0.2, -0.3), abs=1e-9)
     assert bench.known.attitude
@@ -88,7 +120,7 @@ def test_without_attitude_sensor_the_specific_force_shows_the_vertical_but_not_n
 
 
 def test_a_rate_comes_from_attitudes_where_there_is_no_gyroscope():
-    bench = Bench(ahrs=Source("attitude"))
+    bench = Bench(ahrs=source("attitude"))
     for k in range(100):
         bench.hear("ahrs", quat_from_rpy(0, 0, 0.3 * k / RATE), 0.0)
         bench.run(1.0 / RATE)
@@ -96,7 +128,7 @@ def test_a_rate_comes_from_attitudes_where_there_is_no_gyroscope():
 
 
 def test_depth_is_that_of_the_origin():
-    bench = Bench(ahrs=Source("attitude"), depth=Source("pressure", p=(-0.5, 0.0, 0.0)))
+    bench = Bench(ahrs=source("attitude"), depth=source("pressure", p=(-0.5, 0.0, 0.0)))
     bench.hear("ahrs", quat_from_rpy(0, 0.3, 0), 0.0)
     bench.run(5.0, depth=(10.0, 8.0), ahrs=(quat_from_rpy(0, 0.3, 0), 0.0))
     # Nose up: the sensor in the stern is deeper.
@@ -104,7 +136,7 @@ def test_depth_is_that_of_the_origin():
 
 
 def test_depth_from_absolute_pressure():
-    bench = Bench(depth=Source("pressure", density=1025.0 * G, atmosphere=101_325.0))
+    bench = Bench(depth=source("pressure", density=1025.0 * G, atmosphere=101_325.0))
     bench.run(5.0, depth=(101_325.0 + 1025.0 * G * 7.0, 8.0))
     assert bench.e.p[2] == pytest.approx(7.0, abs=0.01)
     assert bench.e.v[2] == pytest.approx(0.0, abs=0.01)
@@ -113,7 +145,7 @@ def test_depth_from_absolute_pressure():
 def test_a_dvl_counts_in_its_mount_s_frame_and_place():
     """It sits ahead of the origin, turned by 90 degrees; the vehicle turns and does not move."""
     q_BS = quat_from_rpy(0, 0, math.pi / 2)
-    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"), dvl=Source("dvl", p=(0.5, 0, 0), q=q_BS))
+    bench = Bench(ahrs=source("attitude"), imu=source("imu"), dvl=source("dvl", p=(0.5, 0, 0), q=q_BS))
     w = 0.2
     v_S = rotate(conjugate(q_BS), (0.0, w * 0.5, 0.0))
     for k in range(100):
@@ -126,7 +158,7 @@ def test_a_dvl_counts_in_its_mount_s_frame_and_place():
 
 
 def test_dead_reckoning_adds_up_and_set_position_corrects_it():
-    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
+    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"))
     still = (quat_from_rpy(0, 0, math.pi / 2), 0.0)
     bench.run(10.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     assert bench.e.p[0] == pytest.approx(0.0, abs=0.05)
@@ -138,12 +170,12 @@ def test_dead_reckoning_adds_up_and_set_position_corrects_it():
 
 
 def test_it_begins_where_the_operator_says():
-    bench = Bench(Surroundings(start=(3.0, 4.0, 5.0)), dvl=Source("dvl"))
+    bench = Bench(Surroundings(start=(3.0, 4.0, 5.0)), dvl=source("dvl"))
     assert bench.e.p == (3.0, 4.0, 5.0)
 
 
 def test_altitude_reaches_down_from_the_mount():
-    bench = Bench(ahrs=Source("attitude"), altimeter=Source("altimeter", p=(0, 0, 0.2)), depth=Source("pressure"))
+    bench = Bench(ahrs=source("attitude"), altimeter=source("altimeter", p=(0, 0, 0.2)), depth=source("pressure"))
     level = (quat_from_rpy(0, 0, 0), 0.0)
     bench.run(3.0, ahrs=level, depth=(5.0, 8.0), altimeter=(9.8, 1.0))
     assert bench.e.bottom - bench.e.p[2] == pytest.approx(10.0, abs=0.02)
@@ -158,7 +190,7 @@ def test_altitude_reaches_down_from_the_mount():
 def test_gps_is_a_place_of_the_antenna():
     origin = (1.1, 0.2)
     place = Surroundings(latitude=origin[0], longitude=origin[1])
-    bench = Bench(place, ahrs=Source("attitude"), gps=Source("gps", p=(0.5, 0, 0)))
+    bench = Bench(place, ahrs=source("attitude"), gps=source("gps", p=(0.5, 0, 0)))
     latitude, longitude = latitude_longitude(40.5, -30.0, *origin)
     bench.run(5.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), gps=(latitude, longitude, 0.2, (0, 0, 0), 1.0, 1.0, 0.1, 12, 3))
     assert bench.e.p[:2] == pytest.approx((40.0, -30.0), abs=0.05)
@@ -168,7 +200,7 @@ def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
     place = Surroundings(beacons={"b": (20.0, 10.0, 30.0)})
     q_BS = quat_from_rpy(0.0, 0.0, 0.5)
     q = quat_from_rpy(0.0, 0.1, 1.0)
-    bench = Bench(place, ahrs=Source("attitude"), usbl=Source("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
+    bench = Bench(place, ahrs=source("attitude"), usbl=source("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
     p_NB = (2.0, -3.0, 5.0)
     p_NS = tuple(a + b for a, b in zip(p_NB, rotate(q, (0.0, 0.0, 0.3)), strict=True))
     away = tuple(b - a for a, b in zip(p_NS, place.beacons["b"], strict=True))
@@ -183,7 +215,7 @@ def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
 def test_ranges_of_three_beacons_meet_in_one_place():
     beacons = {"a": (50.0, 0.0, 20.0), "b": (-40.0, 40.0, 20.0), "c": (-10.0, -60.0, 20.0)}
     bench = Bench(
-        Surroundings(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=Source("attitude"), lbl=Source("lbl", sigma=0.3)
+        Surroundings(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=source("attitude"), lbl=source("lbl", sigma=0.3)
     )
     p = (4.0, -6.0, 5.0)
     for k in range(90):
@@ -195,7 +227,7 @@ def test_ranges_of_three_beacons_meet_in_one_place():
 
 
 def test_a_late_fix_is_one_of_where_the_vehicle_was():
-    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"), mocap=Source("motion_capture", sigma=0.01))
+    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"), mocap=source("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     for k in range(500):
         x = 0.5 * k / RATE
@@ -207,7 +239,7 @@ def test_a_late_fix_is_one_of_where_the_vehicle_was():
 
 
 def test_one_fix_far_off_is_not_believed_many_are():
-    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"), mocap=Source("motion_capture", sigma=0.01))
+    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"), mocap=source("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     here = ((0.0, 0.0, 5.0), level)
     bench.run(5.0, ahrs=(level, 0.0), dvl=((0.0, 0.0, 0.0), 8.0, 0.01), mocap=here)
@@ -219,7 +251,7 @@ def test_one_fix_far_off_is_not_believed_many_are():
 
 
 def test_a_false_echo_is_not_believed_a_real_jump_is():
-    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
+    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"))
     bench.run(2.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.2, 0.0, 0.0), 8.0, 0.01))
     bench.hear("dvl", (1.5, 0.0, 0.0), 8.0, 0.01)
     assert bench.e.v[0] == pytest.approx(0.2, abs=0.01)
@@ -229,7 +261,7 @@ def test_a_false_echo_is_not_believed_a_real_jump_is():
 
 
 def test_frequent_fixes_alone_give_a_velocity():
-    bench = Bench(mocap=Source("motion_capture", sigma=0.01))
+    bench = Bench(mocap=source("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     for k in range(300):
         bench.hear("mocap", (0.3 * k / RATE, 0.0, 5.0), level)
@@ -243,11 +275,11 @@ def test_frequent_fixes_alone_give_a_velocity():
 
 def test_everything_is_lost_after_its_time_out():
     bench = Bench(
-        ahrs=Source("attitude"),
-        depth=Source("pressure"),
-        dvl=Source("dvl"),
-        altimeter=Source("altimeter"),
-        imu=Source("imu"),
+        ahrs=source("attitude"),
+        depth=source("pressure"),
+        dvl=source("dvl"),
+        altimeter=source("altimeter"),
+        imu=source("imu"),
     )
     assert not any(bench.known)
     level = (quat_from_rpy(0, 0, 0), 0.0)
@@ -264,7 +296,7 @@ def test_everything_is_lost_after_its_time_out():
 
 
 def test_an_invalid_sample_keeps_nothing_alive():
-    bench = Bench(ahrs=Source("attitude"), dvl=Source("dvl"))
+    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"))
     bench.run(1.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.1, 0.0, 0.0), 8.0, 0.01))
     for _ in range(150):
         bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
@@ -276,7 +308,7 @@ def test_an_invalid_sample_keeps_nothing_alive():
 
 
 def test_a_motion_that_nothing_tells_of_dies_away():
-    bench = Bench(ahrs=Source("attitude"), imu=Source("imu"), dvl=Source("dvl"))
+    bench = Bench(ahrs=source("attitude"), imu=source("imu"), dvl=source("dvl"))
     level = (quat_from_rpy(0, 0, 0), 0.0)
     bench.run(2.0, ahrs=level, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     # A tilt error of 3 degrees would make 0.5 m/s2: integrated, 900 m in a minute.
@@ -286,8 +318,20 @@ def test_a_motion_that_nothing_tells_of_dies_away():
 
 
 def test_leak_and_battery_are_remembered():
-    bench = Bench(leak=Source("leak"), battery=Source("battery"))
+    bench = Bench(leak=source("leak"), battery=source("battery"))
     bench.hear("leak", True)
     bench.hear("battery", 14.0, 2.0, 28.0, 0.0, 0.42)
     assert bench.e.leak
     assert bench.e.charge == 0.42
+
+
+def test_fields_are_found_by_name():
+    """The charge of a battery is what its field `charge` says, wherever it stands; a port without it is refused when the world is built."""
+    charge, voltage = Field("charge", "1", "what is left"), Field("voltage", "V", "at the terminals")
+    bench = Bench(battery=Source("battery", (charge, voltage)))
+    bench.hear("battery", 0.7, 14.0)
+    assert bench.e.charge == 0.7
+    with pytest.raises(
+        ValueError, match=r'"rov/battery" has no field "charge" \(did you mean "charges"\?\); it has: charges'
+    ):
+        Bench(battery=Source("battery", (Field("charges", "1", "what is left"),)))

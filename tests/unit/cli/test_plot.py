@@ -89,7 +89,7 @@ def test_both_sources_give_the_same_picture(folder: Path) -> None:
         (("x.toml", "rov/thrusters"), "there are: "),
         (("x.nothing.mcap", "rov/sonar"), "No such file"),
         (("nothing", "rov/sonar"), "unknown scenario"),
-        (("x.mcap", "rov/sonar", "--from", "99"), "told nothing in that time"),
+        (("x.mcap", "rov/sonar", "--from", "99"), "gave no samples in that time"),
         (("x.mcap", "rov/sonar", "-o", "/nowhere/at/all.png"), "No such file"),
     ],
 )
@@ -132,7 +132,7 @@ def test_every_kind_can_be_drawn(kind, tmp_path: Path) -> None:
         port = Port("rov/x", "sensor", kind.kind, output.fields, output.doc, 10.0)
         picture(port, samples(port, 20)).savefig(tmp_path / "x.png")
         picture(port, samples(port, 1)).savefig(tmp_path / "x.png")
-        with pytest.raises(ValueError, match="told nothing"):
+        with pytest.raises(ValueError, match="gave no samples"):
             picture(port, [])
 
 

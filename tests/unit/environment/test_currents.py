@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.environment.currents import GaussMarkov, GaussMarkovConfig, ProfileConfig, profile_rows
+from uwserver.environment.currents import Drift, GaussMarkovConfig, ProfileConfig, profile_rows
 from uwserver.environment.sea import Sea
 from uwserver.physics.kernel.layout import WAVE_SIZE, SeaRows
 
@@ -71,7 +71,7 @@ def test_currents_add_up():
 
 def drift(seed: int, steps: int, tau: float = 2.0, rate: float = 10.0, **keys: float) -> np.ndarray:
     config = GaussMarkovConfig(sigma_ned_mps=(0.3, 0.1, 0.0), tau_s=tau, **keys)
-    current = GaussMarkov(config, rate, np.random.default_rng(seed))
+    current = Drift(config.build(), rate, np.random.default_rng(seed))
     velocities = [current.at(0)[0]]
     for tick in range(1, steps):
         current.move(tick)
@@ -101,7 +101,7 @@ def test_between_draws_a_drift_is_linear_and_meets_them():
 
 def test_the_sea_tells_the_rate_of_a_drift():
     """What the kernel extrapolates within a tick is what holds at the next one."""
-    current = GaussMarkov(GaussMarkovConfig(sigma_ned_mps=(0.3, 0.1, 0.2), tau_s=5.0), 20.0, np.random.default_rng(1))
+    current = Drift(GaussMarkovConfig(sigma_ned_mps=(0.3, 0.1, 0.2), tau_s=5.0).build(), 20.0, np.random.default_rng(1))
     sea = Sea(SeaRows(np.zeros(7), np.zeros((0, 15)), STILL), [current], 0.05)
     sea.hold(0, 0.0, (1.0, 0.0, 0.0))
     for tick in range(1, 50):

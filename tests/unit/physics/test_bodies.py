@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uwserver.validation.colliders import Floor
+from uwserver.validation.contact_forms import FEET, OFF_DIAGONAL, vehicle
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
@@ -14,8 +16,6 @@ from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, PROFILE_SIZE, SHAPE_BOX, WAVE_SIZE, Q, SeaRows
-from uwserver.validation.colliders import Floor
-from uwserver.validation.contact_forms import FEET, OFF_DIAGONAL, vehicle
 
 DT = 0.01
 ZERO = np.zeros((6, 6))

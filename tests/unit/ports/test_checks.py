@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uwserver.ports import Argument, Field, Port, Refused, Service
+from uwserver.ports import Argument, Buffer, Field, Layout, Port, Refused, Service
 from uwserver.ports.checks import checked_args, checked_command, find, suggestion
 
 THRUSTERS = Port(
@@ -79,7 +80,7 @@ def test_nested_lists_become_row_major():
         (THRUSTERS, {"u": [0, None, 0]}, "bad_shape", "u", "must be a number, not null"),
         (THRUSTERS, {"u": [0, "1", 0]}, "bad_shape", "u", "must be a number, not a text"),
         (THRUSTERS, {"u": [True, 0, 0]}, "bad_shape", "u", "must be a number, not a boolean"),
-        (THRUSTERS, {"u": [b"1", 0, 0]}, "bad_shape", "u", "must be a number, not a bytes"),
+        (THRUSTERS, {"u": [b"1", 0, 0]}, "bad_shape", "u", "must be a number, not bytes"),
         (THRUSTERS, {"u": [1j, 0, 0]}, "bad_shape", "u", "must be a number, not a complex"),
         (THRUSTERS, {"u": [NAN, 0, 0]}, "not_finite", "u", "no finite number"),
         (THRUSTERS, {"u": [0, 0, INF]}, "not_finite", "u", "no finite number"),
@@ -239,3 +240,103 @@ def test_a_refused_call(args, code, where, text):
 
 def test_a_service_without_arguments_says_so():
     assert refusal(checked_args, Service("world/reset", ""), {"x": 1}).text.endswith("it takes: none")
+
+
+MODEM = Port(
+    "rov/modem",
+    "actuator",
+    "modem",
+    (
+        Field("to", "1", "name of the receiver", type="str", max_bytes=8),
+        Field("payload", "1", "what to send", type="bytes", max_bytes=16),
+        Field("picture", "1", "a picture to show", type="buffer", buffer=Layout("uint8", (-1, 3)), max_bytes=12),
+        Field("wave", "1", "a wave form", type="buffer", buffer=Layout("float32", (2,))),
+        Field("gain", "1", "loudness"),
+    ),
+    "Modem.",
+)
+ROWS = Buffer(dtype="uint8", shape=(2, 3), data=b"abcdef")
+
+
+@pytest.mark.parametrize(
+    ("value", "checked"),
+    [
+        ({"to": "a50"}, ("a50", None, None, None, None)),
+        ({"to": ""}, ("", None, None, None, None)),
+        ({"to": "\u00e4\u00f6\u00fc\u00df"}, ("\u00e4\u00f6\u00fc\u00df", None, None, None, None)),
+        ({"payload": b"\0\xff"}, (None, Buffer(data=b"\0\xff"), None, None, None)),
+        ({"payload": {"base64": "AP8="}}, (None, Buffer(data=b"\0\xff"), None, None, None)),
+        ({"payload": {"base64": ""}, "gain": 2}, (None, Buffer(data=b""), None, None, (2.0,))),
+        ({"picture": ROWS}, (None, None, ROWS, None, None)),
+        ({"picture": {"dtype": "uint8", "shape": [2, 3], "base64": "YWJjZGVm"}}, (None, None, ROWS, None, None)),
+        ({"picture": {"dtype": "uint8", "shape": [2, 3], "data": b"abcdef"}}, (None, None, ROWS, None, None)),
+        ({"picture": b"abcdef"}, (None, None, ROWS, None, None)),
+        ({"picture": {"base64": "YWJjZGVm"}}, (None, None, ROWS, None, None)),
+        ({"picture": np.frombuffer(b"abcdef", np.uint8).reshape(2, 3)}, (None, None, ROWS, None, None)),
+    ],
+)
+def test_commands_of_text_bytes_and_buffers(value, checked):
+    assert checked_command(MODEM, value) == checked
+
+
+@pytest.mark.parametrize(
+    ("value", "code", "text"),
+    [
+        ({"to": 3}, "bad_argument", "must be a text, not a number"),
+        ({"to": b"a50"}, "bad_argument", "must be a text, not bytes"),
+        ({"to": None}, "bad_argument", "must be a text, not null"),
+        ({"to": "\ud800"}, "bad_argument", "half a surrogate pair"),
+        ({"to": "x" * 9}, "too_large", "at most 8 bytes, here are 9"),
+        ({"to": "\u00e4" * 5}, "too_large", "at most 8 bytes, here are 10"),
+        ({"payload": "text"}, "bad_argument", 'must be bytes, in JSON {"base64": "..."}, not a text'),
+        ({"payload": [1, 2]}, "bad_argument", "not a list"),
+        ({"payload": {"base64": "A"}}, "bad_argument", "Invalid base64"),
+        ({"payload": {"base64": "x" * 100_000 + "!"}}, "bad_argument", "Invalid base64"),
+        ({"payload": {"x" * 100_000: 1}}, "bad_argument", "missing|unknown"),
+        ({"payload": ROWS}, "bad_argument", "not a buffer"),
+        ({"payload": {"dtype": "uint8", "shape": [1], "base64": "YQ=="}}, "bad_argument", "not a buffer"),
+        ({"payload": bytes(17)}, "too_large", "at most 16 bytes, here are 17: send it in pieces"),
+        ({"picture": 3}, "bad_argument", 'must be a buffer, in JSON {"dtype": "uint8", "shape": [...], "base64": "..."}, not'),
+        ({"picture": "abc"}, "bad_argument", "not a text"),
+        ({"picture": b"abcd"}, "bad_argument", "are 3 bytes, here are 4"),
+        ({"picture": np.zeros((2, 3), np.int64)}, "bad_argument", "no buffer of int64"),
+        ({"picture": Buffer(dtype="int8", shape=(2, 3), data=b"abcdef")}, "bad_shape", "must be uint8 nx3, not int8 [2, 3]"),
+        ({"picture": Buffer(dtype="uint8", shape=(3, 2), data=b"abcdef")}, "bad_shape", "must be uint8 nx3, not uint8 [3, 2]"),
+        ({"picture": Buffer(dtype="uint8", shape=(6,), data=b"abcdef")}, "bad_shape", "not uint8 [6]"),
+        ({"picture": {"dtype": "uint8", "shape": [-1, 3], "base64": "YWJj"}}, "bad_argument", "whole numbers from 0"),
+        ({"picture": {"dtype": "uint8", "shape": [2**31, 2**31], "base64": "YWJj"}}, "bad_argument", "here are 3"),
+        ({"picture": bytes(15)}, "too_large", "at most 12 bytes, here are 15"),
+        ({"wave": np.array([0.0, NAN], np.float32)}, "not_finite", "no finite number"),
+        ({"wave": {"dtype": "float32", "shape": [2], "base64": "AADAfwAAwH8="}}, "not_finite", "no finite number"),
+        ({"gain": b"abc"}, "bad_shape", "must be a number, not bytes"),
+        ({"gain": {"base64": "YQ=="}}, "bad_shape", "must be a number, not a map"),
+    ],
+)  # fmt: skip
+def test_refused_texts_bytes_and_buffers(value, code, text):
+    fault = refusal(checked_command, MODEM, value)
+    assert (fault.code, fault.where) == (code, next(iter(value)))
+    assert any(part in fault.text for part in text.split("|")), fault.text
+    assert len(fault.text) < 500
+
+
+def test_what_a_field_holds_where_it_says_nothing():
+    port = Port("a/b", "actuator", "x", (Field("t", "1", "x", type="str"), Field("b", "1", "x", type="bytes")), "X.")
+    assert checked_command(port, {"t": "x" * 65536, "b": bytes(65536)}) == ("x" * 65536, Buffer(data=bytes(65536)))
+    assert refusal(checked_command, port, {"t": "x" * 65537}).code == "too_large"
+    assert refusal(checked_command, port, {"b": bytes(65537)}).code == "too_large"
+
+
+@pytest.mark.parametrize("value", [b"x", [b"x"], {"a": {"b": [1, b"x"]}}, {b"k": 1}])
+def test_no_bytes_hide_in_the_arguments_of_a_call(value):
+    service = Service("world/echo", "Echo.", (Argument("value", "json", "anything"),))
+    assert (
+        refusal(checked_args, service, {"value": value}).text
+        == '"value" takes no bytes: send them as a text, in base64'
+    )
+    assert checked_args(service, {"value": {"a": ["x"]}}) == {"value": {"a": ["x"]}}
+
+
+@pytest.mark.parametrize("numbers", [np.zeros(3), np.float64(1.0), np.ones((2, 3))])
+def test_arrays_of_numbers_come_from_the_same_process(numbers):
+    name = {0: "gain", 1: "force_B", 2: "matrix"}[numbers.ndim]
+    assert checked_command(PUSH, {name: numbers}) == checked_command(PUSH, {name: numbers.tolist()})

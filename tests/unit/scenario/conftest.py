@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from uwserver.adapter import installed_adapters
+from uwserver.scenario.files.convert import Converter, Node
+from uwserver.scenario.files.errors import KeyPath, dotted
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 VEHICLE = """\
 schema = 1
@@ -97,6 +110,7 @@ port = 7600
 """
 
 
+PAGE = Path(__file__).parents[3] / "docs/how-to/extend.md"
 ADAPTERS: dict[str, type] = installed_adapters()
 Write = Callable[..., Path]
 
@@ -123,3 +137,73 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 def files() -> dict[str, str]:
     """Text of the three good files."""
     return {"tank": SCENARIO, "tiny": VEHICLE, "motor": DEVICE}
+
+
+@pytest.fixture(scope="session")
+def listings() -> dict[str, str]:
+    """The files of docs/how-to/extend.md by name, and its tests under "tests"."""
+    text = PAGE.read_text(encoding="utf-8")
+    named = dict(re.findall(r"^`([\w.]+)`:\n```\w+\n(.*?)^```", text, re.S | re.M))
+    (named["tests"],) = re.findall(r"^## Test it\n```python\n(.*?)^```", text, re.S | re.M)
+    return named
+
+
+@pytest.fixture
+def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listings: dict[str, str]) -> Path:
+    """A working folder with all files of the page."""
+    monkeypatch.chdir(tmp_path)
+    for name, code in listings.items():
+        if name != "tests":
+            (tmp_path / name).write_text(code, encoding="utf-8")
+    return tmp_path
+
+
+class Told:
+    """A `Report` that keeps what it is told: as ``path: text``, the place in brackets where it is another."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        place = "" if at is None or at == path else f" [{dotted(at)}]"
+        self.lines.append(f"{dotted(path)}{place}: {text}")
+
+
+@pytest.fixture
+def report() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def warn() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def tree_of(report: Told) -> Callable[..., Node]:
+    """A raw table as a tree, of a Scenario unless another type is given; its faults go to `report`."""
+    return lambda raw, type_=Scenario: Converter(report).tree(raw, type_)
+
+
+@pytest.fixture
+def raw_vehicle() -> dict[str, Any]:
+    """The raw tables of the tiny vehicle."""
+    return tomllib.loads(VEHICLE)
+
+
+@pytest.fixture
+def raw_device() -> dict[str, Any]:
+    """The raw tables of its thruster."""
+    return tomllib.loads(DEVICE)
+
+
+@pytest.fixture
+def tiny(raw_vehicle: dict[str, Any]) -> VehicleFile:
+    """The tiny vehicle."""
+    return msgspec.convert(raw_vehicle, VehicleFile)
+
+
+@pytest.fixture
+def motor(raw_device: dict[str, Any]) -> ThrusterDevice:
+    """Its thruster."""
+    return msgspec.convert(raw_device, ThrusterDevice)

@@ -21,7 +21,7 @@ from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors import Instrument, Pose, Scope, SensorConfig
+from uwserver.sensors import Pose, Scope, SensorConfig
 from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
@@ -171,7 +171,7 @@ def gps(world):
 def battery(world):
     voltage, current, power = (last(world, "battery", name) for name in ("voltage", "current", "power"))
     sensor = world.sensors["heavy/battery"].sensor
-    electromotive = sensor.open_circuit(sensor.memory[0] / sensor._capacity)
+    electromotive = sensor.open_circuit(sensor.memory.charge / sensor._capacity)
     # The charge went down by this reading's own current after its voltage was found.
     assert voltage == pytest.approx(electromotive - sensor._config.resistance_ohm * current, abs=1e-3)
     assert power == pytest.approx(voltage * current, rel=1e-9)
@@ -194,7 +194,7 @@ def contact(world):
 
 def leak(world):
     sensor = world.sensors["heavy/leak"].sensor
-    assert last(world, "leak", "leak") is (sensor.memory[0] >= sensor._threshold) is True
+    assert last(world, "leak", "leak") is (sensor.memory.volume >= sensor._threshold) is True
 
 
 def compound(world):
@@ -311,10 +311,5 @@ def test_what_can_be_set(kind, world):
             with pytest.raises(Refused):
                 world.call(f"{path}/set", **{"rate_hz": 4.0, argument.name: argument.minimum - 1.0})
     assert world.call(f"{path}/get") == after
-    instrument = world.sensors[path].sensor
-    world.call(
-        f"{path}/set",
-        rate_hz=before["rate_hz"],
-        **({n: before[n] for n in wanted} if isinstance(instrument, Instrument) else {}),
-    )
+    world.call(f"{path}/set", rate_hz=before["rate_hz"], **{name: before[name] for name in wanted})
     assert world.call(f"{path}/get") == before

@@ -15,7 +15,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.sensors import ImuConfig, Instrument, MotionCaptureConfig, PressureConfig, StreamTable
+from uwserver.sensors import ImuConfig, MotionCaptureConfig, PressureConfig, StreamTable
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane, Sphere
 
@@ -181,7 +181,7 @@ def test_settings_are_of_the_sensor_and_hold_for_all_its_streams():
     world.call("rov/x/set", rate_hz=30.0)
     assert world.ports["rov/x/ideal"].rate_hz == world.ports["rov/x"].rate_hz == 30.0
     twin = world.sensors["rov/x"].twin
-    assert isinstance(twin, Instrument)
+    assert twin is not None
     assert twin.dt == float(Fraction(1, 30))
     assert len(told(world)["rov/x/ideal"]) == 15
     world.call("rov/x/deactivate")

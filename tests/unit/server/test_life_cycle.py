@@ -111,6 +111,25 @@ def test_an_adapter_that_fails_later_is_reported_and_started_again(resolved):
     assert serve(with_adapter(resolved, die_after_start=True), script) == 0
 
 
+def test_an_adapter_knows_the_facts_of_its_world(resolved):
+    async def script(server):
+        await until(lambda: TestAdapter.instances)
+        (adapter,) = TestAdapter.instances
+        facts, world = adapter.context.world, server.hub.simulation.world
+        described = adapter.context.describe("nothing")
+        assert facts.server == described["server"]["name"]
+        assert facts.scenario == described["world"]["scenario"]
+        assert facts.rate_hz == described["world"]["rate_hz"]
+        assert facts.epoch_utc == described["world"]["epoch_utc"]
+        assert [vehicle.name for vehicle in facts.vehicles] == described["world"]["vehicles"]
+        assert facts.vehicles[0].model == next(iter(world.vehicles.values())).model != ""
+        assert (facts.mode, facts.speed) == ("realtime", 3.0)
+        server.hub.simulation.pace.speed = 2.0
+        assert adapter.context.world.speed == 2.0, "they are those of the moment"
+
+    assert serve(with_adapter(resolved), script, Options(timing=Timing(speed=3.0))) == 0
+
+
 def test_a_required_adapter_that_cannot_start_ends_the_server_with_the_reason(resolved):
     async def script(server):
         await asyncio.sleep(0)

@@ -16,7 +16,8 @@ from simulation_rig import FREE, PATIENCE_S, Rig, running
 from uwserver.ports import Call, Command, Progress, Refused, Reply
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
-from uwserver.simulation.thread import CLOCK_SERVICES, Timing
+from uwserver.simulation.clock import Timing
+from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.world import snapshot
 
 

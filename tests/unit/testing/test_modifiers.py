@@ -7,7 +7,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from uwserver.modifiers import Measurement, ModifierConfig, ModifierTable, Stream
+from uwserver.modifiers import Measurement, Memory, Modifier, ModifierConfig, ModifierTable, Stream
 from uwserver.testing import check_modifier
 
 KEYS: dict[str, dict[str, Any]] = {
@@ -29,31 +29,35 @@ def test_shipped_modifiers(kind: type[Any]) -> None:
     check_modifier(kind(**target, **KEYS.get(kind.__struct_config__.tag, {})))
 
 
-class Odd:
+class Walk(Memory):
+    error: float = 0.0
+
+
+class Odd(Modifier):
     """A right modifier of `x`, which the tests spoil."""
 
     def __init__(self, fault: str, stream: Stream) -> None:
-        self.stream, self.fault, self.memory = stream, fault, [0.0]
-        self.calls = 0
+        super().__init__(stream)
+        self.fault, self.memory, self.calls = fault, Walk(), 0
 
     def apply(self, reading: Measurement) -> None:
         value = reading.values[1]
         present = isinstance(value, tuple) and None not in value
         error = float(self.stream.rng.normal()) if present or self.fault != "shifts" else 0.0
-        self.memory = [self.memory[0] + error]
+        self.memory.error += error
         self.calls += 1
         if self.fault == "hides":
             error += self.calls
         elif self.fault == "early":
             reading.delay_ns -= 1
         elif self.fault == "numpy":
-            self.memory = [np.float64(self.memory[0])]
+            self.memory.error = np.float64(self.memory.error)
         elif self.fault == "fills":
             reading.values[1], present = (0.0,) * 3, False
         elif self.fault == "shape":
             reading.values[1], present = (0.0,) * 2, False
         if present:
-            reading.values[1] = tuple(v + error + self.memory[0] for v in value)  # type: ignore[operator, union-attr, misc]
+            reading.values[1] = tuple(v + error + self.memory.error for v in value)  # type: ignore[operator, union-attr, misc]
 
 
 class OddConfig(ModifierTable, tag="odd", kw_only=True, frozen=True):
@@ -70,7 +74,7 @@ def test_right() -> None:
 @pytest.mark.parametrize(
     ("fault", "phrase"),
     [
-        ("hides", "belongs in memory"), ("early", "before it has measured"), ("numpy", "more than plain numbers"),
+        ("hides", "belongs in memory"), ("early", "before it has measured"), ("numpy", "more than plain values"),
         ("fills", "were missing are there"), ("shape", "2 components"), ("shifts", "missing values shift"),
     ],
 )  # fmt: skip

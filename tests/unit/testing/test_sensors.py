@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
 from typing import Any, get_args
 
 import pytest
 
-from uwserver.ports import Field, Value
+from uwserver.ports import Buffer, Field, Layout, Value
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Scope, SensorConfig, SensorTable
+from uwserver.sensors import CompoundConfig, IdealSensor, Pose, RpmConfig, Scope, SensorConfig, SensorTable
 from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.testing import check_sensor
-from uwserver.testing.sensors import scopes
+from uwserver.testing.sensors import check_values, scopes
 
 KINDS = get_args(SensorConfig)
 
@@ -40,11 +41,10 @@ def wired() -> list[Scope]:
     return [replace(scope, wiring=world.sensors["rov/imu"].wiring) for scope in scopes()]
 
 
-class Odd:
+class Odd(IdealSensor):
     """A right sensor of one vector and one scalar, which the tests spoil."""
 
     doc = "A sensor of the test."
-    needs_rates = False
     fields: tuple[Field, ...] = (Field("v_S", "m/s", "velocity", "S", (3,)), Field("n", "1", "count", type="int"))
 
     def __init__(self, fault: str) -> None:
@@ -125,3 +125,21 @@ def test_bad_fields_are_seen(monkeypatch: pytest.MonkeyPatch, fields: tuple[Fiel
 def test_a_config_that_builds_nothing_is_seen() -> None:
     with pytest.raises(AssertionError, match=r"build\(mount\)"):
         check_sensor(SensorTable(rate_hz=1.0))
+
+
+@pytest.mark.parametrize(
+    ("value", "fault"),
+    [
+        (Buffer(dtype="uint8", shape=(2, 3), data=b"abcdef"), ""),
+        (None, ""),
+        (Buffer(dtype="uint8", shape=(3, 2), data=b"abcdef"), "declared uint8 nx3"),
+        (Buffer(dtype="int8", shape=(2, 3), data=b"abcdef"), "declared uint8 nx3"),
+        (Buffer(data=b"abcdef"), "declared uint8 nx3"),
+        (b"abcdef", "is a bytes, declared buffer"),
+        ((97.0,) * 6, "a tuple, the shape says scalar"),
+    ],
+)
+def test_a_picture_fits_its_field(value, fault):
+    field = Field("picture", "1", "what it saw", type="buffer", buffer=Layout("uint8", (-1, 3)))
+    with pytest.raises(AssertionError, match=fault) if fault else contextlib.nullcontext():
+        check_values("camera", (field,), [value], True)

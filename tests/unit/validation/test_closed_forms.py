@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-
 from uwserver.validation.closed_forms import ClosedForm, floating_equilibria, sphere_added_mass, table_a1
 from uwserver.validation.contact_forms import DIAGONAL, HITS, hit, standing
 

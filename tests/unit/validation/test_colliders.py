@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from uwserver.validation.colliders import Balls, Floor
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.validation.colliders import Balls, Floor
 
 FEET = ((0.2, 0.0, 0.1), (-0.2, 0.0, 0.1))
 

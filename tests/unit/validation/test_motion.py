@@ -6,10 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from uwserver.frames import quat_from_rpy, rotate
-from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.params import BodyParams
 from uwserver.validation.motion import (
     DEEP,
     angular_frequency,
@@ -19,6 +15,10 @@ from uwserver.validation.motion import (
     random_wrenches,
     record,
 )
+
+from uwserver.frames import quat_from_rpy, rotate
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams
 
 ZERO = np.zeros((6, 6))
 BODY = BodyParams(

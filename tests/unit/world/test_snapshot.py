@@ -92,7 +92,7 @@ def test_equal_runs_hash_equally_in_another_process(make_world):
         "import numpy as np\n"
         "from conftest import small_scenario\n"
         "from uwserver.scenario.build.world import build\n"
-        "from uwserver import snapshot\n"
+        "from uwserver.world import snapshot\n"
         "w = build(small_scenario())\n"
         "w.command('rov/thrusters', u=[0.3] * 8)\n"
         "w.step(500)\n"

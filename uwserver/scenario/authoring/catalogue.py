@@ -10,11 +10,11 @@ from msgspec import NODEFAULT, UNSET, Struct
 
 from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Argument, Field
-from uwserver.scenario.files.convert import fields, kinds_of
+from uwserver.scenario.files.convert import Converter, fields, kinds_of
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import ScenarioError
-from uwserver.scenario.load.scenario import load, scenario_from
-from uwserver.sensors import Instrument, Pose, SensorConfig, SensorTable
+from uwserver.scenario.load.scenario import load, scenario_tree
+from uwserver.sensors import Pose, SensorConfig, SensorTable
 
 _PROVENANCE = ("source", "status")
 
@@ -61,7 +61,7 @@ def sensor_kinds() -> dict[str, SensorKind]:
         built = sensor.build(Pose())
         names = tuple(field.name for field in built.fields)
         found[str(sensor.__struct_config__.tag)].setdefault(
-            names, Output(name, built.doc, built.fields, built.arguments if isinstance(built, Instrument) else ())
+            names, Output(name, built.doc, built.fields, built.arguments)
         )
     devices = _devices()
     return {
@@ -93,7 +93,8 @@ def _examples() -> Iterator[tuple[str, Any]]:
     document = read(shipped()["one_of_everything"])
     problems: list[str] = []
     raw = {**document.raw, "adapters": {}}
-    scenario = scenario_from(raw, {}, lambda path, text, at=None: problems.append(f"{path}: {text}"))
+    converter = Converter(lambda path, text, at=None: problems.append(f"{path}: {text}"))
+    scenario = scenario_tree(raw, {}, converter).value
     if scenario is None:
         raise ScenarioError([document.problem((), text) for text in problems])
     for vehicle in load(scenario, adapters={}).vehicles.values():

@@ -11,11 +11,11 @@ from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.scenario.vehicle.profiles import SensorDevice
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.sensors import SensorConfig
 
 FileKind = Literal["scenario", "vehicle", "device"]
-FILES: dict[FileKind, type[msgspec.Struct]] = {"scenario": Scenario, "vehicle": Vehicle, "device": ThrusterDevice}
+FILES: dict[FileKind, type[msgspec.Struct]] = {"scenario": Scenario, "vehicle": VehicleFile, "device": ThrusterDevice}
 
 
 def json_schema(kind: FileKind) -> str:

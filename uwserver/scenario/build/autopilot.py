@@ -39,7 +39,7 @@ from uwserver.physics.dynamics.params import BodyParams, ThrusterParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
-from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
     AltimeterConfig,
     AttitudeConfig,
@@ -55,7 +55,9 @@ from uwserver.sensors import (
     SensorConfig,
     UsblConfig,
 )
-from uwserver.world.components import ActuatorSlot, Carry, SensorSlot
+from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.part import Carry
+from uwserver.world.piloting import Piloting
 from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10
@@ -72,7 +74,7 @@ _UNKNOWN_PUSH = 0.5
 class Piloted:
     """An autopilot with its ports and services."""
 
-    autopilot: Autopilot
+    part: Piloting
     state: SensorSlot
     set_points: tuple[ActuatorSlot, ...]
     services: tuple[tuple[Service, Carry], ...]
@@ -85,6 +87,7 @@ def build_autopilot(
     name: str,
     row: int,
     mounts: Mapping[str, Pose],
+    ports: Mapping[str, Port],
     actuators: Mapping[str, ActuatorSlot],
 ) -> Piloted | None:
     """The autopilot of a vehicle of a checked scenario; None if it has none.
@@ -94,6 +97,7 @@ def build_autopilot(
         name: its first level of paths.
         row: of its body.
         mounts: X_BS of its sensors.
+        ports: theirs, by path.
         actuators: by their names in the vehicle file.
     """
     config = resolved.entry.autopilot
@@ -107,7 +111,7 @@ def build_autopilot(
     allocation, helm = _controls(file, params, actuators, hands, dt)
     craft = Craft(
         path=path,
-        estimator=Estimator(_sources(world, file, name, mounts), _surroundings(world, file, config), 1.0 / dt),
+        estimator=Estimator(_sources(world, file, name, mounts, ports), _surroundings(world, file, config), 1.0 / dt),
         allocation=allocation,
         helm=helm,
         held=hands.held,
@@ -122,13 +126,13 @@ def build_autopilot(
         on_leak=config.on_leak,
         on_low_battery=config.on_low_battery,
     )
-    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text))
+    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text), world.answers)
     slots = tuple(_set_point_slots(world, path, pilot, config))
     pilot.set_points = {
         slot.port.path.rsplit("/", 1)[1]: slot for slot in slots if not slot.port.path.endswith("/pilot")
     }
     pilot.begin()
-    return Piloted(pilot, _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
+    return Piloted(Piloting(pilot), _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
 
 
 def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
@@ -155,21 +159,24 @@ def _set_point_slots(world: World, path: str, pilot: Autopilot, config: Autopilo
     for name, point in set_points(pilot):
         timeout = timeouts.get(name, 0.0)
         port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
-        yield ActuatorSlot(port, point, round(Fraction(str(timeout)) * world.rate_hz))
+        yield ActuatorSlot(port, point, world.rate_hz, round(Fraction(str(timeout)) * world.rate_hz))
 
 
 def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
     sensor = StateSensor(pilot)
+    sensor.start(np.random.default_rng(0))
     divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
     rate = float(world.rate_hz / divisor)
     port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)
-    return SensorSlot(port, row, sensor, (), divisor, 0)
+    return SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
 
 
 # -- what it hears --------------------------------------------------------------------------------------------------------------------------
 
 
-def _sources(world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose]) -> dict[str, Source]:
+def _sources(
+    world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose], ports: Mapping[str, Port]
+) -> dict[str, Source]:
     found: dict[str, Source] = {}
     taken: set[type] = set()
     for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
@@ -182,6 +189,7 @@ def _sources(world: World, file: VehicleFile, name: str, mounts: Mapping[str, Po
             density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
         found[f"{name}/{key}"] = Source(
             kind=str(sensor.__struct_config__.tag),
+            fields=ports[f"{name}/{key}"].fields,
             p=mount.p,
             q=mount.q,
             sigma=_sigma(sensor),
@@ -222,7 +230,7 @@ class _Hands:
     holds: list[Hold] = field(default_factory=list)
     blocked: list[Held] = field(default_factory=list)
 
-    def take(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
+    def hold(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
         """Hold an actuator. A field without a largest value has `strongest` as its full command."""
         full = tuple((field.maximum or strongest,) * field.size for field in slot.port.fields)
         self.held.append(slot)
@@ -243,7 +251,7 @@ def _controls(
         allocation = _thrusters(file, params, actuators, hands)
     else:
         key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
-        hands.take(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
+        hands.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
         allocation = Wrench(_wrench_limits(file, params))
     drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
     return allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
@@ -270,7 +278,7 @@ def _devices(
             hands.blocked.append(actuators[key])
             continue
         seen.update(names)
-        hands.take(actuators[key], [f"{table}.{name}" for name in names], strongest)
+        hands.hold(actuators[key], [f"{table}.{name}" for name in names], strongest)
         yield file.actuators[key], names
 
 
@@ -313,7 +321,7 @@ def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, Actuato
     ]
     propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
     for key, member in propellers.items():
-        hands.take(actuators[key], (f"propellers.{member}",))
+        hands.hold(actuators[key], (f"propellers.{member}",))
     shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
     return FinsAndShaft(groups, shaft, len(propellers))

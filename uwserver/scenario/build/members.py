@@ -15,8 +15,9 @@ from uwserver.physics.dynamics.params import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
-from uwserver.scenario.vehicle.tables import Vehicle as VehicleFile
-from uwserver.sensors import Compound, CompoundConfig, Instrument, Pose, Sensor, SensorConfig
+from uwserver.scenario.vehicle.body import add_body
+from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS, rad
@@ -56,32 +57,32 @@ def object_member(world: World, resolved: ResolvedObject, name: str) -> Member:
 def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, name: str) -> Member:
     """A vehicle with its components as a body of the world, at rest at the origin."""
     file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
-    first_thruster, first_wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
-    row = hydro.add(params)
-    thrusters = {thruster: first_thruster + k for k, thruster in enumerate(file.thrusters)}
-    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
-    body = Body(hydro, row, thrusters, first_wrench, servos)
-    wiring = Wiring(hydro, row, thrusters, _electrics(resolved))
+    bodies = add_body(hydro, file, params)
+    body = bodies[""]
+    row = body.row
+    wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
+    mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
     built: dict[str, SensorSlot] = {}
-    for key, config in sorted(file.sensors.items(), key=lambda item: isinstance(item[1], CompoundConfig)):
-        built[key] = _sensor(world, f"{name}/{key}", config, file, row, built)
+    made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}
+    for key, sensor in sorted(made.items(), key=lambda item: item[1].repeats):
+        built[key] = _sensor(world, f"{name}/{key}", file.sensors[key], sensor, row, mounts[key], built)
     for slot in built.values():
         slot.wiring = wiring
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += _truth(world, name, entry.truth.rate_hz, row)
-    actuators = {key: _actuator(world, f"{name}/{key}", config, body) for key, config in file.actuators.items()}
-    mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
-    piloted = build_autopilot(world, resolved, params, name, row, mounts, actuators)
+    actuators = {
+        key: _actuator(world, f"{name}/{key}", config, bodies.get(key, body)) for key, config in file.actuators.items()
+    }
+    ports = {slot.port.path: slot.port for slot in built.values()}
+    piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
     slots = list(actuators.values())
     if piloted is not None:
         sensors.append(piloted.state)
         slots += piloted.set_points
     services = tuple(component_services(world, sensors, slots)) + (() if piloted is None else piloted.services)
-    return Member(
-        Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid,
-        None if piloted is None else piloted.autopilot,
-    )  # fmt: skip
+    others = () if piloted is None else (piloted.part,)
+    return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid, others)
 
 
 def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
@@ -101,16 +102,19 @@ def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
 
 
 def _sensor(
-    world: World, path: str, config: SensorConfig, file: VehicleFile, row: int, built: Mapping[str, SensorSlot]
+    world: World,
+    path: str,
+    config: SensorConfig,
+    sensor: Sensor,
+    row: int,
+    mount: Pose,
+    built: Mapping[str, SensorSlot],
 ) -> SensorSlot:
-    sensor: Sensor = config.build(mount_of(config, file))
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
-    if isinstance(sensor, Instrument):
-        sensor.dt = float(divisor / world.rate_hz)
-        sensor.start(stream_of(world.seed, path))
-        sensor.load_kernels()
-    if isinstance(sensor, Compound):
-        sensor.join(built)
+    sensor.dt = float(divisor / world.rate_hz)
+    sensor.start(stream_of(world.seed, path))
+    sensor.load_kernels()
+    sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
     slot = SensorSlot(
@@ -118,6 +122,7 @@ def _sensor(
         row,
         sensor,
         _modifiers(world, port, config.modifiers),
+        world.rate_hz,
         divisor,
         round((config.latency_s or 0.0) * NANOSECONDS),
     )
@@ -126,9 +131,8 @@ def _sensor(
         SideStream(sides[name], stream.ideal, _modifiers(world, sides[name], stream.modifiers))
         for name, stream in config.streams.items()
     )
-    if isinstance(sensor, Instrument) and "ideal" in config.__struct_fields__ and any(s.ideal for s in slot.sides):
-        twin: Sensor = structs.replace(config, ideal=True).build(mount_of(config, file))
-        assert isinstance(twin, Instrument)
+    if "ideal" in config.__struct_fields__ and any(side.ideal for side in slot.sides):
+        twin: Sensor = structs.replace(config, ideal=True).build(mount)
         twin.load_kernels()
         twin.dt, slot.twin = sensor.dt, twin
     return slot
@@ -152,8 +156,9 @@ def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[Sen
     for name, kind in TRUTH.items():
         sensor = kind()
         path = f"{vehicle}/truth/{name}"
+        sensor.start(stream_of(world.seed, path))
         port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
-        yield SensorSlot(port, row, sensor, (), divisor, 0)
+        yield SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
 
 
 def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> ActuatorSlot:
@@ -162,4 +167,4 @@ def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> Ac
     kind = str(config.__struct_config__.tag)
     timeout = config.timeout_s or None
     port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=timeout)
-    return ActuatorSlot(port, actuator, round(physics_rate(config.timeout_s) * world.rate_hz))
+    return ActuatorSlot(port, actuator, world.rate_hz, round(physics_rate(config.timeout_s) * world.rate_hz))

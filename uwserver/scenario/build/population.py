@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from uwserver.frames import Quat, Vec3, quat_from_rpy
 from uwserver.physics.dynamics.params import BodyParams
@@ -18,7 +22,9 @@ from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.units import rad
-from uwserver.world.components import Member
+from uwserver.world.components import Member, Population
+from uwserver.world.faults import Faults
+from uwserver.world.part import State
 from uwserver.world.world import World
 
 MAX_BODIES = 1000
@@ -27,18 +33,39 @@ BURIED_M = 0.01
 """A body cannot be put deeper into something than this."""
 
 
-class Population:
+class Born(Struct, frozen=True):
+    """A body that is or was in the world: a copy of one of the scenario, by name."""
+
+    like: str
+    name: str
+    present: bool = True
+
+
+class PopulationState(State, frozen=True):
+    """All bodies since the start, in the order of their rows; and what the scenario has, of which they are copies."""
+
+    scenario: tuple[str, ...]
+    born: Annotated[tuple[Born, ...], Meta(max_length=MAX_BODIES)]
+
+
+class ScenarioPopulation(Population):
     """Puts bodies of a scenario into its world. What they are made of is worked out once, so that a spawn takes no longer than a tick."""
 
-    def __init__(self, world: World, resolved: Resolved) -> None:
+    path = "world/population"
+    state_type = PopulationState
+
+    def __init__(self, world: World, resolved: Resolved, faults: Faults) -> None:
         self._world = world
         self._resolved = resolved
+        self._faults = faults
+        self._born: tuple[Born, ...] = ()
+        self._first_spawned = 0
         environment = resolved.scenario.environment
         files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
         alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
         self._params: dict[str, BodyParams] = {
             name: alike[id(vehicle.vehicle)] for name, vehicle in resolved.vehicles.items()
-        }
+        } | {name: body.params for name, body in resolved.objects.items()}
 
     def begin(self) -> None:
         """Let everybody in who is there at the start, and offer the services."""
@@ -55,6 +82,8 @@ class Population:
                 if isinstance(entry, VehicleEntry):
                     nu[3:] = [rad(rate) for rate in entry.angular_velocity_frd_degps]
                 members.append(member)
+                self._born += (Born(name, name),)
+        self._first_spawned = len(members)
         world.set_members(members)
         self._offer(tuple(entries))
 
@@ -78,14 +107,15 @@ class Population:
         missing = missing_engines() if world.scene is None and vehicle is not None and vehicle.solid else None
         if missing:
             raise Refused("denied", missing, "like")
-        saved = world.hydro.save()
+        undo = world.hydro.arrays()
         member = self._member(like, name)
         self._place(member, p_NB, tuple(c / norm for c in q_NB))  # type: ignore[arg-type]  # four of them
         obstacle = self._obstacle(member)
         if obstacle:
-            world.hydro.load(saved)
+            world.hydro.go_back(undo)
             world.set_current(world.water.current)
             raise Refused("bad_argument", f'"{name}" would begin inside {obstacle}: choose another place', "p_NB")
+        self._born += (Born(like, name),)
         world.set_members([*world.members.values(), member])
         world.set_current(world.water.current)
         world.hydro.load_kernels()
@@ -101,11 +131,66 @@ class Population:
         if member is None:
             there = ", ".join(world.members) or "nothing"
             raise Refused("bad_argument", f'no "{shown(name)}" here, there is: {there}', "name")
-        for entry in list(world.faults.entries.values()):
-            if entry.fault.target.split("/")[0] == name:
-                world.faults.clear(entry.name)
+        self._faults.forget(name)
         world.set_members(other for other in world.members.values() if other is not member)
-        world.hydro.retire(member.vehicle.row)
+        row = member.vehicle.row
+        self._born = (*self._born[:row], replace(self._born[row], present=False), *self._born[row + 1 :])
+        world.hydro.retire(row)
+
+    # -- states ---------------------------------------------------------------------------------------------------------------------
+
+    def save(self) -> PopulationState:
+        """Who is and was there."""
+        return PopulationState(tuple(self._params), self._born)
+
+    def members_of(self, state: PopulationState) -> list[Member]:
+        """See `Population.members_of`."""
+        self.check(state)
+        here = {member.vehicle.row: member for member in self._world.members.values()}
+        if state.born == self._born:
+            return list(here.values())
+        hydro, members = self._world.hydro, list[Member]()
+        hydro.set_bodies(())
+        for row, born in enumerate(state.born):
+            if born.present and not (row in here and self._born[row] == born):
+                members.append(self._member(born.like, born.name))
+                continue
+            hydro.add(self._params[born.like])
+            if born.present:
+                members.append(here[row])
+        return members
+
+    def check(self, state: Any) -> None:
+        """Each body is like one of the scenario, has a name of its own, and the engines that it needs are installed."""
+        if state.scenario != tuple(self._params):
+            raise ValueError("the scenario has other vehicles or objects")
+        names = [born.name for born in state.born if born.present]
+        for born in state.born:
+            if born.like not in self._params:
+                raise ValueError(f'nothing in the scenario is called "{shown(born.like)}"')
+            if not NAME.fullmatch(born.name) or born.name == "world":
+                raise ValueError(f'"{shown(born.name)}" cannot be a name')
+        if len(set(names)) < len(names):
+            raise ValueError("two bodies have one name")
+        missing = missing_engines() if self._world.scene is None and self._needs_scene(state.born) else None
+        if missing:
+            raise ValueError(missing)
+
+    def load(self, state: PopulationState) -> None:
+        """Remember who was there; the bodies themselves have been admitted."""
+        self._born = state.born
+
+    def admit(self, state: PopulationState, members: Iterable[Member]) -> None:
+        """Let these bodies in, and make what is solid about them touch."""
+        if self._world.scene is None and self._needs_scene(state.born):
+            build_scene(self._world, self._resolved)
+        self._world.set_members(members)
+
+    def _needs_scene(self, born: Sequence[Born]) -> bool:
+        """Whether anything solid was spawned: what was there at the start alone touches nothing, or has its scene."""
+        vehicles = self._resolved.vehicles
+        spawned = [each.like for each in born[self._first_spawned :]]
+        return any(like not in vehicles or vehicles[like].solid is not None for like in spawned)
 
     def _member(self, like: str, name: str) -> Member:
         if like in self._resolved.vehicles:
@@ -146,7 +231,9 @@ class Population:
             return None
 
         name = Argument("name", "str", "the first level of its paths")
-        like = Argument("like", "str", "a vehicle or object of the scenario, there or not", choices=kinds)
+        like = Argument(
+            "like", "str", "a vehicle or object of the scenario, whether or not it is in the world now", choices=kinds
+        )
         p_NB = Argument("p_NB", "float", "position of its origin in N", "m", shape=(3,), minimum=-1e6, maximum=1e6)
         q_NB = Argument(
             "q_NB",
@@ -160,11 +247,13 @@ class Population:
         if kinds:
             self._world.offer(
                 Service(
-                    "world/spawn", "Add a body with its components like one of the scenario.", (name, like, p_NB, q_NB)
+                    "world/spawn",
+                    "Add a body with its components, built like one of the scenario.",
+                    (name, like, p_NB, q_NB),
                 ),
                 spawn,
             )
-        self._world.offer(Service("world/remove", "Take a body and its components out of the world.", (name,)), remove)
+        self._world.offer(Service("world/remove", "Remove a body and its components from the world.", (name,)), remove)
 
 
 def _attitude(entry: VehicleEntry | ObjectEntry) -> Quat:

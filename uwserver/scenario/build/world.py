@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 
 from msgspec import UnsetType
 
@@ -10,13 +10,16 @@ from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
-from uwserver.scenario.build.population import Population
+from uwserver.scenario.build.population import ScenarioPopulation
+from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.water.sea import water_of
 from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
 from uwserver.sensors import MagnetometerConfig
 from uwserver.units import rad
+from uwserver.world.faults import Faults, effects
+from uwserver.world.saving import offer_state_services
 from uwserver.world.services import offer_world_services
 from uwserver.world.world import World
 
@@ -39,12 +42,22 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     world.lambert = lambert(resolved.materials)
     if resolved.is_solid:
         build_scene(world, resolved)
-    Population(world, resolved).begin()
+    faults = Faults(
+        hydro, water, world.vehicles, world.sensors, world.actuators, rate, lambda: world.tick,
+        lambda text: world.say("fault", text),
+    )  # fmt: skip
+    world.add(faults)
+    world.population = ScenarioPopulation(world, resolved, faults)
+    world.add(world.population)
+    world.identity = cache(partial(identity, resolved))
+    world.population.begin()
     hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
-        world.faults.set(name, fault, world.tick)
+        for part, effect in effects(name, fault, faults.targets(), stream_of(seed, f"faults/{name}")).items():
+            faults.set(part, effect)
     offer_world_services(world)
+    offer_state_services(world)
     return world
 
 

@@ -1,4 +1,4 @@
-"""From raw TOML tables to typed tables, telling every fault on the way instead of only the first."""
+"""From raw TOML tables to a tree of typed tables, in which those with faults are holes: one fault does not hide the others."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, Literal, Protocol, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, Union, get_args, get_origin
 
 import msgspec
 from msgspec.structs import FieldInfo
@@ -25,90 +25,179 @@ class Report(Protocol):
     def __call__(self, path: KeyPath, text: str, at: KeyPath | None = None) -> None: ...
 
 
-def silent(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
-    """A `Report` for a second look at what has been reported already."""
-
-
 More = Mapping[type, Mapping[str, Any]]
 """Kinds beside those of a union: for all unions whose members derive from a base, Structs by their `kind`."""
 NO_MORE: More = {}
 
 
-def convert(raw: object, type_: Any, path: KeyPath, report: Report, more: More = NO_MORE) -> Any:
-    """The typed value, or None after at least one report.
+class Node(NamedTuple):
+    """What stands at a place of a file, converted.
 
-    Args:
-        raw: what the TOML parser gave.
-        type_: a Struct, a union of Structs tagged by `kind`, a dict of names to either, or anything that msgspec converts.
-        path: where `raw` stands.
-        report: gets every fault.
-        more: kinds of an extension.
+    Attributes:
+        value: typed; None where there is a fault in it or below it: a hole.
+        parts: of a table, what is given below it, holes too; and defaults that are tables.
     """
-    if type_ is Any:
-        return raw
-    members = _members(type_)
-    if all(_is_struct(member) for member in members):
-        return _convert_table(raw, members, path, report, more)
-    if len(members) > 1:  # numbers or arrays of them: what stands there says which is meant
-        fitting = [member for member in members if _is_array(member) == isinstance(raw, (list, tuple))]
-        if len(fitting) == 1:
-            return convert(raw, fitting[0], path, report, more)
-        return _leaf(raw, type_, path, report)
-    (only,) = members
-    if get_origin(_strip(only)) is dict:
-        return _convert_names(raw, get_args(_strip(only))[1], path, report, more)
-    if _is_array(only) and isinstance(raw, (list, tuple)):
-        return _convert_array(raw, only, path, report, more)
-    return _leaf(raw, only, path, report)
+
+    value: Any
+    parts: Mapping[str, Node] = {}
+
+    def at(self, *path: str) -> Node:
+        """What stands further down; where nothing is given, a node without value and parts."""
+        node = self
+        for key in path:
+            node = node.parts.get(key, _NOTHING)
+        return node
+
+    def values(self, *path: str) -> dict[str, Any]:
+        """What stands in a table of tables further down, without its holes."""
+        return {name: part.value for name, part in self.at(*path).parts.items() if part.value is not None}
 
 
-def convert_kind(raw: object, kinds: Mapping[str, Any], path: KeyPath, report: Report, more: More = NO_MORE) -> Any:
-    """The typed table of the Struct that the table's `kind` names, or None after at least one report."""
-    if not isinstance(raw, dict):
-        return report(path, f"expected a table, found {found(raw)}")
-    if "kind" not in raw:
-        known = {info.encode_name for struct in kinds.values() for info in fields(struct)}
-        meant = next((key for key in raw if key not in known and closest(key, ["kind"])), None)
-        if meant is None:
-            return report(path, f'missing key "kind"; allowed: {", ".join(kinds) or "none"}')
-        return report(path, f'unknown key "{meant}" (did you mean "kind"?)', (*path, meant))
-    kind = raw["kind"]
-    if not isinstance(kind, str):
-        return report((*path, "kind"), f"expected a string, found {found(kind)}; allowed: {', '.join(kinds)}")
-    if kind not in kinds:
-        hint = did_you_mean(kind, list(kinds))
-        return report((*path, "kind"), f'unknown kind "{kind}"{hint}; allowed: {", ".join(kinds) or "none"}')
-    return convert_struct(raw, kinds[kind], path, report, "kind", more)
+_NOTHING = Node(None)
 
 
-def convert_struct(
-    raw: object, struct: Any, path: KeyPath, report: Report, tag: str | None = None, more: More = NO_MORE
-) -> Any:
-    """The Struct, or None after at least one report; `tag` is the key that chose the Struct."""
-    if not isinstance(raw, dict):
-        return report(path, f"expected a table, found {found(raw)}")
-    infos = fields(struct)
-    known = [info.encode_name for info in infos] + ([tag] if tag else [])
-    unknown = [key for key in raw if key not in known]
-    for key in unknown:
-        report(path, f'unknown key "{key}"{suggestion(key, known)}', (*path, key))
-    faulty = bool(unknown)
-    meant = {closest(key, known) for key in unknown}  # a misspelt key is one fault, not also a missing one
-    values: dict[str, Any] = {}
-    for info in infos:
-        if info.encode_name in raw:
-            values[info.name] = convert(raw[info.encode_name], info.type, (*path, info.encode_name), report, more)
-            faulty |= values[info.name] is None
-        elif info.required:
-            faulty = True
-            if info.encode_name not in meant:
-                report(path, f'missing key "{info.encode_name}"')
-    if faulty:
-        return None
-    try:
-        return struct(**values)
-    except (ValueError, TypeError) as error:  # what a Struct checks by itself
-        return report(path, str(error))
+class Converter:
+    """Converts the raw tables of a file, each once, and tells every fault on the way instead of only the first."""
+
+    def __init__(self, report: Report, more: More = NO_MORE, known: Known | None = None) -> None:
+        """Of one file.
+
+        Args:
+            report: takes in every fault.
+            more: kinds of an extension.
+            known: shared by the files that are loaded together: a table that several of them hold is converted, and its faults are told, once.
+        """
+        self.report = report
+        self._more = more
+        self._known: Known = {} if known is None else known
+
+    def tree(self, raw: object, type_: Any, path: KeyPath = ()) -> Node:
+        """The raw value as a node; a hole after at least one report.
+
+        Args:
+            raw: what the TOML parser gave.
+            type_: a Struct, a union of Structs tagged by `kind`, a dict of names to either, or anything that msgspec converts.
+            path: where `raw` stands.
+        """
+        if not isinstance(raw, dict):
+            return self._value(raw, type_, path)
+        key = (id(raw), id(type_))
+        if key not in self._known:
+            self._known[key] = self._value(raw, type_, path), raw, type_
+        return self._known[key][0]
+
+    def kind(self, raw: object, kinds: Mapping[str, Any], path: KeyPath) -> Node:
+        """The table as the Struct that its `kind` names."""
+        if not isinstance(raw, dict):
+            return self._hole(path, f"expected a table, found {found(raw)}")
+        if "kind" not in raw:
+            known = {info.encode_name for struct in kinds.values() for info in fields(struct)}
+            meant = next((key for key in raw if key not in known and closest(key, ["kind"])), None)
+            if meant is None:
+                return self._hole(path, f'missing key "kind"; allowed: {", ".join(kinds) or "none"}')
+            return self._hole(path, f'unknown key "{meant}" (did you mean "kind"?)', (*path, meant))
+        kind = raw["kind"]
+        if not isinstance(kind, str):
+            text = f"expected a string, found {found(kind)}; allowed: {', '.join(kinds)}"
+            return self._hole((*path, "kind"), text)
+        if kind not in kinds:
+            hint = did_you_mean(kind, list(kinds))
+            return self._hole((*path, "kind"), f'unknown kind "{kind}"{hint}; allowed: {", ".join(kinds) or "none"}')
+        return self._struct(raw, kinds[kind], path, "kind")
+
+    def _value(self, raw: object, type_: Any, path: KeyPath) -> Node:
+        if type_ is Any:
+            return Node(raw)
+        members = _members(type_)
+        if all(_is_struct(member) for member in members):
+            if len(members) == 1 and members[0].__struct_config__.tag is None:
+                return self._struct(raw, members[0], path)
+            return self.kind(raw, kinds_of(Union[tuple(members)], self._more), path)  # noqa: UP007  # at run time
+        if len(members) > 1:  # numbers or arrays of them: what stands there says which is meant
+            fitting = [member for member in members if _is_array(member) == isinstance(raw, (list, tuple))]
+            return self._value(raw, fitting[0], path) if len(fitting) == 1 else self._leaf(raw, type_, path)
+        (only,) = members
+        if get_origin(_strip(only)) is dict:
+            return self._names(raw, get_args(_strip(only))[1], path)
+        if _is_array(only) and isinstance(raw, (list, tuple)):
+            return self._array(raw, only, path)
+        return self._leaf(raw, only, path)
+
+    def _struct(self, raw: object, struct: Any, path: KeyPath, tag: str | None = None) -> Node:
+        """`tag` is the key that chose the Struct."""
+        if not isinstance(raw, dict):
+            return self._hole(path, f"expected a table, found {found(raw)}")
+        infos = fields(struct)
+        known = [info.encode_name for info in infos] + ([tag] if tag else [])
+        unknown = [key for key in raw if key not in known]
+        for key in unknown:
+            self.report(path, f'unknown key "{key}"{suggestion(key, known)}', (*path, key))
+        faulty = bool(unknown)
+        meant = {closest(key, known) for key in unknown}  # a misspelt key is one fault, not also a missing one
+        values: dict[str, Any] = {}
+        parts: dict[str, Node] = {}
+        for info in infos:
+            name = info.encode_name
+            if name in raw:
+                parts[name] = node = self.tree(raw[name], info.type, (*path, name))
+                values[info.name] = node.value
+                faulty |= node.value is None
+            elif info.required:
+                faulty = True
+                if name not in meant:
+                    self.report(path, f'missing key "{name}"')
+            elif isinstance(info.default, msgspec.Struct):
+                parts[name] = Node(info.default)
+        if faulty:
+            return Node(None, parts)
+        try:
+            return Node(struct(**values), parts)
+        except (ValueError, TypeError) as error:  # what a Struct checks by itself
+            return self._hole(path, str(error), parts=parts)
+
+    def _names(self, raw: object, type_: Any, path: KeyPath) -> Node:
+        if not isinstance(raw, dict):
+            return self._hole(path, f"expected a table, found {found(raw)}")
+        parts: dict[str, Node] = {}
+        faulty = False
+        for name, value in raw.items():
+            parts[name] = self.tree(value, type_, (*path, name))
+            named = type_ is Any or check_name((*path, name), self.report)
+            faulty |= not named or parts[name].value is None
+        return Node(None if faulty else {name: part.value for name, part in parts.items()}, parts)
+
+    def _array(self, raw: Sequence[object], type_: Any, path: KeyPath) -> Node:
+        arguments = get_args(_strip(type_))
+        fixed = get_origin(_strip(type_)) is tuple and arguments[-1:] != (...,)
+        if fixed and len(arguments) != len(raw):
+            return self._hole(path, f"expected {expected(type_)}, found {found(raw)}")
+        items = arguments if fixed else (arguments[0],) * len(raw)
+        values = [self.tree(item, t, (*path, k)).value for k, (item, t) in enumerate(zip(raw, items, strict=True))]
+        return _NOTHING if any(value is None for value in values) else self._leaf(values, type_, path)
+
+    def _leaf(self, raw: object, type_: Any, path: KeyPath) -> Node:
+        if isinstance(raw, float) and not math.isfinite(raw):
+            return self._hole(path, f"expected {expected(type_)}, found {raw}: it must be finite")
+        try:
+            return Node(msgspec.convert(raw, type_, strict=True))
+        except msgspec.ValidationError:
+            text = f"expected {expected(type_)}, found {found(raw)}"
+        if isinstance(raw, str) and get_origin(_strip(type_)) is Literal:
+            text += did_you_mean(raw, [str(value) for value in get_args(_strip(type_))])
+        return self._hole(path, text)
+
+    def _hole(self, path: KeyPath, text: str, at: KeyPath | None = None, parts: Mapping[str, Node] = {}) -> Node:
+        self.report(path, text, at)
+        return Node(None, parts)
+
+
+Known = dict[tuple[int, int], tuple[Node, object, Any]]
+"""Nodes by the identities of raw table and type, with these two, so that their identities stay theirs."""
+
+
+def convert(raw: object, type_: Any, path: KeyPath, report: Report, more: More = NO_MORE) -> Any:
+    """The typed value alone, or None after at least one report; see `Converter`."""
+    return Converter(report, more).tree(raw, type_, path).value
 
 
 def check_name(path: KeyPath, report: Report) -> bool:
@@ -137,45 +226,6 @@ def kinds_of(type_: Any, more: More = NO_MORE) -> dict[str, Any]:
         if all(issubclass(member, base) for member in members):
             kinds |= further
     return kinds
-
-
-def _convert_table(raw: object, members: Sequence[Any], path: KeyPath, report: Report, more: More) -> Any:
-    if len(members) == 1 and members[0].__struct_config__.tag is None:
-        return convert_struct(raw, members[0], path, report, None, more)
-    return convert_kind(raw, kinds_of(Union[tuple(members)], more), path, report, more)  # noqa: UP007  # at run time
-
-
-def _convert_names(raw: object, type_: Any, path: KeyPath, report: Report, more: More) -> Any:
-    if not isinstance(raw, dict):
-        return report(path, f"expected a table, found {found(raw)}")
-    values: dict[str, Any] = {}
-    for name, value in raw.items():
-        values[name] = convert(value, type_, (*path, name), report, more)
-        if type_ is not Any and not check_name((*path, name), report):
-            values[name] = None
-    return None if any(value is None for value in values.values()) else values
-
-
-def _convert_array(raw: Sequence[object], type_: Any, path: KeyPath, report: Report, more: More) -> Any:
-    arguments = get_args(_strip(type_))
-    fixed = get_origin(_strip(type_)) is tuple and arguments[-1:] != (...,)
-    if fixed and len(arguments) != len(raw):
-        return report(path, f"expected {expected(type_)}, found {found(raw)}")
-    items = arguments if fixed else (arguments[0],) * len(raw)
-    values = [convert(item, t, (*path, k), report, more) for k, (item, t) in enumerate(zip(raw, items, strict=True))]
-    return None if any(value is None for value in values) else _leaf(values, type_, path, report)
-
-
-def _leaf(raw: object, type_: Any, path: KeyPath, report: Report) -> Any:
-    if isinstance(raw, float) and not math.isfinite(raw):
-        return report(path, f"expected {expected(type_)}, found {raw}: it must be finite")
-    try:
-        return msgspec.convert(raw, type_, strict=True)
-    except msgspec.ValidationError:
-        text = f"expected {expected(type_)}, found {found(raw)}"
-    if isinstance(raw, str) and get_origin(_strip(type_)) is Literal:
-        text += did_you_mean(raw, [str(value) for value in get_args(_strip(type_))])
-    return report(path, text)
 
 
 def _members(type_: Any) -> tuple[Any, ...]:

@@ -96,8 +96,7 @@ def from_tables(raw: dict[str, Any], label: str) -> Document:
 
 def shipped(folder: str = "") -> dict[str, Path]:
     """Files of the package `uwserver_scenarios` by name: scenarios, or those of the folder "vehicles" or "devices"."""
-    root = Path(str(resources.files("uwserver_scenarios"))) / folder
-    return {path.stem: path for path in sorted(root.glob("*.toml"))}
+    return {path.stem: path for path in sorted(_shipped(folder).glob("*.toml"))}
 
 
 def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None]) -> Path | None:
@@ -116,14 +115,19 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
             return path
         fail(f'there is no {noun} file "{label_of(path)}"')
         return None
-    names = shipped(folder)
-    if reference not in names:
-        hint = did_you_mean(reference, list(names))
-        fail(
-            f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; a file of your own needs its ".toml"'
-        )
-        return None
-    return names[reference]
+    path = _shipped(folder) / f"{reference}.toml"
+    if path.is_file():
+        return path
+    names = list(shipped(folder))
+    hint = did_you_mean(reference, names)
+    fail(
+        f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; a file of your own needs its ".toml"'
+    )
+    return None
+
+
+def _shipped(folder: str) -> Path:
+    return Path(str(resources.files("uwserver_scenarios"))) / folder
 
 
 def label_of(path: Path) -> str:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec.inspect as mi
+from msgspec import Struct
+
+from uwserver.logs import place_of
+from uwserver.scenario.files.documents import label_of
 
 
 def expected(type_: Any) -> str:
@@ -32,6 +37,13 @@ def number(raw: float) -> str:
     if isinstance(raw, int):
         return str(raw) if abs(raw) < 10**20 else f"an integer of {raw.bit_length()} bits"
     return repr(raw)
+
+
+def not_built(table: Struct, error: Exception) -> str:
+    """Why code of an extension could not make what a table declares, with the place in its file."""
+    file, line = place_of(error)
+    kind, reason = table.__struct_config__.tag, f"{type(error).__name__}: {error}"
+    return f'a component of kind "{kind}" cannot be built ({label_of(Path(file))}:{line}): {reason}'
 
 
 def _expected(node: mi.Type) -> str:

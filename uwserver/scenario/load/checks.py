@@ -2,43 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.files.merge import named
+from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.water.checks import check_density, check_environment
 from uwserver.scenario.world.checks import check_rate, check_time
-from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors.truth import Truth
 
 
-def check_scenario(
-    raw: Mapping[str, Any], scenario: Scenario | None, world: WorldTable | None, report: Report, warn: Report
-) -> None:
+def check_scenario(tree: Node, report: Report, warn: Report) -> None:
     """Time, names and ports.
 
     Args:
-        raw: the file.
-        scenario: None where the file has faults; then only what could be read is checked.
-        world: its table `world`, likewise.
+        tree: the file, of which only what has no faults is checked.
         report, warn: take in faults and warnings.
     """
+    world, vehicles = tree.at("world").value, tree.at("vehicles").parts
     if world is not None:
         check_time(world, report)
-        for name, entry in named(raw, "vehicles").items():
-            truth = convert(entry.get("truth"), Truth, (), silent) if isinstance(entry, dict) else None
+        for name, entry in vehicles.items():
+            truth = entry.at("truth").value
             if truth is not None:
                 check_rate(truth.rate_hz, world.rate_hz, ("vehicles", name, "truth", "rate_hz"), report)
-    if "world" in named(raw, "vehicles"):
+    if "world" in vehicles:
         report(
             ("vehicles", "world"), '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
         )
-    check_environment(named(raw, "environment"), report, warn)
-    check_density(raw, report, warn)
-    if scenario is not None:
-        _check_ports(scenario, warn)
+    check_environment(tree.at("environment"), report, warn)
+    check_density(tree, report, warn)
+    if tree.value is not None:
+        _check_ports(tree.value, warn)
 
 
 def _check_ports(scenario: Scenario, warn: Report) -> None:

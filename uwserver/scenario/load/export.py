@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from typing import Any
 
@@ -11,6 +12,7 @@ import tomli_w
 from uwserver.scenario.files.convert import fields
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.solids.archive import pack
 
 _NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")
 
@@ -44,6 +46,25 @@ def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
             continue
         raw[info.encode_name] = _plain(value, defaults)
     return raw
+
+
+def identity(resolved: Resolved) -> str:
+    """SHA-256 of all that a state of a world of this scenario depends on: not of its adapters, its server, nor of how its time passes."""
+    scenario = resolved.scenario
+    world = tables(scenario.world, defaults=True)
+    del world["clock"]
+    parts = ("environment", "seabed", "structures", "objects")
+    whole = {
+        "world": world,
+        **{part: _plain(getattr(scenario, part), defaults=True) for part in parts},
+        "vehicles": {name: _vehicle(vehicle) for name, vehicle in resolved.vehicles.items()},
+        "extensions": scenario.extensions,
+        "materials": resolved.materials,
+    }
+    solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
+    solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
+    text = msgspec.json.encode(whole, enc_hook=str) + pack(solids).encode()
+    return hashlib.sha256(text).hexdigest()
 
 
 def _toml(raw: dict[str, Any]) -> str:

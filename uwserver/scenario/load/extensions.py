@@ -1,4 +1,5 @@
-"""Python files beside a scenario that add kinds of sensor and of modifier. They are code: to load such a scenario is to run them."""
+"""Python files beside a scenario that add kinds of sensor, modifier, actuator, current and fault. They are code: to load such a scenario is to
+run them."""
 
 from __future__ import annotations
 
@@ -10,22 +11,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from uwserver.actuators import ActuatorConfig, ActuatorTable
+from uwserver.environment.currents import CurrentConfig, CurrentTable
 from uwserver.logs import place_of
 from uwserver.modifiers import ModifierConfig, ModifierTable
 from uwserver.scenario.files.convert import More, kinds_of
 from uwserver.scenario.files.documents import label_of
 from uwserver.scenario.files.errors import KeyPath, Problem
 from uwserver.sensors import SensorConfig, SensorTable
+from uwserver.world.faults import FaultConfig, FaultTable
 
 _LISTS: Mapping[str, tuple[type, Any]] = {
     "SENSORS": (SensorTable, SensorConfig),
     "MODIFIERS": (ModifierTable, ModifierConfig),
+    "ACTUATORS": (ActuatorTable, ActuatorConfig),
+    "CURRENTS": (CurrentTable, CurrentConfig),
+    "FAULTS": (FaultTable, FaultConfig),
 }
 """Names in the file that list its kinds: what these derive from, and the kinds that are there already."""
 
 
 def extension_kinds(
-    names: object, beside: Path, report: Callable[[KeyPath, str], None], take: Callable[[Problem], None]
+    names: object, beside: Path, report: Callable[[KeyPath, str], None], add: Callable[[Problem], None]
 ) -> More:
     """Kinds of all extensions of a scenario. Runs their files.
 
@@ -33,7 +40,7 @@ def extension_kinds(
         names: what the key `extensions` holds; anything but a list of names is told elsewhere.
         beside: folder that they start from.
         report: takes in faults of the scenario file.
-        take: takes in faults of the Python files, with their own places.
+        add: takes in faults of the Python files, with their own places.
     """
     more: dict[type, dict[str, Any]] = {base: {} for base, _ in _LISTS.values()}
     for k, name in enumerate(names if isinstance(names, (list, tuple)) else ()):
@@ -43,12 +50,12 @@ def extension_kinds(
         if path.suffix != ".py" or not path.is_file():
             report(("extensions", k), f'there is no Python file "{label_of(path)}"')
             continue
-        for problem in _gather(path.resolve(), more):
-            take(problem)
+        for problem in _run_and_list(path.resolve(), more):
+            add(problem)
     return more
 
 
-def _gather(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
+def _run_and_list(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
     """Run a file and add the kinds that it lists; yields its faults."""
     label = label_of(path)
     try:
@@ -67,7 +74,9 @@ def _gather(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
         )
         return
     if not any(hasattr(module, name) for name in _LISTS):
-        yield Problem(label, 1, 1, "", "it adds nothing: list its kinds in SENSORS = (...) or MODIFIERS = (...)")
+        yield Problem(
+            label, 1, 1, "", f"it adds nothing: list its kinds in {', '.join(_LISTS)}, as SENSORS = (MySensorTable,)"
+        )
     for name, (base, union) in _LISTS.items():
         listed = getattr(module, name, ())
         if not isinstance(listed, Sequence):
@@ -95,13 +104,21 @@ def _run(path: Path, source: str) -> types.ModuleType:
 def _fault(kind: Any, base: type, taken: Mapping[str, Any]) -> str:
     """Why a class cannot be a kind; "" if it can."""
     if not isinstance(kind, type) or not issubclass(kind, base):
-        return f"{kind!r} does not derive from {base.__module__.rpartition('.')[0]}.{base.__name__}"
+        return f"{kind!r} does not derive from {_public(base)}: see the shipped kinds"
     tag = str(kind.__struct_config__.tag)  # type: ignore[attr-defined]  # it is a Struct
     if not callable(getattr(kind, "build", None)):
         return f"{kind.__name__} has no build(): see the shipped kinds"
+    if tag == kind.__name__:  # what msgspec makes of none
+        return f'{kind.__name__} has no tag, which is its kind in files: class {kind.__name__}({base.__name__}, tag="...", ...)'
     if tag in taken:
         return f'there is a kind "{tag}" already: give {kind.__name__} another tag'
     return ""
+
+
+def _public(base: type) -> str:
+    """The name to import it by: a package's where that hands it on."""
+    package = base.__module__.rpartition(".")[0]
+    return f"{package if hasattr(sys.modules[package], base.__name__) else base.__module__}.{base.__name__}"
 
 
 def _line_of(source: str, pattern: str) -> int:

@@ -3,39 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+
+import numpy as np
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
-from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.files.merge import named
+from uwserver.scenario.files.convert import Node, Report
+from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.vehicle.body import matrices
-from uwserver.scenario.vehicle.copies import raw_places
-from uwserver.scenario.vehicle.tables import Vehicle
+from uwserver.scenario.vehicle.copies import starts
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.truth import TRUTH
-from uwserver.world.faults import FaultConfig, Hull, Targets, refusals
+from uwserver.world.faults import FaultConfig, Hull, Targets, effects, refusals
+from uwserver.world.faults.timeline import MAX_FAULTS
 
 
-def check_faults(
-    raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environment: Environment, report: Report
-) -> None:
-    """Targets, members and sizes of the faults in the file `raw`, whose vehicles could all be read; `vehicles` by table."""
-    targets = _targets(raw, vehicles, environment)
+def check_faults(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment, report: Report) -> None:
+    """Targets, members and sizes of the faults of a scenario whose vehicles could all be read; `vehicles` by table."""
+    targets = _targets(scenario, vehicles, environment)
     before: list[FaultConfig] = []
-    for name, table in named(raw, "faults").items():
-        fault = convert(table, FaultConfig, (), silent)
-        if fault is not None:
-            for key, text in refusals(fault, targets, before):
-                report(("faults", name, key), text)
-            before.append(fault)
+    for name, fault in scenario.values("faults").items():
+        path: KeyPath = ("faults", name)
+        try:
+            parts = effects(name, fault, targets, np.random.default_rng(0))
+        except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+            report(path, not_built(fault, error))
+            continue
+        for part in parts.values():
+            for key, text in refusals(part, targets, before):
+                if part is fault:
+                    report((*path, key), text)
+                else:
+                    report(path, f'it comes to a "{part.__struct_config__.tag}" that cannot be: {key}: {text}')
+            before.append(part)
+        if len(before) > MAX_FAULTS:
+            report(path, f"with it there are more than the {MAX_FAULTS} faults that a world can have: leave some out")
+            return
 
 
-def _targets(raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environment: Environment) -> Targets:
+def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment) -> Targets:
     thrusters: dict[str, tuple[str, ...]] = {}
     sensors: list[str] = []
     hulls: dict[str, Hull] = {}
     water = environment.density * environment.gravity_mps2
-    for table, name, _ in raw_places(raw, "vehicles"):
+    for table, name, _ in starts(scenario, "vehicles"):
         vehicle = vehicles[table]
         for key, actuator in vehicle.actuators.items():
             if isinstance(actuator, ThrustersConfig):
@@ -43,7 +55,7 @@ def _targets(raw: Mapping[str, Any], vehicles: Mapping[str, Vehicle], environmen
             elif isinstance(actuator, ThrusterConfig):
                 thrusters[f"{name}/{key}"] = (actuator.member,)
         sensors += [f"{name}/{key}" for key in vehicle.sensors]
-        if "truth" in named(raw, "vehicles")[table]:
+        if "truth" in scenario.at("vehicles", table).parts:
             sensors += [f"{name}/truth/{key}" for key in TRUTH]
         M_RB, r_g = matrices(vehicle).M_RB, vehicle.rigid_body.center_of_mass_frd_m
         hulls[name] = Hull(M_RB, r_g, vehicle.buoyancy.volume_m3, water)

@@ -12,7 +12,7 @@ from uwserver.scenario.files.errors import Problem
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ResolvedVehicle:
 
     name: str
     entry: VehicleEntry
-    vehicle: Vehicle
+    vehicle: VehicleFile
     devices: Mapping[str, ThrusterDevice]
     solid: Solid | None = None
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import msgspec
 
-from uwserver.scenario.files.convert import NO_MORE, More, check_name, convert, convert_kind, convert_struct, silent
+from uwserver.autopilot.config import AutopilotConfig
+from uwserver.scenario.files.convert import Converter, Known, Node, check_name
 from uwserver.scenario.files.documents import Document, find, from_tables, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, suggestion
 from uwserver.scenario.files.merge import named
@@ -20,13 +21,14 @@ from uwserver.scenario.load.fault_checks import check_faults
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.actuator_checks import check_actuators
 from uwserver.scenario.vehicle.assembly import Draft, MergedFile, drafted, merged_file
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
-from uwserver.scenario.vehicle.copies import check_names, entries, raw_places
+from uwserver.scenario.vehicle.copies import check_names, entries
 from uwserver.scenario.vehicle.device_checks import check_device
 from uwserver.scenario.vehicle.profiles import check_profile, expanded
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
@@ -45,20 +47,15 @@ def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Reso
     return _Load(_open(source), adapters).result()
 
 
-def scenario_from(
-    raw: dict[str, Any], adapters: Mapping[str, type], report: Callable[..., None], more: More = NO_MORE
-) -> Scenario | None:
-    """The typed scenario, its adapters too; None after at least one report."""
-    scenario = convert_struct(raw, Scenario, (), report, more=more)
-    typed = {
-        name: convert_kind(table, adapters, ("adapters", name), report)
-        for name, table in named(raw, "adapters").items()
-    }
-    valid = [check_name(("adapters", name), report) for name in typed]
-    if scenario is None or not all(valid) or None in typed.values():
-        return None
-    checked: Scenario = msgspec.structs.replace(scenario, adapters=typed)
-    return checked
+def scenario_tree(raw: dict[str, Any], adapters: Mapping[str, type], converter: Converter) -> Node:
+    """The scenario by its tables, its adapters as their own types; its value is a `Scenario`, or None after at least one report."""
+    tree = converter.tree(raw, Scenario)
+    tables = named(raw, "adapters")
+    typed = {name: converter.kind(table, adapters, ("adapters", name)).value for name, table in tables.items()}
+    valid = [check_name(("adapters", name), converter.report) for name in typed]
+    if tree.value is None or not all(valid) or None in typed.values():
+        return Node(None, tree.parts)
+    return Node(msgspec.structs.replace(tree.value, adapters=typed), tree.parts)
 
 
 def _open(source: str | Path | Scenario) -> Document:
@@ -82,36 +79,35 @@ class _Load:
     def __init__(self, document: Document, adapters: Mapping[str, type]) -> None:
         self._problems: list[Problem] = []
         self._files: dict[Path, Document | None] = {}
+        self._models: dict[Path, Document] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
         self._profiles: dict[Path, Mapping[str, Any] | None] = {}
         beside = document.path.parent if document.path else Path.cwd()
         given, report = document.raw.get("extensions"), self._report(document)
         self._more = extension_kinds(given, beside, report, self._problems.append)
+        self._known: Known = {}
         self._document = document = self._with_profiles(document)
-        self._scenario = scenario_from(document.raw, adapters, self._report(document), self._more)
-        self._world = _quietly(document.raw, "world", WorldTable)
-        self._environment = _quietly(document.raw, "environment", Environment)
-        self._vehicles: dict[str, tuple[Vehicle | None, Mapping[str, ThrusterDevice]]] = {}
-        self._solids = SolidFiles(
-            document, self._world, self._environment, self._report(document), self._warn(document)
-        )
+        self._tree = scenario_tree(document.raw, adapters, self._converter(document))
+        self._world: WorldTable | None = self._tree.at("world").value
+        self._environment: Environment | None = self._tree.at("environment").value
+        self._vehicles: dict[str, tuple[VehicleFile | None, Mapping[str, ThrusterDevice]]] = {}
+        self._solids = SolidFiles(document, self._tree, self._report(document), self._warn(document))
 
     def result(self) -> Resolved:
         """The resolved scenario; ScenarioError if there was any fault."""
+        report = self._report(self._document)
         for name, entry in named(self._document.raw, "vehicles").items():
             if isinstance(entry, dict):
                 self._vehicle(name, entry)
         self._solids.check_places()
-        self._solids.check_engines(tuple(raw_places(self._document.raw, "vehicles")))
-        check_names(self._document.raw, self._report(self._document))
-        check_scenario(
-            self._document.raw, self._scenario, self._world, self._report(self._document), self._warn(self._document)
-        )
+        self._solids.check_engines()
+        check_names(self._tree, report)
+        check_scenario(self._tree, report, self._warn(self._document))
         files = {name: _without_disabled(file) for name, (file, _) in self._vehicles.items() if file is not None}
-        if len(files) == len(named(self._document.raw, "vehicles")) and self._environment is not None:
-            check_faults(self._document.raw, files, self._environment, self._report(self._document))
+        if files.keys() == self._tree.at("vehicles").parts.keys() and self._environment is not None:
+            check_faults(self._tree, files, self._environment, report)
         problems = _in_order(self._problems)
-        scenario = self._scenario
+        scenario: Scenario | None = self._tree.value
         if scenario is None or any(problem.severity == "error" for problem in problems):
             raise ScenarioError(problems)
         vehicles = {
@@ -133,24 +129,32 @@ class _Load:
         if not isinstance(model, str) or not model:
             return
         beside = document.path.parent if document.path else Path.cwd()
-        file = self._read(find(model, "vehicles", beside, lambda text: self._report(document)(path, text)))
+        file = self._model(find(model, "vehicles", beside, lambda text: self._report(document)(path, text)))
         if file is None:
             return
-        merged = merged_file(document, name, entry, self._with_profiles(file))
-        vehicle = convert_struct(merged.raw, Vehicle, (), self._report(merged), more=self._more)
+        merged = merged_file(document, name, entry, file)
+        tree = self._converter(merged).tree(merged.raw, VehicleFile)
         devices = self._thruster_devices(merged)
-        draft: Draft = drafted(merged.raw, devices, self._more)
+        draft = drafted(tree, devices)
+        before = self._errors()
         self._check_carriers(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
-        if "autopilot" in entry:
+        autopilot: AutopilotConfig | None = self._tree.at("vehicles", name, "autopilot").value
+        if autopilot is not None:
             place: KeyPath = ("vehicles", name, "autopilot")
-            check_autopilot(entry["autopilot"], draft, place, self._world, self._report(document))
-        self._solids.read_vehicle(name, merged, self._report(merged), self._warn(merged))
-        self._vehicles[name] = vehicle, devices
+            check_autopilot(autopilot, draft, place, self._world, self._report(document))
+        self._solids.read_vehicle(name, merged, tree, self._report(merged), self._warn(merged))
+        self._vehicles[name] = tree.value, devices
+        whole = tree.value is not None and all(key in devices for key in tree.value.thrusters)
+        if whole and self._environment is not None and self._errors() == before:
+            check_actuators(_without_disabled(tree.value), devices, self._environment, self._report(merged))
+
+    def _errors(self) -> int:
+        return sum(problem.severity == "error" for problem in self._problems)
 
     def _check_carriers(self, draft: Draft, merged: MergedFile) -> None:
         """Beacons sit on vehicles that there are."""
-        vehicles = tuple(named(self._document.raw, "vehicles"))
+        vehicles = tuple(self._tree.at("vehicles").parts)
         for name, sensor in draft.sensors.items():
             for beacon, vehicle in carriers(sensor):
                 if vehicle not in vehicles:
@@ -182,11 +186,20 @@ class _Load:
             document = self._read(path)
             device = None
             if document is not None:
-                report = self._report(document)
-                device = convert_struct(document.raw, ThrusterDevice, (), report)
-                check_device(document.raw, report)
+                tree = self._converter(document).tree(document.raw, ThrusterDevice)
+                device = tree.value
+                check_device(tree, self._report(document))
             self._devices[path] = device
         return self._devices[path]
+
+    def _model(self, path: Path | None) -> Document | None:
+        """A vehicle file with its sensors' device files filled in; the same raw tables each time, so that they are converted once."""
+        file = self._read(path)
+        if path is None or file is None:
+            return None
+        if path not in self._models:
+            self._models[path] = self._with_profiles(file)
+        return self._models[path]
 
     def _with_profiles(self, document: Document) -> Document:
         """The file with the sensors' device files filled in."""
@@ -213,6 +226,9 @@ class _Load:
                 self._problems.extend(error.problems)
         return self._files[path]
 
+    def _converter(self, place: Document | MergedFile) -> Converter:
+        return Converter(self._report(place), self._more, self._known)
+
     def _report(self, place: Document | MergedFile) -> Callable[..., None]:
         def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
             self._problems.append(place.problem(path, text, at))
@@ -226,12 +242,8 @@ class _Load:
         return warn
 
 
-def _quietly(raw: Mapping[str, Any], table: str, type_: Any) -> Any:
-    return convert(raw.get(table, {}), type_, (), silent)
-
-
-def _without_disabled(vehicle: Vehicle) -> Vehicle:
-    enabled: Vehicle = msgspec.structs.replace(
+def _without_disabled(vehicle: VehicleFile) -> VehicleFile:
+    enabled: VehicleFile = msgspec.structs.replace(
         vehicle,
         sensors={name: sensor for name, sensor in vehicle.sensors.items() if sensor.enabled},
         actuators={name: actuator for name, actuator in vehicle.actuators.items() if actuator.enabled},

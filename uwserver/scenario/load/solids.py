@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,9 @@ from uwserver.physics.geometry.shapes import (
     TriangleMesh,
 )
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.scenario.files.convert import Report, check_name, convert, silent
+from uwserver.scenario.files.convert import Node, Report, check_name
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
-from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.resolved import ResolvedObject
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
@@ -38,7 +36,7 @@ from uwserver.scenario.solids.shapes import (
 )
 from uwserver.scenario.solids.tables import Collision, Contact, HullCollision, ObjectEntry, Seabed, Structure
 from uwserver.scenario.vehicle.assembly import MergedFile
-from uwserver.scenario.vehicle.copies import raw_places
+from uwserver.scenario.vehicle.copies import starts
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 
@@ -56,8 +54,7 @@ class SolidFiles:
     def __init__(
         self,
         document: Document,
-        world: WorldTable | None,
-        environment: Environment | None,
+        scenario: Node,
         report: Report,
         warn: Report,
     ) -> None:
@@ -65,32 +62,29 @@ class SolidFiles:
         self.objects: dict[str, ResolvedObject] = {}
         self.vehicles: dict[str, Solid] = {}
         self.materials = Materials()
-        self._document, self._report, self._warn = document, report, warn
+        self._scenario, self._report, self._warn = scenario, report, warn
         self._folder = document.path.parent if document.path else Path.cwd()
-        self._told = False
-        self._read_seabed(world)
-        for name, raw in named(document.raw, "structures").items():
-            table = convert(raw, Structure, (), silent)
+        self._reported = False
+        self._read_seabed(scenario.at("world").value)
+        for name, node in scenario.at("structures").parts.items():
+            table: Structure | None = node.value
             path: KeyPath = ("structures", name)
             if name == "seabed":
                 report(path, '"seabed" is the table [seabed]: choose another name')
             elif table is not None and self._engines(path, report):
-                self._try(
+                self._add_static(
                     path,
                     name,
-                    lambda n, t=table, p=path: structure_solid(n, t, self._folder, self.materials, self._say(p)),
+                    lambda n, t=table, p=path: structure_solid(n, t, self._folder, self.materials, self._warning(p)),
                 )
-        for name, raw in named(document.raw, "objects").items():
-            self._read_object(name, convert(raw, ObjectEntry, (), silent), environment)
+        for name, node in scenario.at("objects").parts.items():
+            self._read_object(name, node.value, scenario.at("environment").value)
 
-    def read_vehicle(self, name: str, merged: MergedFile, report: Report, warn: Report) -> None:
-        """The collision shapes of a vehicle."""
-        tables, folders = {}, {}
-        for key, raw in named(merged.raw, "collision").items():
-            table = convert(raw, Collision, (), silent)
-            if table is not None:
-                tables[key], folders[key] = table, merged.folder_of(("collision", key, "file"))
-        contact = convert(merged.raw.get("contact", {}), Contact, (), silent)
+    def read_vehicle(self, name: str, merged: MergedFile, tree: Node, report: Report, warn: Report) -> None:
+        """The collision shapes of a vehicle, whose merged file gave the tree."""
+        tables: dict[str, Collision] = tree.values("collision")
+        folders = {key: merged.folder_of(("collision", key, "file")) for key in tables}
+        contact: Contact | None = tree.at("contact").value
         if not tables or contact is None:
             return
         if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(
@@ -107,17 +101,15 @@ class SolidFiles:
     def check_places(self) -> None:
         """Vehicles and objects must not begin inside something."""
         for table in ("vehicles", "objects"):
-            for key, _, p in raw_places(self._document.raw, table):
-                if not isinstance(p, (list, tuple)) or len(p) != 3 or not all(isinstance(c, (int, float)) for c in p):
-                    continue
-                for solid in self.static.values():
-                    what = _buried(solid, np.array(p, dtype=np.float64))
+            for key, _, p in starts(self._scenario, table):
+                for solid in self.static.values() if p is not None else ():
+                    what = _buried(solid, np.array(p))
                     if what is not None:
                         self._report((table, key, "position_ned_m"), f'it begins inside "{solid.name}": {what}')
 
-    def check_engines(self, vehicles: Sequence[tuple[str, str, object]]) -> None:
-        """What can touch something needs the engines; one vehicle alone does not. `vehicles`: see `raw_places`."""
-        if sum(key in self.vehicles for key, _, _ in vehicles) > 1:
+    def check_engines(self) -> None:
+        """What can touch something needs the engines; one vehicle alone does not."""
+        if sum(key in self.vehicles for key, _, _ in starts(self._scenario, "vehicles")) > 1:
             self._engines(("vehicles",), self._report)
 
     def _read_seabed(self, world: WorldTable | None) -> None:
@@ -128,17 +120,15 @@ class SolidFiles:
                 self._report(("world",), "give origin_lat_deg and origin_lon_deg, or none of the two")
             if all(given):
                 origin = float(world.origin_lat_deg), float(world.origin_lon_deg)  # type: ignore[arg-type]
-        if "seabed" not in self._document.raw:
-            return
-        table = convert(self._document.raw["seabed"], Seabed, (), silent)
+        table: Seabed | None = self._scenario.at("seabed").value
         if table is not None and world is not None and self._engines(("seabed",), self._report):
-            self._try(("seabed",), "seabed", lambda _: seabed_solid(table, self._folder, origin, self.materials))
+            self._add_static(("seabed",), "seabed", lambda _: seabed_solid(table, self._folder, origin, self.materials))
 
     def _read_object(self, name: str, table: ObjectEntry | None, environment: Environment | None) -> None:
         path: KeyPath = ("objects", name)
         if not check_name(path, self._report):
             return
-        if name == "world" or name in named(self._document.raw, "vehicles"):
+        if name == "world" or name in self._scenario.at("vehicles").parts:
             self._report(path, f'"{name}" is taken, as paths begin with it: choose another name')
         if table is None or environment is None or not self._engines(path, self._report):
             return
@@ -150,20 +140,20 @@ class SolidFiles:
         solid = object_solid(name, table, self.materials)
         self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid)
 
-    def _try(self, path: KeyPath, name: str, make: Any) -> None:
+    def _add_static(self, path: KeyPath, name: str, make: Any) -> None:
         try:
             self.static[name] = make(name)
         except BadSolid as error:
             self._report(path, str(error))
 
-    def _say(self, path: KeyPath) -> Any:
+    def _warning(self, path: KeyPath) -> Any:
         return lambda text: self._warn(path, text)
 
     def _engines(self, path: KeyPath, report: Report) -> bool:
         """Whether all that solids need is installed; says so once."""
         missing = missing_engines()
-        if missing is not None and not self._told:
-            self._told = True
+        if missing is not None and not self._reported:
+            self._reported = True
             report(path, missing)
         return missing is None
 

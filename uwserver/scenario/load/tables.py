@@ -23,6 +23,8 @@ class Server(Table, kw_only=True, frozen=True):
     name: how the server calls itself.
     metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
     metrics: serve them.
+    state_folder: where clients may save and load states of the world as files (``world/save``, ``world/load``), beside this file unless it
+        is absolute; default: nowhere.
     uvloop: run the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
     """
 
@@ -30,6 +32,7 @@ class Server(Table, kw_only=True, frozen=True):
     metrics: bool = True
     metrics_bind: str = "127.0.0.1"
     metrics_port: Annotated[int, Meta(ge=0, le=65535)] = 9600
+    state_folder: str = ""
     uvloop: bool = False
 
 
@@ -37,7 +40,8 @@ class Scenario(Table, kw_only=True, frozen=True):
     """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`.
 
     Attributes:
-        extensions: Python files, beside this one, with further kinds of sensor and modifier. They are run: do not load what you do not trust.
+        extensions: Python files, beside this one, with further kinds of sensor, modifier, actuator, current and fault. They are run: do not
+            load what you do not trust.
     """
 
     schema: Literal[1]

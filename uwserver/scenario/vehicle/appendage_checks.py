@@ -91,14 +91,15 @@ def _check_members(draft: Draft, report: Report) -> None:
             if actuator.members is None and not present:
                 report(path, "the vehicle has no fins to command")
             for k, member in enumerate(actuator.members or ()):
-                _check_member(member, present, "fin", (*path, "members", k), report)
+                check_member(member, present, "fin", (*path, "members", k), report)
                 if member in (actuator.members or ())[:k]:
                     report((*path, "members", k), f'"{member}" is named twice')
         elif isinstance(actuator, (FinConfig, PropellerConfig, BallastConfig, MovingMassConfig)):
             table, noun = _MEMBERS[type(actuator)]
-            _check_member(actuator.member, draft.names(table), noun, (*path, "member"), report)
+            check_member(actuator.member, draft.names(table), noun, (*path, "member"), report)
 
 
-def _check_member(member: str, present: tuple[str, ...], noun: str, path: KeyPath, report: Report) -> None:
+def check_member(member: str, present: tuple[str, ...], noun: str, path: KeyPath, report: Report) -> None:
+    """A name must be among those that are present; `noun` is what it names."""
     if member not in present:
         report(path, f'no {noun} "{member}"{suggestion(member, present, "; there are: ")}')

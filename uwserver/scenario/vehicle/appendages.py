@@ -18,7 +18,7 @@ from uwserver.physics.dynamics.appendage_params import (
     WeightParams,
 )
 from uwserver.scenario.vehicle.appendage_tables import Ballast, CrossFlow, Fin, Foil, Hull, MovingMass, ShaftPropeller
-from uwserver.scenario.vehicle.tables import Vehicle
+from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
@@ -26,7 +26,7 @@ TERM = re.compile(r"([XYZKMN])([uvwpqr])([uvwpqr])(d{0,2})")
 """A derivative's name: axis, two velocities, power of the angle."""
 
 
-def appendages(vehicle: Vehicle, environment: Environment) -> Appendages:
+def appendages(vehicle: VehicleFile, environment: Environment) -> Appendages:
     """All of a checked vehicle."""
     rho, g = environment.density, environment.gravity_mps2
     servos = [_fin_servo(f"fins.{name}", fin) for name, fin in vehicle.fins.items()]
@@ -125,7 +125,7 @@ def _moving_mass(mass: MovingMass, servo: str, g: float) -> WeightParams:
     return WeightParams(servo, 0.0, (x, y, z))
 
 
-def _derivatives(vehicle: Vehicle, rho: float) -> Iterator[DerivativeParams]:
+def _derivatives(vehicle: VehicleFile, rho: float) -> Iterator[DerivativeParams]:
     if not isinstance(vehicle.hull.derivatives, UnsetType):
         table = vehicle.hull.derivatives
         yield from _terms(table.terms, rho / table.reference_density_kgpm3, "")
@@ -145,7 +145,7 @@ def _terms(terms: Mapping[str, float], scale: float, servo: str) -> Iterator[Der
             )  # fmt: skip
 
 
-def _hull(vehicle: Vehicle, rho: float) -> Iterator[HullParams]:
+def _hull(vehicle: VehicleFile, rho: float) -> Iterator[HullParams]:
     hull: Hull = vehicle.hull
     if not isinstance(hull.slow_damping, UnsetType):
         scale = rho / vehicle.damping.reference_density_kgpm3

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from uwserver.actuators import ActuatorConfig
-from uwserver.scenario.files.convert import NO_MORE, More, convert, fields, silent
+from uwserver.scenario.files.convert import Node
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath, Problem, Severity
-from uwserver.scenario.files.merge import merged, named
+from uwserver.scenario.files.merge import merged
 from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import (
     AddedMass,
@@ -20,7 +20,6 @@ from uwserver.scenario.vehicle.tables import (
     RigidBody,
     Thruster,
     ThrusterDevice,
-    Vehicle,
 )
 from uwserver.sensors import SensorConfig
 
@@ -30,11 +29,11 @@ class Draft:
     """What could be read of a vehicle, so that one fault does not hide the others. Tables with faults are missing (None).
 
     Attributes:
-        raw: the merged tables, faulty ones too.
+        tree: the merged tables, faulty ones too.
         devices: by thruster name, those that could be read.
     """
 
-    raw: Mapping[str, Any]
+    tree: Node
     rigid_body: RigidBody | None = None
     buoyancy: Buoyancy | None = None
     added_mass: AddedMass | None = None
@@ -52,7 +51,12 @@ class Draft:
 
     def names(self, table: str) -> tuple[str, ...]:
         """Names in a table of tables, faulty ones too."""
-        return tuple(named(self.raw, table))
+        return tuple(self.tree.at(table).parts)
+
+    def enabled(self, table: str) -> tuple[str, ...]:
+        """As `names`, without those that are taken out."""
+        parts = self.tree.at(table).parts.items()
+        return tuple(name for name, part in parts if part.at("enabled").value is not False)
 
 
 @dataclass(frozen=True)
@@ -106,15 +110,11 @@ def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: D
     return MergedFile(scenario, file, name, raw)
 
 
-def drafted(raw: Mapping[str, Any], devices: Mapping[str, ThrusterDevice], more: More = NO_MORE) -> Draft:
-    """All tables that are free of faults; says nothing about the others."""
-    types = {info.name: info.type for info in fields(Vehicle)}
-    parts: dict[str, Any] = {}
-    for table in ("rigid_body", "buoyancy", "added_mass", "damping", "hull"):
-        parts[table] = convert(raw.get(table), types[table], (), silent)
+def drafted(tree: Node, devices: Mapping[str, ThrusterDevice]) -> Draft:
+    """A vehicle's tables by their types."""
+    parts: dict[str, Any] = {
+        table: tree.at(table).value for table in ("rigid_body", "buoyancy", "added_mass", "damping", "hull")
+    }
     for table in ("thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors"):
-        parts[table] = {}
-        for name, value in named(raw, table).items():
-            converted = convert({name: value}, types[table], (), silent, more)
-            parts[table].update(converted or {})
-    return Draft(raw=raw, devices=devices, **parts)
+        parts[table] = tree.values(table)
+    return Draft(tree, devices=devices, **parts)

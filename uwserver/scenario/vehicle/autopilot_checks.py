@@ -18,26 +18,25 @@ from uwserver.actuators import (
 )
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.gains import Gains
-from uwserver.scenario.files.convert import Report, convert, fields, silent
+from uwserver.scenario.files.convert import Report, convert, fields
 from uwserver.scenario.files.errors import KeyPath, suggestion
 from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.tables import WorldTable
 
 
-def check_autopilot(raw: object, draft: Draft, path: KeyPath, world: WorldTable | None, report: Report) -> None:
+def check_autopilot(
+    config: AutopilotConfig, draft: Draft, path: KeyPath, world: WorldTable | None, report: Report
+) -> None:
     """Rates, names and values of gains, and whether there is something to steer with.
 
     Args:
-        raw: the table in the scenario, which may have faults.
+        config: the table in the scenario.
         draft: the merged vehicle.
         path: of the table.
         world: of the scenario; None where it has faults.
         report: takes in faults.
     """
-    config: AutopilotConfig | None = convert(raw, AutopilotConfig, (), silent)
-    if config is None:
-        return
     for key in ("rate_hz", "state_rate_hz"):
         rate = getattr(config, key)
         if world is not None and not isinstance(rate, UnsetType):

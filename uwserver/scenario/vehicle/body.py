@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from uwserver.actuators import ActuatorConfig, Body
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.kernel.arrays import FloatArray
@@ -24,7 +26,7 @@ from uwserver.scenario.vehicle.tables import (
     SphereShape,
     Thruster,
     ThrusterDevice,
-    Vehicle,
+    VehicleFile,
 )
 from uwserver.scenario.water.tables import Environment
 
@@ -39,7 +41,7 @@ class Matrices(NamedTuple):
     D_S: FloatArray
 
 
-def matrices(vehicle: Vehicle) -> Matrices:
+def matrices(vehicle: VehicleFile) -> Matrices:
     """The matrices as the file has them; M_A is not made symmetric here."""
     damping = vehicle.damping
     return Matrices(
@@ -51,13 +53,13 @@ def matrices(vehicle: Vehicle) -> Matrices:
     )
 
 
-def buoyancy_and_weight(vehicle: Vehicle, environment: Environment) -> tuple[float, float]:
+def buoyancy_and_weight(vehicle: VehicleFile, environment: Environment) -> tuple[float, float]:
     """Buoyancy fully submerged, and weight, N."""
     g = environment.gravity_mps2
     return environment.density * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
 
 
-def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
+def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
     """Kernel parameters of a checked vehicle: M_A and damping scaled to the water's density, M_A made symmetric where the file says so."""
     M = matrices(vehicle)
     M_A = 0.5 * (M.M_A + M.M_A.T) * (environment.density / vehicle.added_mass.reference_density_kgpm3)
@@ -77,7 +79,30 @@ def body_params(vehicle: Vehicle, devices: Mapping[str, ThrusterDevice], environ
         displaced=environment.density * vehicle.buoyancy.volume_m3,
         thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
         appendages=appendages(vehicle, environment),
+        wrenches=1 + len(own_actuators(vehicle)),
     )
+
+
+def own_actuators(vehicle: VehicleFile) -> dict[str, ActuatorConfig]:
+    """Its actuators of kinds of an extension, by name."""
+    shipped = get_args(ActuatorConfig)
+    return {name: config for name, config in vehicle.actuators.items() if type(config) not in shipped}
+
+
+def add_body(hydro: Hydrodynamics, vehicle: VehicleFile, params: BodyParams) -> dict[str, Body]:
+    """Append a vehicle's body. Gives the rows that its actuators may write: one `Body` for the shipped kinds, under "", and for each actuator
+    of an extension one with a wrench of its own, under its name.
+
+    Args:
+        hydro: arrays of the world.
+        vehicle, params: a checked vehicle, and what `body_params` makes of it.
+    """
+    first, wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
+    row = hydro.add(params)
+    thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}
+    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    names = ("", *own_actuators(vehicle))
+    return {name: Body(hydro, row, thrusters, wrench + k, servos) for k, name in enumerate(names)}
 
 
 def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice) -> ThrusterParams:

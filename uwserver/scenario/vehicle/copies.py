@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
-from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.files.merge import named
+from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.vehicle.entry import Copies, VehicleEntry
 from uwserver.table import Vector3
+
+_AT_THE_ORIGIN = Node((0.0, 0.0, 0.0))
 
 
 def places(name: str, first: Vector3, copies: Copies | UnsetType) -> Iterator[tuple[str, Vector3]]:
@@ -41,25 +41,22 @@ def entries(name: str, entry: VehicleEntry) -> dict[str, VehicleEntry]:
     }
 
 
-def raw_places(raw: Mapping[str, Any], table: str) -> Iterator[tuple[str, str, object]]:
-    """Table, name and position of each vehicle or object of a file that may have faults; what is no position is given as it stands."""
-    for key, entry in named(raw, table).items():
-        if not isinstance(entry, dict):
-            continue
-        p = entry.get("position_ned_m", (0.0, 0.0, 0.0))
-        copies = convert(entry["copies"], Copies, (), silent) if "copies" in entry else None
-        first = convert(p, Vector3, (), silent)
+def starts(scenario: Node, table: str) -> Iterator[tuple[str, str, Vector3 | None]]:
+    """Table, name and position of each of the `vehicles` or `objects` of a scenario that may have faults; None where no position stands."""
+    for key, entry in scenario.at(table).parts.items():
+        first = entry.parts.get("position_ned_m", _AT_THE_ORIGIN).value
+        copies = entry.at("copies").value
         if copies is None or first is None:
-            yield key, key, p
+            yield key, key, first
         else:
             yield from ((key, each, place) for each, place in places(key, first, copies))
 
 
-def check_names(raw: Mapping[str, Any], report: Report) -> None:
+def check_names(scenario: Node, report: Report) -> None:
     """No two vehicles or objects may have one name."""
     taken: dict[str, str] = {}
     for table in ("vehicles", "objects"):
-        for key, name, _ in raw_places(raw, table):
+        for key, name, _ in starts(scenario, table):
             owner = taken.setdefault(name, key)
             if owner != key:
                 report((table, key), f'"{name}" is a vehicle of the table "{owner}" already: choose another name')

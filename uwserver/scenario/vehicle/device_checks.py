@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from msgspec import UNSET
 
 from uwserver.physics.kernel.layout import TABLE_VOLTAGES
-from uwserver.scenario.files.convert import Report, convert, silent
-from uwserver.scenario.files.merge import named
+from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.vehicle.body import lag
 from uwserver.scenario.vehicle.tables import ForceCurve, LagTable, Shape
 
 
-def check_device(raw: Mapping[str, Any], report: Report) -> None:
-    """Force curves, their common shape, and the lag; tables that cannot be read are left out."""
-    shape = convert(raw.get("shape"), Shape, (), silent)
+def check_device(device: Node, report: Report) -> None:
+    """Force curves, their common shape, and the lag; holes are left out."""
+    shape: Shape | None = device.at("shape").value
     if shape is not None and not sum(shape.coefficients) > 0.0:
         report(("shape", "coefficients"), "their sum, the force at full command, must be greater than 0")
-    _check_curves(named(raw, "curves"), report)
-    table = convert(raw.get("lag"), LagTable, (), silent)
+    _check_curves(device.at("curves"), report)
+    table: LagTable | None = device.at("lag").value
     if table is not None:
         _check_lag(table, report)
 
 
-def _check_curves(curves: Mapping[str, Any], report: Report) -> None:
-    if not 1 <= len(curves) <= TABLE_VOLTAGES:
-        report(("curves",), f"needs 1 to {TABLE_VOLTAGES} force curves, found {len(curves)}")
+def _check_curves(curves: Node, report: Report) -> None:
+    if not 1 <= len(curves.parts) <= TABLE_VOLTAGES:
+        report(("curves",), f"needs 1 to {TABLE_VOLTAGES} force curves, found {len(curves.parts)}")
     voltages: dict[float, str] = {}
-    for name, table in curves.items():
-        curve = convert(table, ForceCurve, (), silent)
-        if curve is None:
-            continue
+    good: dict[str, ForceCurve] = curves.values()
+    for name, curve in good.items():
         low, high = curve.dead_band
         if not -1.0 < low <= 0.0 <= high < 1.0:
             report(("curves", name, "dead_band"), f"({low:g}, {high:g}) must lie inside (-1, 1), with 0 in it")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from msgspec import field
 
-from uwserver.scenario.files.convert import NO_MORE, More, Report, convert_kind, convert_struct, kinds_of
+from uwserver.scenario.files.convert import NO_MORE, Converter, More, Report, convert, kinds_of
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.files.merge import merged, named
@@ -40,7 +40,7 @@ class SensorDevice(Table, kw_only=True, frozen=True):
 
 def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) -> dict[str, Any] | None:
     """The keys of the sensor's table that a device file gives, with its `kind`; None after at least one report."""
-    device: SensorDevice | None = convert_struct(dict(raw), SensorDevice, (), report)
+    device: SensorDevice | None = convert(raw, SensorDevice, (), report)
     if device is None:
         return None
     keys: dict[str, Any] = {"kind": device.kind}
@@ -50,7 +50,7 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
         path: KeyPath = ("properties", name)
         given = group if isinstance(group, dict) else {}
         provenance = {key: given[key] for key in _PROVENANCE if key in given}
-        fine &= convert_struct(provenance, Sourced, path, report) is not None
+        fine &= convert(provenance, Sourced, path, report) is not None
         for key, value in given.items():
             if key in _PROVENANCE:
                 continue
@@ -68,7 +68,7 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
         report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
     table = {"rate_hz": 1.0, **_OF_THE_USE.get(device.kind, {}), **keys}
-    sensor = convert_kind(table, kinds_of(SensorConfig, more), (), placed, more)
+    sensor = Converter(placed, more).kind(table, kinds_of(SensorConfig, more), ()).value
     return keys if fine and sensor is not None else None
 
 

@@ -1,6 +1,6 @@
 """The vehicle file: rigid body, hydrodynamics, thrusters, mounts, actuators and sensors, each number with its source and status.
 
-Tables of fins, propellers, ballast and hull stand in `appendage_schema`.
+Tables of fins, propellers, ballast and hull stand in `appendage_tables`.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Autopilot(Sourced, kw_only=True, frozen=True):
     max_wrench: Six | UnsetType = UNSET
 
 
-class Vehicle(Table, kw_only=True, frozen=True):
+class VehicleFile(Table, kw_only=True, frozen=True):
     """A whole vehicle file."""
 
     schema: Literal[1]

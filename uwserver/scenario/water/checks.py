@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from msgspec import UnsetType
 
 from uwserver.environment.column import WaterColumn
-from uwserver.environment.currents import CurrentConfig, ProfileConfig
+from uwserver.environment.currents import CurrentConfig, ProfileConfig, UniformConfig, flow_of
 from uwserver.environment.waves import WavesConfig
-from uwserver.scenario.files.convert import Report, convert, silent
+from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.files.errors import KeyPath
-from uwserver.scenario.files.merge import named
+from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.water.tables import Environment
 
 WRONG = 0.005
@@ -24,10 +24,12 @@ BREAKING = 1.0 / 16.0
 """Hs over the deep-water length of the peak period, beyond which seas break (IMO's and DNV's limit for the steepest seas is near 1/15)."""
 
 
-def check_density(raw: Mapping[str, Any], report: Report, warn: Report) -> None:
-    """Forces act with one density at all depths: it must be one that the water over depth can have, and should be that where bodies start.
-    `raw` is the scenario."""
-    environment = convert(named(raw, "environment"), Environment, (), silent)
+_EARTHLY = Node(Environment().gravity_mps2)
+
+
+def check_density(scenario: Node, report: Report, warn: Report) -> None:
+    """Forces act with one density at all depths: it must be one that the water over depth can have, and should be that where bodies start."""
+    environment: Environment | None = scenario.at("environment").value
     if environment is None or isinstance(environment.water, UnsetType) or environment.water.hydrostatics == "uniform":
         return
     column = WaterColumn(environment.water, environment.gravity_mps2, environment.density)
@@ -41,10 +43,10 @@ def check_density(raw: Mapping[str, Any], report: Report, warn: Report) -> None:
         report(path, f"{text}: leave density_kgpm3 out, or change the water")
         return
     starts = [
-        (float(entry["position_ned_m"][2]), f"{table}.{name}")
+        (p[2], f"{table}.{name}")
         for table in ("vehicles", "objects")
-        for name, entry in named(raw, table).items()
-        if isinstance(entry, dict) and _is_place(entry.get("position_ned_m"))
+        for name, entry in scenario.at(table).parts.items()
+        if (p := entry.at("position_ned_m").value) is not None
     ]
     off, depth, name = max(
         ((abs(column.density_at(depth) - density), depth, name) for depth, name in starts), default=(0.0, 0.0, "")
@@ -55,28 +57,39 @@ def check_density(raw: Mapping[str, Any], report: Report, warn: Report) -> None:
         warn(path, f"{text}: set density_kgpm3 = {there:.1f} if that is where it works")
 
 
-def _is_place(value: Any) -> bool:
-    return isinstance(value, list | tuple) and len(value) == 3 and all(isinstance(x, int | float) for x in value)
-
-
-def check_environment(raw: Mapping[str, Any], report: Report, warn: Report) -> None:
-    """Depths of profiles; waves that cannot be, or that linear theory does not describe. `raw` is the table `environment`."""
-    for name, table in named(raw, "currents").items():
-        current = convert(table, CurrentConfig, (), silent)
-        if isinstance(current, ProfileConfig):
-            _check_profile(current, ("environment", "currents", name), report)
-    waves = convert(raw["waves"], WavesConfig, (), silent) if "waves" in raw else None
-    if waves is None:
+def check_environment(environment: Node, report: Report, warn: Report) -> None:
+    """Depths of profiles; waves that cannot be, or that linear theory does not describe."""
+    for name, current in environment.values("currents").items():
+        _check_current(current, ("environment", "currents", name), report)
+    waves: WavesConfig | None = environment.at("waves").value
+    gravity = environment.parts.get("gravity_mps2", _EARTHLY).value
+    if waves is None or gravity is None:
         return
-    gravity = raw.get("gravity_mps2", Environment().gravity_mps2)
     path: KeyPath = ("environment", "waves")
     if gravity == 0:
         report(path, "waves need gravity: set environment.gravity_mps2 above 0, or take them out")
-    elif isinstance(gravity, int | float) and gravity > 0:
+    else:
         length = gravity * waves.peak_period_s**2 / (2.0 * math.pi)
         if waves.significant_height_m > BREAKING * length:
             text = f"{waves.significant_height_m:g} m in waves of {length:.3g} m is steeper than 1/16: a real sea would break"
             warn((*path, "significant_height_m"), text)
+
+
+def _check_current(current: CurrentConfig, path: KeyPath, report: Report) -> None:
+    try:
+        flow = flow_of(current)
+        if not isinstance(flow, UniformConfig | ProfileConfig):
+            _check_velocity(flow.velocity(0.0, flow.interval_s, None, np.random.default_rng(0)))
+    except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+        report(path, not_built(current, error))
+        return
+    if isinstance(flow, ProfileConfig):
+        _check_profile(flow, path, report)
+
+
+def _check_velocity(velocity: Any) -> None:
+    if np.shape(velocity) != (3,) or not np.isfinite(velocity).all():
+        raise ValueError(f"velocity() must give three finite numbers, not {velocity!r}")
 
 
 def _check_profile(profile: ProfileConfig, path: KeyPath, report: Report) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from msgspec import UnsetType
 
 from uwserver.environment.column import WaterColumn
-from uwserver.environment.currents import GaussMarkov, GaussMarkovConfig, ProfileConfig, UniformConfig, profile_rows
+from uwserver.environment.currents import Drift, Drifting, ProfileConfig, UniformConfig, flow_of, profile_rows
 from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.environment.waves import wave_rows
@@ -25,8 +25,9 @@ Streams = Callable[[str], np.random.Generator]
 
 def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Water:
     """The water of a scenario at t = 0, with a sea where the scenario has more than a uniform, steady current."""
+    flows = {name: flow_of(current) for name, current in environment.currents.items()}
     steady = [environment.current.velocity_ned_mps]
-    steady += [c.velocity_ned_mps for c in environment.currents.values() if isinstance(c, UniformConfig)]
+    steady += [flow.velocity_ned_mps for flow in flows.values() if isinstance(flow, UniformConfig)]
     north, east, down = (sum(components) for components in zip(*steady, strict=True))
     density, gravity, column = environment.density, environment.gravity_mps2, environment.water
     return Water(
@@ -35,18 +36,23 @@ def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Wate
         temperature=environment.temperature_degc,
         atmospheric_pressure=environment.atmospheric_pressure_pa,
         current=(north, east, down),
-        sea=_sea(environment, rate_hz, streams),
+        sea=_sea(environment, flows, rate_hz, streams),
         given=None if isinstance(column, UnsetType) else WaterColumn(column, gravity, density),
     )
 
 
-def _sea(environment: Environment, rate_hz: float, streams: Streams) -> Sea | None:
+def _sea(
+    environment: Environment,
+    flows: Mapping[str, UniformConfig | ProfileConfig | Drifting],
+    rate_hz: float,
+    streams: Streams,
+) -> Sea | None:
     profiles, waves, drifts = [np.zeros((0, PROFILE_SIZE))], np.zeros((0, WAVE_SIZE)), []
-    for name, current in environment.currents.items():
-        if isinstance(current, ProfileConfig):
-            profiles.append(profile_rows(current))
-        elif isinstance(current, GaussMarkovConfig):
-            drifts.append(GaussMarkov(current, rate_hz, streams(f"environment/currents/{name}")))
+    for name, flow in flows.items():
+        if isinstance(flow, ProfileConfig):
+            profiles.append(profile_rows(flow))
+        elif not isinstance(flow, UniformConfig):
+            drifts.append(Drift(flow, rate_hz, streams(f"environment/currents/{name}")))
     if not isinstance(environment.waves, UnsetType):
         direction = rad(environment.waves.direction_deg)
         waves = wave_rows(environment.waves, direction, environment.gravity_mps2, streams("environment/waves"))

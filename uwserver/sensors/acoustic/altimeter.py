@@ -8,14 +8,13 @@ from typing import Annotated
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3
-from uwserver.modifiers.base import Measurement
+from uwserver.frames import Vec3, matrix
+from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import NOTHING, Hits
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import NANOSECONDS, rad
 
@@ -27,8 +26,6 @@ _SURE_DB = 20.0
 """So far above the threshold the device is sure."""
 _BEYOND = 1.2
 """Rays look so much farther than the device: a bottom at its largest range fills the cone."""
-_READY = 0
-"""Place in the memory: time of the next ping, s."""
 
 
 class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
@@ -71,19 +68,25 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
             raise ValueError("range_m must lie between min_range_m and max_range_m")
 
     def build(self, mount: Pose) -> Altimeter:
-        """The instrument."""
         return Altimeter(mount, self)
 
 
 class AltimeterSettings(Settings, frozen=True):
     """See `AltimeterConfig`; `sound_speed` 0 stands for the truth; a `gain` below 0 dB needs stronger echoes."""
 
-    range: float
-    gain: float
-    sound_speed: float
+    range: Distance
+    gain: Gain
+    sound_speed: SoundSpeed
 
 
-class Altimeter(Instrument):
+class AltimeterMemory(Memory):
+    """Attributes:
+    ready: time of the next ping, s."""
+
+    ready: Time = 0.0
+
+
+class Altimeter(Sensor):
     """Range of the first echo and the confidence in it."""
 
     doc = "Echosounder: range of the first echo in a cone along the sensor's z, and the confidence in it; invalid without echo."
@@ -93,6 +96,7 @@ class Altimeter(Instrument):
     )
     paces = True
     settings: AltimeterSettings
+    memory: AltimeterMemory
 
     def __init__(self, mount: Pose, config: AltimeterConfig) -> None:
         self._mount, self._config = mount, config
@@ -102,41 +106,40 @@ class Altimeter(Instrument):
         low, high = config.min_range_m, config.max_range_m
         self.arguments = (
             Argument("range", "float", "how far it listens", "m", False, minimum=low, maximum=high),
-            Argument("gain", "float", "sensitivity; less needs stronger echoes", "dB", False, minimum=-60, maximum=0),
+            Argument("gain", "float", "sensitivity; a lower one needs stronger echoes", "dB", False, minimum=-60, maximum=0),
             Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
         super().__init__(AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
 
     def load_kernels(self) -> None:
-        """Those of echoes."""
         load_kernels()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> AltimeterMemory:
         """Ready at once."""
-        return [0.0]
+        return AltimeterMemory()
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
         now = scope.t
-        if now < self.memory[_READY] - 1e-6:
+        if now < self.memory.ready - 1e-6:
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
         listening = 2.0 * self.settings.range / c
-        found = self._echo(scope, p_NS) if submergence(scope, p_NS) > 0.0 else None
-        self.memory[_READY] = now + listening
+        found = self._echo(scope, p_NS) if scope.submergence(p_NS) > 0.0 else None
+        self.memory.ready = now + listening
         wait = listening + self._config.processing_s
         if found is None:
             reading = Measurement(blank(self.fields), False)
         else:
             reach, confidence = found
             wait = 2.0 * reach / c + self._config.processing_s
-            reading = Measurement([self._told(reach, c), confidence], True)
+            reading = Measurement([self._believed(reach, c), confidence], True)
         reading.delay_ns = round(wait * NANOSECONDS)
         return reading
 
-    def _told(self, reach: float, c: float) -> float:
+    def _believed(self, reach: float, c: float) -> float:
         """What the device makes of a range."""
         config = self._config
         if config.ideal:
@@ -150,7 +153,7 @@ class Altimeter(Instrument):
     def _echo(self, scope: Scope, p_NS: Vec3) -> tuple[float, float] | None:
         """Range (m) of the echo that is taken for the first, and the confidence."""
         config, high = self._config, self.settings.range
-        R = turn(scope.attitude(self._mount.q))
+        R = np.array(matrix(scope.attitude(self._mount.q)))
         direction = self._cone @ R.T
         hits = cast(scope, p_NS, direction, _BEYOND * config.max_range_m)
         bodies = sorted({*hits.body.tolist()} - {NOTHING})

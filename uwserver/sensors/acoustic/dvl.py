@@ -9,14 +9,13 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
-from uwserver.modifiers.base import Measurement
+from uwserver.frames import Vec3, conjugate, matrix, quat_from_rpy, rotate
+from uwserver.modifiers.base import Measurement, Memory, Number, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import SURFACE, Hits
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering, submergence, turn
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank, out_of_range
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
+from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import NANOSECONDS, rad
 
@@ -24,8 +23,6 @@ THRESHOLD = 4.0
 """Signal over noise (ratio of intensities) at which a beam has lock: 6 dB."""
 _CLEAR = 0.8
 """Water track looks no farther than this part of the distance to the bottom, whose side-lobe echo would spoil it (TRDI Pathfinder guide)."""
-_READY, _SCALE, _MODE = range(3)
-"""Places in the memory: time of the next ping (s), scale error, range mode."""
 
 
 class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
@@ -89,20 +86,30 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
             raise ValueError("each of range_modes needs a least altitude less than its largest")
 
     def build(self, mount: Pose) -> Dvl:
-        """The instrument."""
         return Dvl(mount, self)
 
 
 class DvlSettings(Settings, frozen=True):
     """See `DvlConfig`; `sound_speed` 0 stands for the truth."""
 
-    max_altitude: float
-    range_mode: int
+    max_altitude: Distance
+    range_mode: Annotated[int, Meta(ge=-1)]
     tracking: Literal["bottom", "water", "both"]
-    sound_speed: float
+    sound_speed: SoundSpeed
 
 
-class Dvl(Instrument):
+class DvlMemory(Memory):
+    """Attributes:
+    ready: time of the next ping, s.
+    scale: error of the scale in this run (0.01 shows 1 % too much).
+    mode: number of the range mode."""
+
+    ready: Time = 0.0
+    scale: Number = 0.0
+    mode: Annotated[int, Meta(ge=0)] = 0
+
+
+class Dvl(Sensor):
     """Velocity over ground and through the water, altitude, and what each beam saw."""
 
     doc = (
@@ -111,6 +118,7 @@ class Dvl(Instrument):
     )
     paces = True
     settings: DvlSettings
+    memory: DvlMemory
 
     def __init__(self, mount: Pose, config: DvlConfig) -> None:
         self._mount, self._config = mount, config
@@ -122,7 +130,7 @@ class Dvl(Instrument):
             [(math.sin(angle) * math.cos(a), math.sin(angle) * math.sin(a), self._cosine) for a in azimuths]
         )
         roll, pitch, yaw = (0.0, 0.0, 0.0) if config.ideal else config.misalignment_rpy_deg
-        self._beams: FloatArray = self._believed @ turn(quat_from_rpy(rad(roll), rad(pitch), rad(yaw))).T
+        self._beams: FloatArray = self._believed @ np.array(matrix(quat_from_rpy(rad(roll), rad(pitch), rad(yaw)))).T
         self._listed: list[list[float]] = self._beams.tolist()
         self._all = tuple(range(n))
         self._to_S = conjugate(mount.q)
@@ -135,13 +143,13 @@ class Dvl(Instrument):
         super().__init__(DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
 
     def load_kernels(self) -> None:
-        """Those of echoes."""
         load_kernels()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> DvlMemory:
         """Ready at once, in the first mode, with the scale error of this run."""
         c = self._config
-        return [0.0, c.scale_error + c.scale_sigma * self.rng.standard_normal(), float(max(c.range_mode, 0))]
+        scale = c.scale_error + c.scale_sigma * self.rng.standard_normal()
+        return DvlMemory(scale=scale, mode=max(c.range_mode, 0))
 
     def check(self, settings: Settings) -> None:
         """The range mode must be one of the device's."""
@@ -149,20 +157,26 @@ class Dvl(Instrument):
         if settings.range_mode >= len(self._config.range_modes):
             raise out_of_range("range_mode", f"the device has {len(self._config.range_modes)} range modes, from 0 on")
 
+    def valid(self, record: Memory | Settings) -> None:
+        """The range mode must be one of the device's."""
+        super().valid(record)
+        if isinstance(record, DvlMemory) and record.mode >= max(1, len(self._config.range_modes)):
+            raise ValueError(f'"mode" is {record.mode}, the device has {len(self._config.range_modes)} range modes')
+
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
         now = scope.t
-        if now < self.memory[_READY] - 1e-6:
+        if now < self.memory.ready - 1e-6:
             return None
         low, high, period = self._mode()
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
         delay = 2.0 * high / self._cosine / c
         reading = Measurement(self._blank.copy(), False)
-        if submergence(scope, p_NS) > 0.0:
+        if scope.submergence(p_NS) > 0.0:
             echo = self._ping(scope, p_NS, c, low, high, reading)
             delay = 2.0 * echo / c if reading.valid else delay
-        self.memory[_READY] = now + period
+        self.memory.ready = now + period
         self._follow(reading.values[1] if reading.valid else None)
         reading.delay_ns = round((delay + self._config.processing_s) * NANOSECONDS)
         return reading
@@ -173,7 +187,7 @@ class Dvl(Instrument):
         low, high, period = c.min_altitude_m, self.settings.max_altitude, 0.0
         if modes:
             wanted = self.settings.range_mode
-            first, last, rate_hz = modes[int(self.memory[_MODE]) if wanted < 0 else wanted]
+            first, last, rate_hz = modes[self.memory.mode if wanted < 0 else wanted]
             low, high, period = max(low, first), min(high, last), 1.0 / rate_hz
         return low, high, period
 
@@ -182,25 +196,25 @@ class Dvl(Instrument):
         modes = self._config.range_modes
         if not modes:
             return
-        mode = int(self.memory[_MODE])
+        mode = self.memory.mode
         if not isinstance(altitude, float):
             mode = (mode + 1) % len(modes)
         elif not modes[mode][0] * 1.05 <= altitude <= modes[mode][1] * 0.95:
             fitting = [k for k, (low, high, _) in enumerate(modes) if low * 1.05 <= altitude <= high * 0.95]
             mode = min(fitting, key=lambda k: abs(k - mode)) if fitting else mode
-        self.memory[_MODE] = float(mode)
+        self.memory.mode = mode
 
     def _ping(self, scope: Scope, p_NS: Vec3, c: float, low: float, high: float, reading: Measurement) -> float:
         """Fill in a reading; returns the longest range (m) of a beam in lock."""
         config, ideal, cosine = self._config, self._config.ideal, self._cosine
-        direction = self._beams @ turn(scope.attitude(self._mount.q)).T
+        direction = self._beams @ np.array(matrix(scope.attitude(self._mount.q))).T
         hits = cast(scope, p_NS, direction, 1.05 * high / cosine)
         ranges: list[float] = hits.distance.tolist()
         v_S, v_water_S = self._velocities(scope, p_NS)
         n = len(ranges)
         noise = [[0.0] * n] * 3 if ideal else self.rng.standard_normal((3, n)).tolist()
         stretch = self.settings.sound_speed / c if self.settings.sound_speed and not ideal else 1.0
-        gain = stretch * (1.0 if ideal else 1.0 + self.memory[_SCALE])
+        gain = stretch * (1.0 if ideal else 1.0 + self.memory.scale)
         if self.settings.tracking != "water":
             snr = [math.inf] * n if ideal else self._snr(scope, ranges, hits, direction, p_NS[2])
             locks, speeds, seen = [], [], []
@@ -228,9 +242,7 @@ class Dvl(Instrument):
 
     def _velocities(self, scope: Scope, p_NS: Vec3) -> tuple[Vec3, Vec3]:
         """Of the mount over ground and relative to the water, in S."""
-        (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = scope.v_NB_B, scope.w_NB_B, self._mount.p
-        v_B = (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
-        v_S = rotate(self._to_S, v_B)
+        v_S = rotate(self._to_S, scope.velocity_of(self._mount.p))
         current_S = rotate(self._to_S, rotate(conjugate(scope.q_NB), scope.water.velocity(p_NS, scope.t)))
         return v_S, (v_S[0] - current_S[0], v_S[1] - current_S[1], v_S[2] - current_S[2])
 

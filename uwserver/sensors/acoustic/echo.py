@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
-from uwserver.frames import Quat, Vec3
+from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import SURFACE, Hits
 from uwserver.sensors.base import Scope
@@ -35,23 +35,6 @@ def load_kernels() -> None:
     echo_kernels()
 
 
-def turn(q_NS: Quat) -> FloatArray:
-    """R_NS (3, 3) of a unit quaternion."""
-    w, x, y, z = q_NS
-    return np.array(
-        (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-        )
-    )
-
-
-def submergence(scope: Scope, p: Vec3) -> float:
-    """How far a point of N is below the sea surface above it, m; negative in the air."""
-    return p[2] + scope.water.elevation(p[0], p[1], scope.t)
-
-
 def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) -> Hits:
     """The first solid or piece of sea surface that each ray meets, from a point under water.
 
@@ -66,7 +49,7 @@ def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) ->
     origins = np.empty(direction.shape)
     origins[:] = origin
     found = scope.geometry.raycast(origins, direction, max_range)
-    kernels()[1].intersect_level(submergence(scope, origin), direction, max_range, SURFACE, *found)
+    kernels()[1].intersect_level(scope.submergence(origin), direction, max_range, SURFACE, *found)
     return found
 
 

@@ -10,25 +10,24 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.environment.eigenray import Path, eigenray, straight
 from uwserver.frames import Quat, Vec3, multiply, rotate
+from uwserver.modifiers.base import Memory, Number, Time
 from uwserver.ports import Argument, Value
-from uwserver.sensors.acoustic.echo import Absorption, submergence
-from uwserver.sensors.base import Pose, Scope, SensorTable, earlier
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.acoustic.echo import Absorption
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, earlier
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import NANOSECONDS
 
-READY, NEXT, LEG, WAKE, ASKED, LEFT, X, Y, Z, FIRST, AWAY, SNR_DB, DRAWS = range(13)
-"""Places in the memory: time of the next question (s) and number of its beacon; what is under way and when (s) it may be over; when the
-question was sent; when and where (N) the sound left that is under way; time (s) and straight distance (m) of the first way; signal over
-noise (dB), and the five random numbers of the exchange."""
-IDLE, QUESTION, TURN_AROUND, ANSWER = range(4)
+IDLE: Final = 0
+QUESTION: Final = 1
+TURN_AROUND: Final = 2
+ANSWER: Final = 3
 """What is under way."""
 _CLOSING = 0.02
 """Beacon and device come nearer to each other at most with this part of the sound speed, or an arrival is noticed up to a little later."""
@@ -36,6 +35,7 @@ _STALE_S = 0.25
 """A device that was silent for longer has missed the sound."""
 _EXACT_S = 1e-12
 _LATER_NS = NANOSECONDS // 50
+_Normal = Annotated[float, Meta(ge=-100, le=100)]
 
 
 class Beacon(Table, kw_only=True, frozen=True):
@@ -76,7 +76,7 @@ class Beacon(Table, kw_only=True, frozen=True):
 
 
 class InterrogationTable(SensorTable, kw_only=True, frozen=True):
-    """What asking beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
+    """What an interrogator of beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
 
     Attributes:
         ideal: exact ranges of all beacons in sight.
@@ -115,9 +115,36 @@ class InterrogationTable(SensorTable, kw_only=True, frozen=True):
 class InterrogationSettings(Settings, frozen=True):
     """See `InterrogationTable`; `sound_speed` 0 stands for the truth."""
 
-    max_range: float
-    gain: float
-    sound_speed: float
+    max_range: Distance
+    gain: Gain
+    sound_speed: SoundSpeed
+
+
+class Exchange(Memory):
+    """Attributes:
+    ready: time of the next question, s.
+    beacon: number of the one that is asked then, or now.
+    leg: what is under way: `IDLE`, `QUESTION`, `TURN_AROUND` or `ANSWER`.
+    wake: when that may be over, s.
+    asked: when the question was sent, s.
+    left: when the sound left that is under way, s.
+    p: where it left, in N, m.
+    first: how long the first way took, s.
+    away: how far it was, straight, m.
+    snr_db: signal over noise, dB.
+    draws: normal random numbers of the exchange: fading, arrivals at beacon and device, turn-around, multipath."""
+
+    ready: Time = 0.0
+    beacon: Annotated[int, Meta(ge=0)] = 0
+    leg: Literal[0, 1, 2, 3] = IDLE
+    wake: Time = 0.0
+    asked: Time = 0.0
+    left: Time = 0.0
+    p: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    first: Number = 0.0
+    away: Number = 0.0
+    snr_db: Annotated[float, Meta(ge=-100, le=1000)] = 0.0
+    draws: tuple[_Normal, _Normal, _Normal, _Normal, _Normal] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Answer(NamedTuple):
@@ -151,7 +178,7 @@ class Outcome(NamedTuple):
     asked_ns: int
 
 
-class Interrogator(Instrument):
+class Interrogator(Sensor):
     """The questions of one device; subclasses make readings of the answers.
 
     An exchange takes as long as its sound: question and answer each meet who hears them where he is by then, not where he was.
@@ -159,6 +186,7 @@ class Interrogator(Instrument):
 
     paces = True
     settings: InterrogationSettings
+    memory: Exchange
     listens = True
 
     def __init__(self, mount: Pose, config: InterrogationTable) -> None:
@@ -166,16 +194,22 @@ class Interrogator(Instrument):
         self._names = tuple(config.beacons)
         self._absorption = Absorption(config.frequency_hz)
         self.arguments = (
-            Argument("max_range", "float", "from how far answers are waited for", "m", False, minimum=1, maximum=config.max_range_m),
+            Argument("max_range", "float", "largest distance of a beacon", "m", False, minimum=1, maximum=config.max_range_m),
             Argument("gain", "float", "added to the source level of both sides", "dB", False, minimum=-60, maximum=0),
             Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
         super().__init__(InterrogationSettings(config.max_range_m, 0.0, speed))
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> Exchange:
         """Ready at once, the first beacon first."""
-        return [0.0] * (DRAWS + 5)
+        return Exchange()
+
+    def valid(self, record: Memory | Settings) -> None:
+        """The beacon must be one of the table's."""
+        super().valid(record)
+        if isinstance(record, Exchange) and record.beacon >= len(self._names):
+            raise ValueError(f'"beacon" is {record.beacon}, there are {len(self._names)} beacons')
 
     def believed(self, c: float) -> float:
         """The sound speed (m/s) that the device counts with, where it is c."""
@@ -183,8 +217,7 @@ class Interrogator(Instrument):
 
     @property
     def wake(self) -> float | None:
-        """See `Instrument`."""
-        return None if self.memory[LEG] == IDLE else self.memory[WAKE]
+        return None if self.memory.leg == IDLE else self.memory.wake
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """A whole exchange at once, with device and vehicles where they are."""
@@ -198,53 +231,55 @@ class Interrogator(Instrument):
     def exchange(self, scope: Scope) -> Outcome | None:
         """Go on with the exchange under way, or ask the next beacon when it is time; None until it is over."""
         m, now = self.memory, scope.t
-        if m[LEG] == IDLE:
-            if now < m[READY] - 1e-6:
+        if m.leg == IDLE:
+            if now < m.ready - 1e-6:
                 return None
             if not self._ask(scope):
                 return self._over(scope, None)
         beacon = self._table.beacons[self._name]
-        if m[LEG] == QUESTION:
+        if m.leg == QUESTION:
             met = self._meet(scope, partial(beacon.position, scope))
             if met is None:
                 return None
             ago, p, path = met
             if p is None or path is None or ago > _STALE_S:
                 return self._over(scope, None)
-            m[FIRST], m[AWAY] = path.time, math.dist(p, m[X : Z + 1])
-            m[LEG], m[WAKE] = TURN_AROUND, now - ago + beacon.turn_around_s
-        if m[LEG] == TURN_AROUND:
-            if now < m[WAKE]:
+            m.first, m.away = path.time, math.dist(p, m.p)
+            m.leg, m.wake = TURN_AROUND, now - ago + beacon.turn_around_s
+        if m.leg == TURN_AROUND:
+            if now < m.wake:
                 return None
-            p = beacon.position(scope, now - m[WAKE])
-            if p is None or now - m[WAKE] > _STALE_S or submergence(scope, p) <= 0.0:
+            p = beacon.position(scope, now - m.wake)
+            if p is None or now - m.wake > _STALE_S or scope.submergence(p) <= 0.0:
                 return self._over(scope, None)
-            m[LEG], m[LEFT], m[X : Z + 1] = ANSWER, m[WAKE], p
+            m.leg, m.left, m.p = ANSWER, m.wake, p
         return self._hear(scope, beacon)
 
     @property
     def _name(self) -> str:
-        return self._names[int(self.memory[NEXT]) % len(self._names)]
+        return self._names[self.memory.beacon]
 
     def _ask(self, scope: Scope) -> bool:
         """Send the question; False where no beacon will hear it."""
         m, table = self.memory, self._table
         # Drawn whether needed or not: what one beacon does must not shift another's errors.
-        m[DRAWS:] = self.rng.standard_normal(5).tolist()
-        m[ASKED] = m[LEFT] = scope.t
+        fading, first, second, turn, luck = self.rng.standard_normal(5).tolist()
+        m.draws = (fading, first, second, turn, luck)
+        m.asked = m.left = scope.t
         p_NS = scope.position(self._mount.p)
         p = table.beacons[self._name].position(scope)
-        if p is None or submergence(scope, p_NS) <= 0.0 or submergence(scope, p) <= 0.0:
+        if p is None or scope.submergence(p_NS) <= 0.0 or scope.submergence(p) <= 0.0:
             return False
         distance = math.dist(p, p_NS)
         if distance > self.settings.max_range or self._hidden(scope, p_NS, p, distance):
             return False
         if not table.ideal:
-            m[SNR_DB] = self._snr_db(scope, distance, p_NS[2]) + table.fading_sigma_db * m[DRAWS]
-            if m[SNR_DB] < table.threshold_db:
+            snr_db = self._snr_db(scope, distance, p_NS[2]) + table.fading_sigma_db * fading
+            if snr_db < table.threshold_db:
                 return False
-        m[X : Z + 1] = p_NS
-        m[LEG] = QUESTION
+            m.snr_db = snr_db
+        m.p = p_NS
+        m.leg = QUESTION
         return True
 
     def _meet(
@@ -253,14 +288,14 @@ class Interrogator(Instrument):
         """How long ago (s) the sound under way met something that was at `where` so long ago; there and by which way. None while it is still
         under way."""
         m, now = self.memory, scope.t
-        start: Vec3 = (m[X], m[Y], m[Z])
+        start = m.p
         ago, p = 0.0, where(0.0)
         if p is None:
             return ago, None, None
         path = self._path(scope, p, start)
-        late = now - m[LEFT] - path.time
+        late = now - m.left - path.time
         if late < 0.0:
-            m[WAKE] = now - late * (1.0 - _CLOSING)
+            m.wake = now - late * (1.0 - _CLOSING)
             return None
         for _ in range(20):
             ago += late
@@ -269,7 +304,7 @@ class Interrogator(Instrument):
                 return ago, None, None
             if p != before:
                 path = self._path(scope, p, start)
-            late = now - ago - m[LEFT] - path.time
+            late = now - ago - m.left - path.time
             if abs(late) < _EXACT_S:
                 break
         return ago, p, path
@@ -289,34 +324,34 @@ class Interrogator(Instrument):
         ago, p_NS, path = met
         assert p_NS is not None
         assert path is not None
-        p: Vec3 = (m[X], m[Y], m[Z])
+        p = m.p
         distance = math.dist(p, p_NS)
-        if ago > _STALE_S or submergence(scope, p_NS) <= 0.0 or self._hidden(scope, p_NS, p, distance):
+        if ago > _STALE_S or scope.submergence(p_NS) <= 0.0 or self._hidden(scope, p_NS, p, distance):
             return self._over(scope, None)
-        travel, snr = m[FIRST] + path.time, math.inf
+        travel, snr = m.first + path.time, math.inf
         if not table.ideal:
-            _, first, second, turn, luck = m[DRAWS:]
-            snr = 10.0 ** (0.1 * m[SNR_DB])
+            _, first, second, turn, luck = m.draws
+            snr = 10.0 ** (0.1 * m.snr_db)
             jitter = 1.0 / (table.bandwidth_hz * math.sqrt(snr))
             travel += jitter * (first + second) + table.turn_around_sigma_s * turn
             if 0.5 * math.erfc(luck / math.sqrt(2.0)) < table.multipath_probability:
                 across = math.hypot(p[0] - p_NS[0], p[1] - p_NS[1])
                 travel += 2.0 * (path.time * math.hypot(across, p_NS[2] + p[2]) / max(distance, 1e-6) - path.time)
         _, q = earlier(scope.p_NB, scope.q_NB, nu, ago)
-        mean = 0.5 * (m[AWAY] + distance)
+        mean = 0.5 * (m.away + distance)
         return self._over(scope, Answer(p, p_NS, multiply(q, self._mount.q), mean, path, travel, snr))
 
     def _over(self, scope: Scope, answer: Answer | None) -> Outcome:
         """End the exchange; the next question goes to the next beacon, when this reading is delivered."""
         m, table, name = self.memory, self._table, self._name
-        turn_around, asked = table.beacons[name].turn_around_s, m[ASKED]
+        turn_around, asked = table.beacons[name].turn_around_s, m.asked
         patience = (
             2.0 * self.settings.max_range / scope.water.sound_speed(scope.position(self._mount.p)[2]) + turn_around
         )
         if answer is not None and answer.travel_time + turn_around > patience:
             answer = None
         wait = (patience if answer is None else answer.travel_time + turn_around) + table.processing_s
-        m[LEG], m[READY], m[NEXT] = IDLE, asked + wait, float((int(m[NEXT]) + 1) % len(self._names))
+        m.leg, m.ready, m.beacon = IDLE, asked + wait, (m.beacon + 1) % len(self._names)
         return Outcome(name, answer, wait, round(asked * NANOSECONDS))
 
     def _path(self, scope: Scope, a: Vec3, b: Vec3) -> Path:

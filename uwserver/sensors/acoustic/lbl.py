@@ -13,7 +13,6 @@ class LblConfig(InterrogationTable, tag="lbl", kw_only=True, frozen=True):
     """An interrogator of beacons, one a reading."""
 
     def build(self, mount: Pose) -> Lbl:
-        """The instrument."""
         return Lbl(mount, self)
 
 
@@ -21,13 +20,13 @@ class Lbl(Interrogator):
     """Range and travel time of one beacon a reading, in turn."""
 
     doc = (
-        "Long baseline: range of one acoustic beacon, each in its turn; delivered when its answer arrives. Invalid without answer: too far, "
-        "too weak, hidden, or out of the water."
+        "Long baseline: range of one acoustic beacon at a time, in turn; delivered when its answer arrives. Invalid without an answer: the beacon "
+        "is too far away, too weak, hidden, or out of the water."
     )
     fields = (
         Field("beacon", "1", "name of the beacon", type="str"),
         Field("range", "m", "distance at the sound speed that the device believes"),
-        Field("travel_time", "s", "of the sound there and back, without the beacon's turn-around time"),
+        Field("travel_time", "s", "time of the sound there and back, without the beacon's turn-around time"),
     )
 
     def sense(self, scope: Scope) -> Measurement | None:

@@ -8,20 +8,17 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3
-from uwserver.modifiers.base import Measurement
+from uwserver.frames import Vec3, matrix
+from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Hits
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels, submergence, turn
+from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
 from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings, blank
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS, rad
 
-_READY, _INDEX, _SENSE = range(3)
-"""Places in the memory: time of the next ping (s), step of the head, and whether it turns back (-1) or on (1)."""
 _FLANKS = 2.0
 """The rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
 _BEYOND = 1.3
@@ -44,7 +41,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         range_m: at the start; changed by the service `set`.
         min_range_m, max_range_m: limits of the range.
         step_deg: of the head.
-        sector_center_deg, sector_width_deg: what the head covers, to and fro; without a width it turns on and on.
+        sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; without a width it rotates continuously.
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
         tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
@@ -87,29 +84,40 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         if not self.min_range_m <= self.range_m <= self.max_range_m:
             raise ValueError("range_m must lie between min_range_m and max_range_m")
         if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
-            raise ValueError("sector_width_deg is more than a turn: leave it out for a head that turns on and on")
+            raise ValueError("sector_width_deg is more than a full turn: leave it out for continuous rotation")
 
     def build(self, mount: Pose) -> ScanningSonar:
-        """The instrument."""
         return ScanningSonar(mount, self)
 
 
 class SonarSettings(Settings, frozen=True):
     """See `ScanningSonarConfig`; angles in rad."""
 
-    range: float
-    gain: float
-    step: float
-    sector_center: float
-    sector_width: float
+    range: Distance
+    gain: Gain
+    step: Annotated[float, Meta(ge=1e-6, le=1)]
+    sector_center: Annotated[float, Meta(ge=-1e6, le=1e6)]
+    sector_width: Annotated[float, Meta(gt=0, le=7)]
 
 
-class ScanningSonar(Instrument):
+class SonarMemory(Memory):
+    """Attributes:
+    ready: time of the next ping, s.
+    index: step of the head, from 0.
+    sense: whether it turns back (-1) or on (1)."""
+
+    ready: Time = 0.0
+    index: Annotated[int, Meta(ge=0)] = 0
+    sense: Literal[-1, 1] = 1
+
+
+class ScanningSonar(Sensor):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
     paces = True
     settings: SonarSettings
+    memory: SonarMemory
 
     def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
         self._mount, self._config = mount, config
@@ -141,17 +149,16 @@ class ScanningSonar(Instrument):
         )
 
     def load_kernels(self) -> None:
-        """Those of echoes."""
         load_kernels()
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> SonarMemory:
         """Ready at once, at the first step."""
-        return [0.0, 0.0, 1.0]
+        return SonarMemory()
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
         now, reach = scope.t, self.settings.range
-        if now < self.memory[_READY] - 1e-6:
+        if now < self.memory.ready - 1e-6:
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
@@ -160,33 +167,32 @@ class ScanningSonar(Instrument):
             believed = self._config.assumed_sound_speed_mps
         angle = self._step()
         reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
-        if submergence(scope, p_NS) > 0.0:
+        if scope.submergence(p_NS) > 0.0:
             reading.valid = True
             reading.values[3] = self._picture(scope, p_NS, angle, believed / c)
         duration = 2.0 * reach / believed
-        self.memory[_READY] = now + duration + self._config.overhead_s
+        self.memory.ready = now + duration + self._config.overhead_s
         reading.delay_ns = round(duration * NANOSECONDS)
         return reading
 
     def _step(self) -> float:
         """Angle of this ping (rad); the head moves on to the next."""
-        s = self.settings
+        s, m = self.settings, self.memory
         whole = s.sector_width > 2.0 * math.pi - 1e-9
         count = max(1, round(s.sector_width / s.step) + (0 if whole else 1))
-        index, sense = min(int(self.memory[_INDEX]), count - 1), self.memory[_SENSE]
+        index = min(m.index, count - 1)
         first = s.sector_center - (0.0 if whole else 0.5 * (count - 1) * s.step)
         if whole:
-            following = (index + 1) % count
+            m.index = (index + 1) % count
         else:
-            sense = -1.0 if index >= count - 1 else 1.0 if index <= 0 else sense
-            following = min(max(index + int(sense), 0), count - 1)
-        self.memory[_INDEX], self.memory[_SENSE] = float(following), sense
+            m.sense = -1 if index >= count - 1 else 1 if index <= 0 else m.sense
+            m.index = min(max(index + m.sense, 0), count - 1)
         return math.remainder(first + index * s.step, 2.0 * math.pi)
 
     def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:
         """The bins of a ping."""
         config, reach = self._config, self.settings.range
-        R = turn(scope.attitude(self._mount.q)) @ _about_z(angle)
+        R = np.array(matrix(scope.attitude(self._mount.q))) @ _about_z(angle)
         hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
         if config.model == "paper":
             picture = dot_products(self._fan, hits, R, reach, config.bins)
@@ -238,7 +244,7 @@ def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
     return (
         Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
         Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
-        Argument("step", "float", "of the head", "rad", False, minimum=1e-3, maximum=0.6),
-        Argument("sector_center", "float", "middle of what the head covers", "rad", False, minimum=-pi, maximum=pi),
-        Argument("sector_width", "float", "what the head covers; 2 pi turns on and on", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
+        Argument("step", "float", "angle from ping to ping", "rad", False, minimum=1e-3, maximum=0.6),
+        Argument("sector_center", "float", "middle of the sector", "rad", False, minimum=-pi, maximum=pi),
+        Argument("sector_width", "float", "what the head covers; 2 pi for continuous rotation", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
     )  # fmt: skip

@@ -13,8 +13,7 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.acoustic.interrogation import Answer, InterrogationTable, Interrogator
-from uwserver.sensors.base import Pose, Scope
-from uwserver.sensors.instrument import blank
+from uwserver.sensors.base import Pose, Scope, blank
 from uwserver.table import Vector3
 from uwserver.units import NANOSECONDS, rad
 
@@ -25,7 +24,7 @@ _FLAT = 1e-6
 class UsblConfig(InterrogationTable, tag="usbl", kw_only=True, frozen=True):
     """An interrogator with an array of hydrophones about the origin of the sensor frame.
 
-    A flat array (all z equal) takes it that beacons are on its +z side.
+    A flat array (all z equal) assumes that beacons are on its +z side.
 
     Attributes:
         hydrophones_m: their places in the sensor frame; less than half a wavelength between neighbours is unambiguous.
@@ -49,7 +48,6 @@ class UsblConfig(InterrogationTable, tag="usbl", kw_only=True, frozen=True):
             )
 
     def build(self, mount: Pose) -> Usbl:
-        """The instrument."""
         return Usbl(mount, self)
 
 
@@ -57,8 +55,8 @@ class Usbl(Interrogator):
     """Range, bearing and elevation of one beacon a reading, in turn, and the ranges of the single hydrophones."""
 
     doc = (
-        "Ultra-short baseline: range and direction of one acoustic beacon, each in its turn, and its range from each hydrophone; delivered when "
-        "the answer arrives. Invalid without answer: too far, too weak, hidden, or out of the water."
+        "Ultra-short baseline: range and direction of one acoustic beacon at a time, in turn, and its range from each hydrophone; delivered when "
+        "its answer arrives. Invalid without an answer: the beacon is too far away, too weak, hidden, or out of the water."
     )
 
     def __init__(self, mount: Pose, config: UsblConfig) -> None:
@@ -75,7 +73,7 @@ class Usbl(Interrogator):
             Field("bearing", "rad", "direction from x towards y"),
             Field("elevation", "rad", "direction from the x-y plane towards z"),
             Field("p_beacon_S", "m", "position of the beacon", "S", (3,)),
-            Field("travel_time", "s", "of the sound there and back, without the beacon's turn-around time"),
+            Field("travel_time", "s", "time of the sound there and back, without the beacon's turn-around time"),
             Field("hydrophone_ranges", "m", "distance of the beacon from each hydrophone", shape=(len(self._places),)),
         )
         super().__init__(mount, config)

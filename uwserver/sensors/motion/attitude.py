@@ -8,14 +8,11 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from uwserver.frames import Quat, multiply, quat_from_rpy, rpy_from_quat
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
-
-_HEADING, _TILT_X, _TILT_Y, _TURN_ON = range(4)
 
 
 class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
@@ -48,31 +45,45 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
         return self.secant_latitude or self.north == "magnetic"
 
     def build(self, mount: Pose) -> Attitude:
-        """The instrument."""
         return Attitude(mount, self)
 
 
-class Attitude(Instrument):
+class AttitudeMemory(Memory):
+    """Errors of the filter, rad.
+
+    Attributes:
+        heading, tilt_x, tilt_y: slowly changing, about down, north and east.
+        turn_on: of the heading, constant in a run.
+    """
+
+    heading: Number = 0.0
+    tilt_x: Number = 0.0
+    tilt_y: Number = 0.0
+    turn_on: Number = 0.0
+
+
+class Attitude(Sensor):
     """Attitude of the sensor frame."""
 
     doc = "Attitude and heading, as an AHRS or gyrocompass computes them; invalid while it settles."
     fields = (
         Field("q_NS", "1", "attitude of the sensor frame, w x y z", "NS", (4,)),
-        Field("heading", "rad", "of the sensor's x axis from north, 0 to 2 pi, clockwise"),
+        Field("heading", "rad", "of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
+
+    memory: AttitudeMemory
 
     def __init__(self, mount: Pose, config: AttitudeConfig) -> None:
         self._mount, self._config = mount, config
         self._sigma = (rad(config.heading_sigma_deg), rad(config.tilt_sigma_deg), rad(config.tilt_sigma_deg))
         self._noise = rad(config.noise_deg)
         self._exact = config.ideal or not (any(self._sigma) or self._noise or config.heading_turn_on_deg)
-        super().__init__(Settings())
+        super().__init__()
 
-    def turn_on(self) -> list[float]:
-        """Errors of heading and of the two horizontal axes, and the constant one of heading; rad."""
-        slow = self.rng.standard_normal(3)
-        constant = float(self.rng.standard_normal()) * rad(self._config.heading_turn_on_deg)
-        return [*(sigma * float(draw) for sigma, draw in zip(self._sigma, slow, strict=True)), constant]
+    def turn_on(self) -> AttitudeMemory:
+        """The slow errors stand at once in their stationary distribution."""
+        heading, x, y = (s * d for s, d in zip(self._sigma, self.rng.standard_normal(3).tolist(), strict=True))
+        return AttitudeMemory(heading, x, y, self.rng.standard_normal() * rad(self._config.heading_turn_on_deg))
 
     def sense(self, scope: Scope) -> Measurement:
         """Invalid while it settles."""
@@ -92,10 +103,12 @@ class Attitude(Instrument):
         m = self.memory
         draws = self.rng.standard_normal(6).tolist()
         decay = math.exp(-self.dt / self._config.tau_s)
-        for i in range(3):
-            m[i] = decay * m[i] + self._sigma[i] * math.sqrt(1.0 - decay * decay) * draws[i]
-        heading = m[_HEADING] + m[_TURN_ON] + self._noise * draws[3]
+        grow = math.sqrt(1.0 - decay * decay)
+        m.heading = decay * m.heading + self._sigma[0] * grow * draws[0]
+        m.tilt_x = decay * m.tilt_x + self._sigma[1] * grow * draws[1]
+        m.tilt_y = decay * m.tilt_y + self._sigma[2] * grow * draws[2]
+        heading = m.heading + m.turn_on + self._noise * draws[3]
         if self._config.secant_latitude:
             heading /= math.cos(scope.earth.latitude)
-        error = quat_from_rpy(m[_TILT_X] + self._noise * draws[4], m[_TILT_Y] + self._noise * draws[5], heading)
+        error = quat_from_rpy(m.tilt_x + self._noise * draws[4], m.tilt_y + self._noise * draws[5], heading)
         return multiply(error, q)

@@ -9,15 +9,12 @@ from msgspec import Meta, structs
 
 from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import rotate
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import NEVER, Measurement, Memory, Time
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
-_ERROR, _UP_SINCE, _LOST_AT = 0, 3, 4
-"""Places in the memory: correlated error north, east, down (m); time since when the antenna is in the air, and when the last fix ended (s)."""
-_NEVER = -1.0
+_Error = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
 class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
@@ -50,21 +47,31 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
     satellites: Annotated[int, Meta(ge=0, le=64)] = 12
 
     def build(self, mount: Pose) -> Gps:
-        """The instrument."""
         return Gps(mount, self)
 
 
 class GpsSettings(Settings, frozen=True):
     """What a jammer or a canyon takes away."""
 
-    satellites: int
+    satellites: Annotated[int, Meta(ge=0, le=64)]
 
 
-class Gps(Instrument):
+class GpsMemory(Memory):
+    """Attributes:
+    error: slowly changing, of the position north, east, down, m.
+    up_since: since when the antenna is in the air, s; `NEVER` under water.
+    lost_at: when the last fix ended, s; `NEVER` before the first."""
+
+    error: tuple[_Error, _Error, _Error] = (0.0, 0.0, 0.0)
+    up_since: Time = NEVER
+    lost_at: Time = NEVER
+
+
+class Gps(Sensor):
     """Position fixes; with fewer than four satellites there is none."""
 
     doc = (
-        "GPS: position (WGS 84) and velocity of the antenna; nothing while it is under water, nor for some time after."
+        "GPS: position (WGS 84) and velocity of the antenna; no values under water, nor for some time after surfacing."
     )
     fields = (
         Field("latitude", "rad", "geodetic latitude, positive north"),
@@ -74,10 +81,11 @@ class Gps(Instrument):
         Field("horizontal_accuracy", "m", "standard deviation of each horizontal axis, as the receiver believes"),
         Field("vertical_accuracy", "m", "standard deviation of the height, as the receiver believes"),
         Field("velocity_accuracy", "m/s", "standard deviation of each axis of the velocity, as the receiver believes"),
-        Field("satellites", "1", "used; 0 under water", type="int"),
+        Field("satellites", "1", "number used; 0 under water", type="int"),
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
     settings: GpsSettings
+    memory: GpsMemory
 
     def __init__(self, mount: Pose, config: GpsConfig) -> None:
         self._mount, self._config = mount, config
@@ -89,26 +97,27 @@ class Gps(Instrument):
         )
         super().__init__(GpsSettings(config.satellites))
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> GpsMemory:
         """The error stands at once in its stationary distribution."""
         c = self._config
         north, east, down = self.rng.standard_normal(3).tolist()
-        return [c.horizontal_sigma_m * north, c.horizontal_sigma_m * east, c.vertical_sigma_m * down, _NEVER, _NEVER]
+        return GpsMemory((c.horizontal_sigma_m * north, c.horizontal_sigma_m * east, c.vertical_sigma_m * down))
 
     def sense(self, scope: Scope) -> Measurement:
         """Invalid without a fix."""
         c, m = self._config, self.memory
         draws = self.rng.standard_normal(9).tolist()
         decay = math.exp(-self.dt / c.tau_s)
-        grow = math.sqrt(1.0 - decay * decay)
-        for i, sigma in enumerate((c.horizontal_sigma_m, c.horizontal_sigma_m, c.vertical_sigma_m)):
-            m[_ERROR + i] = decay * m[_ERROR + i] + grow * sigma * draws[i]
+        flat = math.sqrt(1.0 - decay * decay) * c.horizontal_sigma_m
+        steep = math.sqrt(1.0 - decay * decay) * c.vertical_sigma_m
+        north, east, down = m.error
+        m.error = (decay * north + flat * draws[0], decay * east + flat * draws[1], decay * down + steep * draws[2])
         x, y, z = scope.position(self._mount.p)
-        in_air = -z - scope.water.elevation(x, y, scope.t) > c.clearance_m
+        in_air = -scope.submergence((x, y, z)) > c.clearance_m
         satellites = self.settings.satellites if in_air else 0
         if not self._has_fix(in_air and satellites >= 4, scope.t):
             return Measurement([None, None, None, (None,) * 3, None, None, None, satellites, 0], False)
-        north, east, down = (m[_ERROR + i] + c.noise_m * draws[3 + i] for i in range(3))
+        north, east, down = (error + c.noise_m * draw for error, draw in zip(m.error, draws[3:6], strict=True))
         latitude, longitude = latitude_longitude(x + north, y + east, scope.earth.latitude, scope.earth.longitude)
         vx, vy, vz = rotate(scope.q_NB, scope.velocity_of(self._mount.p))
         s = c.velocity_sigma_mps
@@ -120,15 +129,15 @@ class Gps(Instrument):
     def _has_fix(self, hears: bool, t: float) -> bool:
         m = self.memory
         if not hears:
-            if m[_UP_SINCE] != _NEVER and t - m[_UP_SINCE] >= self._start_up(m[_UP_SINCE]):
-                m[_LOST_AT] = t
-            m[_UP_SINCE] = _NEVER
+            if m.up_since != NEVER and t - m.up_since >= self._start_up(m.up_since):
+                m.lost_at = t
+            m.up_since = NEVER
             return False
-        if m[_UP_SINCE] == _NEVER:
-            m[_UP_SINCE] = t
-        return t - m[_UP_SINCE] >= self._start_up(m[_UP_SINCE])
+        if m.up_since == NEVER:
+            m.up_since = t
+        return t - m.up_since >= self._start_up(m.up_since)
 
     def _start_up(self, up_since: float) -> float:
-        lost = self.memory[_LOST_AT]
-        cold = lost == _NEVER or up_since - lost > self._config.cold_after_s
+        lost = self.memory.lost_at
+        cold = lost == NEVER or up_since - lost > self._config.cold_after_s
         return self._config.cold_fix_s if cold else self._config.hot_fix_s

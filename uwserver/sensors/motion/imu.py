@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from uwserver.frames import conjugate, rotate
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import Measurement, Memory
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
-from uwserver.sensors.motion.triad import Triad, TriadErrors
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.motion.triad import Triad, TriadErrors, TriadMemory
 
 
 class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
@@ -24,11 +23,18 @@ class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
     accelerometer: TriadErrors = TriadErrors()
 
     def build(self, mount: Pose) -> Imu:
-        """The instrument."""
         return Imu(mount, self)
 
 
-class Imu(Instrument):
+class ImuMemory(Memory):
+    """Attributes:
+    gyroscope, accelerometer: their errors."""
+
+    gyroscope: TriadMemory = TriadMemory()
+    accelerometer: TriadMemory = TriadMemory()
+
+
+class Imu(Sensor):
     """Specific force from the equations of motion, with lever arm and gravity."""
 
     doc = "Inertial measurement unit: specific force (gravity included) and angular rate in the sensor frame."
@@ -39,24 +45,28 @@ class Imu(Instrument):
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
 
+    memory: ImuMemory
+
     def __init__(self, mount: Pose, config: ImuConfig) -> None:
         self._mount = mount
         self._to_S = conjugate(mount.q)
         self._gyroscope = Triad(TriadErrors() if config.ideal else config.gyroscope)
         self._accelerometer = Triad(TriadErrors() if config.ideal else config.accelerometer)
         self._draws = self._gyroscope.draws + self._accelerometer.draws
-        super().__init__(Settings())
+        super().__init__()
 
-    def turn_on(self) -> list[float]:
-        """Both triads."""
-        return [*self._gyroscope.turn_on(self.rng), *self._accelerometer.turn_on(self.rng)]
+    def turn_on(self) -> ImuMemory:
+        return ImuMemory(self._gyroscope.turn_on(self.rng), self._accelerometer.turn_on(self.rng))
 
     def sense(self, scope: Scope) -> Measurement:
         """Always valid."""
+        m = self.memory
         f_S, w_S = scope.specific_force(self._mount), rotate(self._to_S, scope.w_NB_B)
         draws: list[float] = self.rng.standard_normal(self._draws).tolist() if self._draws else []
         if not self._gyroscope.exact:
-            w_S = self._gyroscope.disturbed(w_S, self.memory, 0, self.dt, draws)
+            w_S, m.gyroscope = self._gyroscope.disturbed(w_S, m.gyroscope, self.dt, draws)
         if not self._accelerometer.exact:
-            f_S = self._accelerometer.disturbed(f_S, self.memory, Triad.SIZE, self.dt, draws, self._gyroscope.draws)
+            f_S, m.accelerometer = self._accelerometer.disturbed(
+                f_S, m.accelerometer, self.dt, draws, self._gyroscope.draws
+            )
         return Measurement([f_S, w_S, scope.water.temperature_at(scope.p_NB[2])], True)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 from uwserver.frames import Vec3, conjugate, rotate
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import Measurement, Memory
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
-from uwserver.sensors.motion.triad import Triad, TriadErrors
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.motion.triad import Triad, TriadErrors, TriadMemory
 
 _UNIT: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -33,24 +32,31 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
     errors: TriadErrors = TriadErrors()
 
     def build(self, mount: Pose) -> Magnetometer:
-        """The instrument."""
         return Magnetometer(mount, self)
 
 
-class Magnetometer(Instrument):
+class MagnetometerMemory(Memory):
+    """Attributes:
+    triad: the errors of the three axes."""
+
+    triad: TriadMemory = TriadMemory()
+
+
+class Magnetometer(Sensor):
     """Magnetic field at the mount."""
 
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
     fields = (Field("field_S", "T", "magnetic flux density", "S", (3,)),)
 
+    memory: MagnetometerMemory
+
     def __init__(self, mount: Pose, config: MagnetometerConfig) -> None:
         self._mount, self._config = mount, config
         self._triad = Triad(TriadErrors() if config.ideal else config.errors)
-        super().__init__(Settings())
+        super().__init__()
 
-    def turn_on(self) -> list[float]:
-        """The triad's."""
-        return self._triad.turn_on(self.rng)
+    def turn_on(self) -> MagnetometerMemory:
+        return MagnetometerMemory(self._triad.turn_on(self.rng))
 
     def sense(self, scope: Scope) -> Measurement:
         """Always valid."""
@@ -59,7 +65,8 @@ class Magnetometer(Instrument):
         if not self._config.ideal:
             field = self._distorted(field, scope)
         if not self._triad.exact:
-            field = self._triad.read(field, self.memory, 0, self.dt, self.rng)
+            draws = self.rng.standard_normal(self._triad.draws).tolist()
+            field, self.memory.triad = self._triad.disturbed(field, self.memory.triad, self.dt, draws)
         return Measurement([field], True)
 
     def _distorted(self, field: Vec3, scope: Scope) -> Vec3:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
 
 
 class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, frozen=True):
     """A camera system without errors of its own: add them as modifiers of `p_NS`."""
 
     def build(self, mount: Pose) -> MotionCapture:
-        """The ideal sensor."""
         return MotionCapture(mount)
 
 
-class MotionCapture:
+class MotionCapture(IdealSensor):
     """Pose of the marker frame while it is under water."""
 
     doc = "Pose of the marker frame in N, as the cameras of a test pool see it; invalid above the surface."
-    needs_rates = False
     fields = (
         Field("p_NS", "m", "position of the marker frame", "N", (3,)),
         Field("q_NS", "1", "attitude of the marker frame, w x y z", "NS", (4,)),
@@ -30,6 +28,6 @@ class MotionCapture:
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Invalid when the markers are above the surface."""
         p_NS = scope.position(self._mount.p)
-        if p_NS[2] + scope.water.elevation(p_NS[0], p_NS[1], scope.t) < 0.0:
+        if scope.submergence(p_NS) < 0.0:
             return False, [(None,) * 3, (None,) * 4]
         return True, [p_NS, scope.attitude(self._mount.q)]

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from uwserver.frames import Vec3
+from uwserver.modifiers.base import Number
 from uwserver.table import NonNegative, Positive, Table
 
 HUMP = 0.618
 """Largest Allan deviation of a first-order Gauss-Markov process over its standard deviation, at 1.89 correlation times (IEEE Std 952)."""
+
+_Gain = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
 
 class TriadErrors(Table, kw_only=True, frozen=True):
@@ -42,15 +47,29 @@ class TriadErrors(Table, kw_only=True, frozen=True):
     resolution: NonNegative = 0.0
 
 
+class TriadMemory(Struct, frozen=True):
+    """Part of the memory of a sensor with three such axes.
+
+    Attributes:
+    matrix: I + S + M, row-major.
+    turn_on, instability, walk: the biases of the three axes, in the unit of the field: constant, Gauss-Markov and random walk.
+    """
+
+    matrix: tuple[_Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain] = (
+        1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0,
+    )  # fmt: skip
+    turn_on: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    instability: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    walk: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+
+
 class Triad:
-    """Applies `TriadErrors`. Its memory, SIZE numbers in a list of the owner, is: matrix (9), turn-on, Gauss-Markov and random-walk bias.
+    """Applies `TriadErrors`; its memory is kept by the sensor that has it.
 
     Attributes:
         draws: how many normal random numbers a reading takes.
         exact: there are no errors.
     """
-
-    SIZE = 18
 
     def __init__(self, errors: TriadErrors) -> None:
         self._errors = errors
@@ -71,25 +90,31 @@ class Triad:
         self._wander_step = self._sigma * math.sqrt(1.0 - self._decay * self._decay)
         self._walk_step, self._white = e.random_walk * math.sqrt(dt), e.noise_density / math.sqrt(dt)
 
-    def turn_on(self, rng: np.random.Generator) -> list[float]:
+    def turn_on(self, rng: np.random.Generator) -> TriadMemory:
         """Memory at the start of a run."""
         e = self._errors
         matrix = np.eye(3) + rng.normal(0.0, e.cross_axis, (3, 3))
         matrix[np.diag_indices(3)] = 1.0 + rng.normal(0.0, e.scale, 3)
         constant, slow = rng.normal(0.0, e.turn_on, 3), rng.normal(0.0, self._sigma, 3)
-        return [*matrix.ravel().tolist(), *constant.tolist(), *slow.tolist(), 0.0, 0.0, 0.0]
-
-    def read(self, truth: Vec3, memory: list[float], at: int, dt: float, rng: np.random.Generator) -> Vec3:
-        """A reading with its errors; moves the biases on by `dt` (s). The memory begins at index `at`."""
-        return self.disturbed(truth, memory, at, dt, rng.standard_normal(self.draws).tolist())
+        # mypy does not count: nine and three numbers
+        return TriadMemory(tuple(matrix.ravel().tolist()), tuple(constant.tolist()), tuple(slow.tolist()))  # type: ignore[arg-type]
 
     def disturbed(
-        self, truth: Vec3, memory: list[float], at: int, dt: float, draws: Sequence[float], k: int = 0
-    ) -> Vec3:
-        """As `read`, with the random numbers from `draws[k]` on, for one who draws those of several triads at once."""
+        self, truth: Vec3, memory: TriadMemory, dt: float, draws: Sequence[float], k: int = 0
+    ) -> tuple[Vec3, TriadMemory]:
+        """A reading with its errors, and the memory after it.
+
+        Args:
+            truth: what an ideal device reads.
+            memory: from the last reading.
+            dt: time since then, s.
+            draws: normal random numbers, of which it takes `self.draws` from place k on: who has several triads draws for all at once.
+            k: see there.
+        """
         if dt != self._dt:
             self._retime(dt)
-        a, b, c, d, e, f, g, h, i, x, y, z, gx, gy, gz, rx, ry, rz = memory[at : at + self.SIZE]
+        a, b, c, d, e, f, g, h, i = memory.matrix
+        (x, y, z), (gx, gy, gz), (rx, ry, rz) = memory.turn_on, memory.instability, memory.walk
         if self._wanders:
             decay, step = self._decay, self._wander_step
             gx, gy, gz = (
@@ -97,18 +122,18 @@ class Triad:
                 decay * gy + step * draws[k + 1],
                 decay * gz + step * draws[k + 2],
             )
-            memory[at + 12 : at + 15] = gx, gy, gz
             k += 3
         if self._walks:
             step = self._walk_step
             rx, ry, rz = rx + step * draws[k], ry + step * draws[k + 1], rz + step * draws[k + 2]
-            memory[at + 15 : at + 18] = rx, ry, rz
             k += 3
+        if self._wanders or self._walks:
+            memory = TriadMemory(memory.matrix, memory.turn_on, (gx, gy, gz), (rx, ry, rz))
         x, y, z = truth[0] + x + gx + rx, truth[1] + y + gy + ry, truth[2] + z + gz + rz
         if self._noisy:
             white = self._white
             x, y, z = x + white * draws[k], y + white * draws[k + 1], z + white * draws[k + 2]
-        return self._converted(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+        return self._converted(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z), memory
 
     def _converted(self, x: float, y: float, z: float) -> Vec3:
         limit, step = self._errors.limit, self._errors.resolution

@@ -7,14 +7,11 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from uwserver.modifiers.base import Measurement
+from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
-_CHARGE, _ENERGY, _BIAS = range(3)
-"""Places in the memory: charge (A s), energy delivered (J), constant error of the current meter over its standard deviation."""
 _LEAST = 0.2
 """Part of the open-circuit voltage below which it does not sag: force tables end somewhere above."""
 
@@ -53,22 +50,34 @@ class BatteryConfig(SensorTable, tag="battery", kw_only=True, frozen=True):
 class BatterySettings(Settings, frozen=True):
     """What a lamp or a sonar that is switched on adds."""
 
-    hotel_load_W: float
+    hotel_load_W: Annotated[float, Meta(ge=0)]
 
 
-class Battery(Instrument):
+class BatteryMemory(Memory):
+    """Attributes:
+    charge: what is left, A s.
+    energy: delivered since the start, J.
+    bias: constant error of the current meter, over its standard deviation."""
+
+    charge: Annotated[float, Meta(ge=0)] = 0.0
+    energy: Annotated[float, Meta(ge=0)] = 0.0
+    bias: Number = 0.0
+
+
+class Battery(Sensor):
     """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
 
-    doc = "Battery: voltage under load, current, power, and what is left. It sets the supply of the thrusters, and empty it stops them."
+    doc = "Battery: voltage under load, current, power, what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
     fields = (
         Field("voltage", "V", "at the terminals"),
         Field("current", "A", "drawn from the battery"),
         Field("power", "W", "drawn from the battery"),
         Field("energy", "J", "delivered since the start"),
-        Field("charge", "1", "what is left, part of the capacity"),
+        Field("charge", "1", "part of the capacity that is left"),
     )
     paces = True
     settings: BatterySettings
+    memory: BatteryMemory
 
     def __init__(self, config: BatteryConfig) -> None:
         self._config = config
@@ -78,14 +87,25 @@ class Battery(Instrument):
         self._capacity = config.capacity_Ah * 3600.0
         self.arguments = (
             Argument(
-                "hotel_load_W", "float", "what everything but the thrusters draws", "W", required=False, minimum=0.0
+                "hotel_load_W",
+                "float",
+                "power that everything but the thrusters draws",
+                "W",
+                required=False,
+                minimum=0.0,
             ),
         )
         super().__init__(BatterySettings(config.hotel_load_W))
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> BatteryMemory:
         """The charge at the start."""
-        return [self._config.charge * self._capacity, 0.0, float(self.rng.standard_normal())]
+        return BatteryMemory(self._config.charge * self._capacity, bias=self.rng.standard_normal())
+
+    def valid(self, record: Memory | Settings) -> None:
+        """No more charge than the battery holds."""
+        super().valid(record)
+        if isinstance(record, BatteryMemory) and record.charge > self._capacity:
+            raise ValueError(f'"charge" is {record.charge:g} A s, the battery holds {self._capacity:g}')
 
     def sense(self, scope: Scope) -> Measurement:
         """Always valid; an empty battery reads 0 V."""
@@ -93,22 +113,22 @@ class Battery(Instrument):
         supply = 0.0 if wiring is None else wiring.voltage
         # Thrust follows the voltage, so that motors draw much as a resistance does: with a constant power the two would hunt each other.
         conductance = wiring.power() / (supply * supply) if wiring is not None and supply > 0.0 else 0.0
-        voltage, current = self._loaded(conductance) if m[_CHARGE] > 0.0 else (0.0, 0.0)
-        m[_CHARGE] = max(0.0, m[_CHARGE] - current * self.dt)
-        m[_ENERGY] += voltage * current * self.dt
+        voltage, current = self._loaded(conductance) if m.charge > 0.0 else (0.0, 0.0)
+        m.charge = max(0.0, m.charge - current * self.dt)
+        m.energy += voltage * current * self.dt
         if wiring is not None:
             wiring.supply(voltage)
         draws = self.rng.standard_normal(2).tolist()
-        shown = current + self._meter[0] * m[_BIAS] + self._meter[1] * draws[0]
+        shown = current + self._meter[0] * m.bias + self._meter[1] * draws[0]
         volts = voltage + self._meter[2] * draws[1]
-        return Measurement([volts, shown, volts * shown, m[_ENERGY], m[_CHARGE] / self._capacity], True)
+        return Measurement([volts, shown, volts * shown, m.energy, m.charge / self._capacity], True)
 
     def _loaded(self, conductance: float) -> tuple[float, float]:
         """Terminal voltage and current: V = E - I R with I = G V + P / V, G the motors' conductance (1/ohm) and P the hotel load.
 
         A hotel load that the battery cannot carry is cut to what it can.
         """
-        e, r = self.open_circuit(self.memory[_CHARGE] / self._capacity), self._config.resistance_ohm
+        e, r = self.open_circuit(self.memory.charge / self._capacity), self._config.resistance_ohm
         share, power = 1.0 + r * conductance, self.settings.hotel_load_W
         root = e * e - 4.0 * share * r * power
         if root <= 0.0:

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
 from uwserver.table import NonNegative
 
 
@@ -16,7 +16,7 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
     """Reports the contacts of the tick at which it measures; at a rate below that of the physics a short blow can fall between two samples.
 
     Attributes:
-        points: how many contacts it tells, the strongest first.
+        points: how many contacts it reports, the strongest first.
         threshold_Ns: a weaker impulse is not felt.
     """
 
@@ -28,21 +28,20 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
         return Contact(self)
 
 
-class Contact:
+class Contact(IdealSensor):
     """Contacts of the whole hull."""
 
     doc = "Contacts of the hull with bodies and things in the last tick: bumper, landing, collision."
-    needs_rates = False
 
     def __init__(self, config: ContactConfig) -> None:
-        self._points, self._threshold = config.points, config.threshold_Ns
-        n = config.points
+        n = self._points = config.points
+        self._threshold = config.threshold_Ns
         self.fields = (
             Field("touching", "1", "whether anything is touched", type="bool"),
             Field("count", "1", "number of contacts", type="int"),
             Field("impulse_B", "N s", "sum over all contacts, on this vehicle", "B", (3,)),
             Field("body", "1", "row of the body touched hardest; -1 for what does not move", type="int"),
-            Field("points_B", "m", "where, the strongest first; x y z of each", "B", (n, 3)),
+            Field("points_B", "m", "contact points, the strongest first; x y z of each", "B", (n, 3)),
             Field("impulses_B", "N s", "on this vehicle at each point", "B", (n, 3)),
         )
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.modifiers.base import Measurement, Memory
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
 
@@ -28,28 +31,36 @@ class LeakConfig(SensorTable, tag="leak", kw_only=True, frozen=True):
 class LeakSettings(Settings, frozen=True):
     """A fault to inject."""
 
-    area_m2: float
+    area_m2: Annotated[float, Meta(ge=0)]
+
+
+class LeakMemory(Memory):
+    """Attributes:
+    volume: of the water in the hull, m^3."""
+
+    volume: Annotated[float, Meta(ge=0)] = 0.0
 
 
 _DISCHARGE = 0.6
 """Discharge coefficient of a sharp-edged orifice (Torricelli with contraction), as in any textbook of hydraulics."""
 
 
-class Leak(Instrument):
+class Leak(Sensor):
     """Water counted in its memory, m3."""
 
-    doc = "Leak probe in the hull. A leak is made with the service `set`, `area_m2`; a reset of the world dries it."
+    doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)
     settings: LeakSettings
+    memory: LeakMemory
 
     def __init__(self, mount: Pose, config: LeakConfig) -> None:
         self._mount, self._threshold = mount, config.threshold_m3
-        self.arguments = (Argument("area_m2", "float", "of the hole", "m^2", required=False, minimum=0.0),)
+        self.arguments = (Argument("area_m2", "float", "area of the hole", "m^2", required=False, minimum=0.0),)
         super().__init__(LeakSettings(config.area_m2))
 
-    def turn_on(self) -> list[float]:
+    def turn_on(self) -> LeakMemory:
         """Dry."""
-        return [0.0]
+        return LeakMemory()
 
     def sense(self, scope: Scope) -> Measurement:
         """Always valid."""
@@ -57,5 +68,5 @@ class Leak(Instrument):
         head = water.pressure(scope.position(self._mount.p), scope.t) - water.atmospheric_pressure
         if self.settings.area_m2 > 0.0 and head > 0.0:
             speed = (2.0 * head / water.density) ** 0.5
-            self.memory[0] += _DISCHARGE * self.settings.area_m2 * speed * self.dt
-        return Measurement([self.memory[0] >= self._threshold], True)
+            self.memory.volume += _DISCHARGE * self.settings.area_m2 * speed * self.dt
+        return Measurement([self.memory.volume >= self._threshold], True)

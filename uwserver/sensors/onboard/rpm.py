@@ -8,8 +8,7 @@ from msgspec import Meta
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
 from uwserver.table import Name, NonNegative
 
 
@@ -33,17 +32,17 @@ class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
         return Rpm(self)
 
 
-class Rpm(Instrument):
+class Rpm(Sensor):
     """Speeds from the thrust that the shafts give at rest."""
 
-    doc = "Shaft speed of thrusters; nothing where the device file does not tell it."
+    doc = "Shaft speed of thrusters; no value where the device file does not give it."
 
     def __init__(self, config: RpmConfig) -> None:
         self._config = config
         self._sigma = 0.0 if config.ideal else config.sigma_radps
         order = ", ".join(config.members)
         self.fields = (Field("speeds", "rad/s", f"shaft speed, order: {order}", "", (len(config.members),)),)
-        super().__init__(Settings())
+        super().__init__()
 
     def sense(self, scope: Scope) -> Measurement:
         """Invalid where no thruster is known."""

@@ -11,8 +11,7 @@ from msgspec import Meta
 from uwserver.frames import rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
-from uwserver.sensors.instrument import Instrument, Settings
+from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -40,20 +39,19 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
     medium: Literal["water", "any"] = "water"
 
     def build(self, mount: Pose) -> RangeArray:
-        """The instrument."""
         return RangeArray(mount, self)
 
 
 class RangeSettings(Settings, frozen=True):
     """How far it looks."""
 
-    max_range_m: float
+    max_range_m: Distance
 
 
-class RangeArray(Instrument):
+class RangeArray(Sensor):
     """Distances to the first solid thing."""
 
-    doc = "Distances along thin rays, from port to starboard; nothing where a ray meets nothing. Invalid with the sensor in air."
+    doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
     settings: RangeSettings
 
     def __init__(self, mount: Pose, config: RangeArrayConfig) -> None:
@@ -74,8 +72,7 @@ class RangeArray(Instrument):
         noise = self.rng.standard_normal(n) * self._sigma
         lost = self.rng.random(n) < self._loss
         p = scope.position(self._mount.p)
-        dry = p[2] + scope.water.elevation(p[0], p[1], scope.t) < 0.0
-        if dry and self._config.medium == "water":
+        if self._config.medium == "water" and scope.submergence(p) < 0.0:
             return Measurement([(None,) * n], False)
         q = scope.attitude(self._mount.q)
         direction = np.array([rotate(q, ray) for ray in self._rays])

@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
 from uwserver.table import NonNegative, Positive
 
 _TEMPERATURE = Field("temperature", "degC", "temperature of the surrounding water")
@@ -25,15 +25,13 @@ class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
     assumed_atmosphere_pa: NonNegative | msgspec.UnsetType = msgspec.UNSET
 
     def build(self, mount: Pose) -> Pressure | Depth:
-        """The ideal sensor."""
         return Pressure(mount) if self.output == "pressure" else Depth(mount, self)
 
 
-class Pressure:
+class Pressure(IdealSensor):
     """Absolute pressure at the mount."""
 
     doc = "Absolute pressure at the mount."
-    needs_rates = False
     fields = (Field("pressure", "Pa", "absolute pressure"), _TEMPERATURE)
 
     def __init__(self, mount: Pose) -> None:
@@ -45,13 +43,12 @@ class Pressure:
         return True, [scope.water.pressure(p_NS, scope.t), scope.water.temperature_at(p_NS[2])]
 
 
-class Depth:
+class Depth(IdealSensor):
     """Depth as the instrument computes it from the pressure at its mount."""
 
     doc = (
         "Depth of the mount below the surface, computed from the pressure with the instrument's density and atmosphere."
     )
-    needs_rates = False
     fields = (Field("depth", "m", "depth below the surface, positive down"), _TEMPERATURE)
 
     def __init__(self, mount: Pose, config: PressureConfig) -> None:

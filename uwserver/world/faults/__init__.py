@@ -3,8 +3,21 @@
 from __future__ import annotations
 
 from uwserver.world.faults.hull import Hull
-from uwserver.world.faults.table import FaultConfig
-from uwserver.world.faults.targets import Targets, refusals
+from uwserver.world.faults.table import (
+    BuoyancyChange,
+    FaultConfig,
+    FaultTable,
+    MassLoss,
+    SensorFrozen,
+    SensorSilent,
+    ThrusterDead,
+    ThrusterStuck,
+    ThrusterWeak,
+)
+from uwserver.world.faults.targets import Targets, effects, refusals
 from uwserver.world.faults.timeline import Entry, Faults
 
-__all__ = ["Entry", "FaultConfig", "Faults", "Hull", "Targets", "refusals"]
+__all__ = [
+    "BuoyancyChange", "Entry", "FaultConfig", "FaultTable", "Faults", "Hull", "MassLoss", "SensorFrozen", "SensorSilent", "Targets",
+    "ThrusterDead", "ThrusterStuck", "ThrusterWeak", "effects", "refusals",
+]  # fmt: skip

@@ -16,6 +16,10 @@ Part = Annotated[float, Meta(ge=0, le=1)]
 class FaultTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """What all faults share.
 
+    A kind of an extension has ``build(targets, rng)``, which says what the fault comes to: several faults of the kinds here, each with its own
+    target and times. `targets` is what there is to fail (`Targets`), `rng` a stream of random numbers of the fault's own, and nothing else
+    counts. It raises ValueError for a target or keys that cannot be. Each of them begins and ends, and is saved, like one of the scenario.
+
     Attributes:
         target: ``<vehicle>/<component>``, or the vehicle for faults of its hull.
         at_s: simulation time at which it begins; it acts from the first tick at or after it.

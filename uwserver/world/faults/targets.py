@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from msgspec import UNSET, UnsetType
 
 from uwserver.world.faults.hull import Hull, HullFault, left_inertia, left_volume
-from uwserver.world.faults.table import BuoyancyChange, FaultConfig, SensorFrozen, SensorSilent, ThrusterTable
+from uwserver.world.faults.table import (
+    BuoyancyChange,
+    FaultConfig,
+    FaultTable,
+    SensorFrozen,
+    SensorSilent,
+    ThrusterTable,
+)
 
 MAX_VOLUME = 10
 """Times its own volume to which a hull may swell: more would shoot it out of the sea and end the run for everybody."""
@@ -27,6 +34,21 @@ class Targets(NamedTuple):
     hulls: Mapping[str, Hull]
     thrusters: Mapping[str, tuple[str, ...]]
     sensors: tuple[str, ...]
+
+
+def effects(name: str, fault: FaultTable, targets: Targets, rng: np.random.Generator) -> dict[str, FaultConfig]:
+    """The faults that a fault comes to, by their names: itself, or those of an extension's kind, `name/1` and so on.
+
+    Raises:
+        ValueError: its kind gives something else; and whatever the `build` of an extension's kind raises.
+    """
+    kinds: tuple[type[FaultConfig], ...] = get_args(FaultConfig)
+    if isinstance(fault, kinds):
+        return {name: fault}
+    built: object = fault.build(targets, rng)  # type: ignore[attr-defined]  # any other kind has it
+    if not isinstance(built, tuple | list) or not built or not all(isinstance(each, kinds) for each in built):
+        raise ValueError(f"build() must give a tuple of faults of shipped kinds, not {built!r}")
+    return {f"{name}/{k}": each for k, each in enumerate(built, 1)}
 
 
 def refusals(fault: FaultConfig, targets: Targets, others: Iterable[FaultConfig] = ()) -> Iterator[tuple[str, str]]:
@@ -58,8 +80,8 @@ def _hull_refusals(fault: HullFault, hull: Hull, faults: list[HullFault]) -> Ite
         key = next(key for key in ("force_N", "fraction", "volume_m3") if getattr(fault, key) is not UNSET)
         volume = left_volume(hull, faults)
         if volume < 0.0:
-            yield key, f"less than no volume of the {hull.volume:g} m3 would be left"
+            yield key, f"it takes away more than the {hull.volume:g} m3 that the hull has"
         elif volume > MAX_VOLUME * hull.volume:
             yield key, f"{volume:g} m3 would be more than {MAX_VOLUME} times the {hull.volume:g} m3 of the hull"
     elif np.linalg.eigvalsh(left_inertia(hull, faults))[0] <= 0.0:
-        yield "mass_kg", f"no mass or moment of inertia of the {hull.M_RB[0, 0]:g} kg would be left"
+        yield "mass_kg", f"it leaves no mass or no moment of inertia of the {hull.M_RB[0, 0]:g} kg"

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
-from typing import Literal
+from typing import Any, ClassVar, Literal, get_args
 
+import msgspec
 from msgspec import Struct, UnsetType, structs
 
 from uwserver.actuators import Thrusters
 from uwserver.environment.water import Water
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
-from uwserver.ports import Refused
+from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.world.components import ActuatorSlot, SensorSlot
 from uwserver.world.faults.hull import Hull, HullFault, damaged
 from uwserver.world.faults.table import (
@@ -26,6 +27,7 @@ from uwserver.world.faults.table import (
     ThrusterWeak,
 )  # fmt: skip
 from uwserver.world.faults.targets import Targets, refusals
+from uwserver.world.part import Carry, Part, Stage, State
 from uwserver.world.vehicle import Vehicle
 
 MAX_FAULTS = 256
@@ -41,13 +43,22 @@ class Entry(Struct, frozen=True):
     state: Literal["waiting", "active", "over"] = "waiting"
 
 
-class Faults:
+class FaultsState(State, frozen=True):
+    """Every fault with its state; what it has done to the bodies stands in their rows."""
+
+    entries: tuple[Entry, ...]
+
+
+class Faults(Part):
     """All faults of a world, by name. Thruster and sensor faults are marks in rows and slots, hull faults other parameters of the body.
 
     Attributes:
         entries: in the order in which they were set.
-        next_tick: when the next begins or ends; None for never.
     """
+
+    path = "world/faults"
+    state_type = FaultsState
+    stage: ClassVar[Stage] = Stage.FAULTS
 
     def __init__(
         self,
@@ -57,12 +68,14 @@ class Faults:
         sensors: Mapping[str, SensorSlot],
         actuators: Mapping[str, ActuatorSlot],
         rate_hz: Fraction,
+        now: Callable[[], int],
         say: Callable[[str], None],
     ) -> None:
         """Of a world that is still being built: the mappings may grow.
 
         Args:
             hydro, water, vehicles, sensors, actuators, rate_hz: of the world.
+            now: the tick.
             say: tells all clients.
         """
         self._hydro = hydro
@@ -71,9 +84,10 @@ class Faults:
         self._sensors = sensors
         self._actuators = actuators
         self._rate = rate_hz
+        self._now = now
         self._say = say
         self.entries: dict[str, Entry] = {}
-        self.next_tick: int | None = None
+        self.services = tuple(_services(self))
 
     def targets(self) -> Targets:
         """What there is to fail."""
@@ -83,13 +97,13 @@ class Faults:
             tuple(self._sensors),
         )
 
-    def set(self, name: str, fault: FaultConfig, tick: int) -> None:
+    def set(self, name: str, fault: FaultConfig) -> None:
         """Add a fault, or replace the one of that name; one whose time has come acts at once.
 
         Raises:
             Refused: no such target or member, over already, too many faults, or a body without mass or buoyancy would be left.
         """
-        others = [entry.fault for entry in self.entries.values() if entry.name != name]
+        tick, others = self._now(), [entry.fault for entry in self.entries.values() if entry.name != name]
         for key, text in refusals(fault, self.targets(), others):
             raise Refused("bad_argument", text, key)
         begin = max(tick, self.tick_of(fault.at_s))
@@ -100,7 +114,7 @@ class Faults:
             raise Refused("busy", f"there are {MAX_FAULTS} faults already: clear one, or use its name", "name")
         self.clear(name)
         self.entries[name] = Entry(name, fault, begin, end)
-        self.turn(tick)
+        self.before(tick, 0)
 
     def clear(self, name: str) -> bool:
         """Take a fault out, and its effect with it; False if there is none of that name."""
@@ -113,7 +127,13 @@ class Faults:
         self._plan()
         return True
 
-    def turn(self, tick: int) -> None:
+    def forget(self, body: str) -> None:
+        """Clear the faults of a body that goes."""
+        for entry in list(self.entries.values()):
+            if entry.fault.target.split("/")[0] == body:
+                self.clear(entry.name)
+
+    def before(self, tick: int, t_ns: int) -> None:
         """Begin and end what is due at the start of a tick."""
         for entry in list(self.entries.values()):
             if entry.state != "over" and entry.end is not None and tick >= entry.end:
@@ -122,9 +142,23 @@ class Faults:
                 self._change(entry, "active", "began")
         self._plan()
 
-    def restore(self, entries: Iterable[Entry]) -> None:
-        """Take over the entries of a snapshot; the rows are restored by themselves, and nothing is told."""
-        self.entries = {entry.name: entry for entry in entries}
+    def save(self) -> FaultsState:
+        """All entries."""
+        return FaultsState(tuple(self.entries.values()))
+
+    def check(self, state: Any) -> None:
+        """Not too many, each with a name and a target of its own kind, in time."""
+        faults = [entry.fault for entry in state.entries]
+        if len(faults) > MAX_FAULTS or len({entry.name for entry in state.entries}) < len(faults):
+            raise ValueError("too many faults, or two of one name")
+        targets = self.targets()
+        for k, entry in enumerate(state.entries):
+            for _, text in refusals(entry.fault, targets, faults[:k]):
+                raise ValueError(text)
+
+    def load(self, state: FaultsState) -> None:
+        """Take over the entries; nothing is told."""
+        self.entries = {entry.name: entry for entry in state.entries}
         for path in self._sensors:
             self._mark_sensor(path)
         self._plan()
@@ -200,3 +234,42 @@ class Faults:
 
 def _kind(fault: FaultConfig) -> str:
     return str(fault.__struct_config__.tag).replace("_", " ")
+
+
+def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
+    """To set, clear and list faults."""
+    kinds = tuple(str(kind.__struct_config__.tag) for kind in get_args(FaultConfig))
+    name = Argument("name", "str", "name of the fault")
+    kind = Argument("kind", "str", "what fails, and how", choices=kinds)
+    target = Argument("target", "str", "<vehicle>/<component>, or a vehicle")
+    keys = Argument(
+        "parameters", "json", "object: the other keys of the kind, as in a scenario", required=False, default={}
+    )
+
+    def set_fault(args: Mapping[str, Json]) -> Json:
+        given = args["parameters"]
+        if not isinstance(given, dict):
+            raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
+        try:
+            table = {**given, "kind": args["kind"], "target": args["target"]}
+            # By way of JSON, which has no NaN.
+            fault = msgspec.json.decode(msgspec.json.encode(table), type=FaultConfig)
+        except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
+            raise Refused("bad_argument", str(error), "parameters") from None
+        faults.set(str(args["name"]), fault)
+        return None
+
+    def clear_fault(args: Mapping[str, Json]) -> Json:
+        if not faults.clear(str(args["name"])):
+            there = ", ".join(faults.entries) or "none"
+            raise Refused("bad_argument", f'no fault "{args["name"]}", there are: {there}', "name")
+        return None
+
+    def listed(_: Mapping[str, Json]) -> Json:
+        entries = faults.entries.values()
+        return [{"name": e.name, "state": e.state, **msgspec.to_builtins(e.fault)} for e in entries]
+
+    doc = "Add a fault, now or at its at_s, or replace the one of that name."
+    yield Service("world/set_fault", doc, (name, kind, target, keys)), set_fault
+    yield Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault
+    yield Service("world/faults", "All faults with their state: waiting, active or over."), listed

@@ -14,10 +14,9 @@ from pathlib import Path
 import pytest
 from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.wire import Scale
-from uwserver_adapters.sil.channels import CannotServe, Outputs, OutputTable, vehicle_of
-from uwserver_adapters.sil.readings import Readings
+from uwserver_adapters.sil.channels import Outputs, OutputTable
 
-from uwserver.adapter import AdapterStats, Order
+from uwserver.adapter import AdapterStats, CannotServe, Order, Readings
 from uwserver.frames import conjugate, rotate
 from uwserver.ports import Fault, Field, Port, Sample
 from uwserver.testing.ardupilot import ArduPilotPeer, read, servo_packet
@@ -420,15 +419,6 @@ def test_outputs_of_any_actuator() -> None:
 def test_outputs_that_do_not_fit(table: OutputTable, phrase: str) -> None:
     with pytest.raises(CannotServe, match=phrase):
         Outputs({"x": table}, PORTS, "rov")
-
-
-def test_vehicle_of() -> None:
-    assert vehicle_of(None, PORTS) == "rov"
-    assert vehicle_of("rov", PORTS) == "rov"
-    two = PORTS | {"auv/imu": IMU}
-    for name in (None, "ship"):
-        with pytest.raises(CannotServe, match="one of auv, rov"):
-            vehicle_of(name, two)
 
 
 def test_readings_that_do_not_fit() -> None:

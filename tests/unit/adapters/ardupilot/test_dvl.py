@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
-from uwserver_adapters.sil.readings import Readings
 
+from uwserver.adapter import Readings
 from uwserver.ports import Field, Port, Sample
 
 mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason="pymavlink is not installed")

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from adapter_rig import serving
 from pymavlink.dialects.v20 import ardupilotmega as pymavlink
-from uwserver_adapters.mavlink.config import MavlinkConfig
-from uwserver_adapters.mavlink.dialect import Dialect
-from uwserver_adapters.mavlink.hub import Hub
+from uwserver_adapters.mavlink.links.router import Router
+from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
+from uwserver_adapters.mavlink.wire.dialect import Dialect
 
 from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value
 from uwserver.testing import FakeContext
@@ -198,7 +198,7 @@ class _Buffer:
 class Station:
     """A ground station on one channel: pymavlink writes and reads, so that two independent codecs meet."""
 
-    hub: Hub
+    router: Router
     system: int = 255
     component: int = 190
     name: str = "udp:test"
@@ -208,7 +208,7 @@ class Station:
     def __post_init__(self) -> None:
         self.mav = pymavlink.MAVLink(_Buffer(), srcSystem=self.system, srcComponent=self.component)
         self.mav.robust_parsing = True
-        self.channel = self.hub.open(self.name, self._take, lambda: self.is_ready)
+        self.channel = self.router.open(self.name, self._take, lambda: self.is_ready)
 
     def _take(self, data: bytes) -> bool:
         self.heard += self.mav.parse_buffer(data) or []
@@ -223,7 +223,7 @@ class Station:
 
     def send(self, name: str, *values: Any, **named: Any) -> None:
         """Say a message."""
-        self.hub.receive(self.channel, self.bytes_of(name, *values, **named))
+        self.router.receive(self.channel, self.bytes_of(name, *values, **named))
 
     def of(self, name: str) -> list[Any]:
         """All heard of a kind."""
@@ -274,33 +274,33 @@ class Station:
 
 
 class Bench:
-    """A hub over a fake world, with a clock that the test moves."""
+    """A router over a fake world, with a clock that the test moves."""
 
     def __init__(self, has_autopilot: bool = True, thrusters: int = 8, **table: Any) -> None:
         self.rov = FakeRov(has_autopilot, thrusters)
         self.now = 1000.0
         table.setdefault("origin_deg", (63.44, 10.39))
         config = MavlinkConfig(**table)
-        self.hub = Hub(config, self.rov, "rov", Dialect(), lambda: self.now, 1_750_000_000.0)
-        self.rov.attach(self.hub)
+        self.router = Router(config, self.rov, "rov", Dialect(), lambda: self.now, 1_750_000_000.0)
+        self.rov.attach(self.router)
 
     @property
     def vehicle(self) -> Any:
-        return self.hub.vehicle
+        return self.router.vehicle
 
     @property
     def counters(self) -> Any:
-        return self.hub.vehicle.counters
+        return self.router.vehicle.bridge.counters
 
     def station(self, system: int = 255, component: int = 190) -> Station:
-        return Station(self.hub, system, component)
+        return Station(self.router, system, component)
 
     def run(self, seconds: float) -> None:
         """Simulation and wall time go on together."""
         for _ in range(round(seconds / 0.05)):
             self.now += 0.05
             self.rov.advance(0.05)
-            self.hub.tick()
+            self.router.tick()
 
 
 @pytest.fixture

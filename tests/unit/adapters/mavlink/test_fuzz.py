@@ -65,7 +65,7 @@ async def test_fields_of_any_value(make_bench, name):
             data = any_message(rng, definition).pack(station.mav)  # type: ignore[attr-defined]
         except struct.error:
             continue
-        bench.hub.receive(station.channel, data)
+        bench.router.receive(station.channel, data)
         bench.run(0.05)
         await asyncio.sleep(0)
     for command in bench.rov.commands:
@@ -87,7 +87,7 @@ def test_every_other_message_of_the_dialect(make_bench):
                 data = any_message(rng, definition).pack(station.mav)  # type: ignore[attr-defined]
             except struct.error:
                 continue
-            bench.hub.receive(station.channel, data)
+            bench.router.receive(station.channel, data)
     bench.run(1.5)
     assert station.of("HEARTBEAT")
     assert not bench.rov.commands
@@ -103,8 +103,8 @@ def test_broken_bytes(make_bench):
         for at in rng.integers(0, len(broken), 12):
             broken[at] = rng.integers(0, 256)
         cut = int(rng.integers(0, len(broken)))
-        bench.hub.receive(station.channel, bytes(broken[:cut]))
-        bench.hub.receive(station.channel, bytes(broken[cut:]))
+        bench.router.receive(station.channel, bytes(broken[:cut]))
+        bench.router.receive(station.channel, bytes(broken[cut:]))
     bench.run(1.5)
     assert station.of("HEARTBEAT")
     assert bench.counters["checksum"] > 100

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from adapter_rig import serving
+from msgspec.structs import replace
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.wire import Message
 
@@ -64,7 +65,8 @@ SERVICES = (
 
 def _make_auv() -> FakeContext:
     context = FakeContext(ports={port.path: port for port in PORTS}, services={s.path: s for s in SERVICES})
-    context.scripts["world/status"] = lambda _: {"speed": 1.0, "mode": "realtime"}
+    context.scripts["world/status"] = lambda _: {"mode": "realtime"}
+    context.world = replace(context.world, mode="realtime")
     return context
 
 
@@ -92,7 +94,7 @@ class Client:
         if not data:
             raise ConnectionError("closed")
         self.decoder.receive(data)
-        while (event := self.decoder.next_event()) is not wire.NEED_DATA:
+        while (event := self.decoder.next_event()) is not None:
             assert isinstance(event, wire.Packet), event
             for message in event.messages:
                 (self.mail if message.type == wire.NOTIFY else self.others).append(message)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from uwserver_adapters.moos.bridge import Bridge
+from uwserver_adapters.moos.bridge.bridge import Bridge
 from uwserver_adapters.moos.config import BridgeTable, MoosConfig, MoosDbConfig
 
 from uwserver.adapter import installed_adapters

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.wire import NEED_DATA, Decoder, Hello, Malformed, Message, Packet
+from uwserver_adapters.moos.wire import Decoder, Hello, Malformed, Message, Packet
 
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all
@@ -155,7 +155,7 @@ GARBAGE = [
 
 
 def test_table():
-    check_codec(Decoder, [case(*row) for row in CASES], need_data=NEED_DATA, garbage=GARBAGE)
+    check_codec(Decoder, [case(*row) for row in CASES], need_data=None, garbage=GARBAGE)
 
 
 def test_hello_comes_first_from_a_client():
@@ -163,7 +163,7 @@ def test_hello_comes_first_from_a_client():
     check_codec(
         lambda: Decoder(expects_hello=True),
         [CodecCase("hello", HELLO + NAME, events)],
-        need_data=NEED_DATA,
+        need_data=None,
         garbage=GARBAGE,
     )
     assert wire.HELLO == HELLO
@@ -171,7 +171,7 @@ def test_hello_comes_first_from_a_client():
 
 @pytest.mark.parametrize("wrong", [b"ELKS CAN'T SWIM", b"x", b"\0" * 32, HELLO[:-1] + b"x"])
 def test_a_wrong_hello_is_refused_at_its_first_wrong_byte(wrong):
-    events = read_all(Decoder(expects_hello=True), [wrong[i : i + 1] for i in range(len(wrong))], NEED_DATA)
+    events = read_all(Decoder(expects_hello=True), [wrong[i : i + 1] for i in range(len(wrong))], None)
     assert [type(event) for event in events] == [Malformed]
     assert "ELKS CAN'T DANCE" in events[0].text
 
@@ -200,7 +200,7 @@ def mutated(at: int, value: int) -> bytes:
 )
 def test_each_fault_is_named_and_ends_the_connection(data, text):
     decoder = Decoder()
-    events = read_all(decoder, [data, NAME], NEED_DATA)
+    events = read_all(decoder, [data, NAME], None)
     assert [type(event) for event in events] == [Malformed]
     assert text in events[0].text
 
@@ -210,7 +210,7 @@ def test_a_claimed_length_allocates_nothing():
     tracemalloc.start()
     try:
         decoder.receive(struct.pack("<iiB", wire.PACKET_LIMIT, 1, 0) + b"x" * 100)
-        assert decoder.next_event() is NEED_DATA
+        assert decoder.next_event() is None
         decoder.receive(b"x")
         _, peak = tracemalloc.get_traced_memory()
     finally:
@@ -240,7 +240,7 @@ messages = st.builds(
 def test_what_is_written_is_read(said, step):
     data = wire.packet([wire.encode(message) for message in said])
     pieces = [data[i : i + step] for i in range(0, len(data), step)]
-    assert read_all(Decoder(), pieces, NEED_DATA) == [Packet(tuple(said))]
+    assert read_all(Decoder(), pieces, None) == [Packet(tuple(said))]
 
 
 @settings(max_examples=300, deadline=None)
@@ -250,21 +250,21 @@ def test_bytes_changed_at_random_never_raise(data):
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(base) - 1))
         base[at] = data.draw(st.integers(0, 255))
-    events = read_all(Decoder(), [bytes(base)], NEED_DATA)
+    events = read_all(Decoder(), [bytes(base)], None)
     assert all(isinstance(event, Packet | Malformed) for event in events)
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.binary(max_size=200), st.booleans())
 def test_any_bytes_never_raise(data, expects_hello):
-    read_all(Decoder(expects_hello), [data], NEED_DATA)
+    read_all(Decoder(expects_hello), [data], None)
 
 
 @given(words)
 @settings(max_examples=100, deadline=None)
 def test_any_text_can_be_written(said):
     data = wire.packet([wire.encode(wire.notify(said, said, 0.0, src=said))])
-    (event,) = read_all(Decoder(), [data], NEED_DATA)
+    (event,) = read_all(Decoder(), [data], None)
     assert isinstance(event, Packet)
 
 

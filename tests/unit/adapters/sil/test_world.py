@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from msgspec.structs import replace
 from uwserver_adapters.ardupilot import ArduPilotAdapter
 from uwserver_adapters.px4 import Px4Adapter
-from uwserver_adapters.sil.channels import CannotServe
 
+from uwserver.adapter import CannotServe
 from uwserver.testing import FakeContext
 
 
@@ -29,7 +30,8 @@ async def started(adapter_class, context: FakeContext, **table) -> None:
 
 @pytest.mark.parametrize("adapter_class", [ArduPilotAdapter, Px4Adapter])
 def test_a_world_that_is_not_in_lockstep_is_left_alone(adapter_class) -> None:
-    context = FakeContext(scripts={"world/status": lambda _: {"mode": "freerun"}})
+    context = FakeContext()
+    context.world = replace(context.world, mode="freerun")
     asyncio.run(started(adapter_class, context))
     assert 'mode = "lockstep"' in context.stats.last_error
     assert not context.drivers
@@ -42,8 +44,8 @@ def test_a_world_that_is_not_in_lockstep_is_left_alone(adapter_class) -> None:
         ({"truth": False}, "say truth = true"),
         ({"truth": True}, 'pose: no sensor "rov/truth/pose"'),
         ({"truth": True, "imu": "gyro"}, 'imu: no sensor "rov/gyro"; there are: rov/depth, rov/imu|pose: no sensor'),
-        ({"truth": True, "vehicle": "auv"}, "vehicle must be one of rov"),
-        ({"truth": True, "bind": "192.0.2.1"}, "cannot be bound"),
+        ({"truth": True, "vehicle": "auv"}, 'no vehicle "auv"; there are: rov'),
+        ({"truth": True, "bind": "192.0.2.1"}, "no such address"),
     ],
 )
 def test_what_does_not_fit_is_told(adapter_class, table, phrase: str) -> None:

@@ -14,8 +14,9 @@ from typing import Any
 import msgspec
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.sockets.adapter import CannotListen, SocketsConfig
+from uwserver_adapters.sockets.config import SocketsConfig
 
+from uwserver.adapter import CannotListen
 from uwserver.testing import FakeContext, TcpPeer
 
 Serving = Callable[..., Any]
@@ -173,7 +174,7 @@ def test_an_open_address_makes_a_token_and_says_how_to_connect(
 def test_what_needs_a_token(bind: str, is_open: bool) -> None:
     async def scene() -> None:
         adapter = SocketsAdapter(SocketsConfig(bind=bind), FakeContext())
-        assert (adapter.token is not None) == is_open
+        assert (adapter.service.token is not None) == is_open
 
     asyncio.run(scene())
 

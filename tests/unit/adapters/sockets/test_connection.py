@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_adapters.sockets import connection, limits
-from uwserver_adapters.sockets.codec import FRAME_LIMIT, LINE_LIMIT
-from uwserver_adapters.sockets.outbox import REPLIES
+from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT
+from uwserver_adapters.native.outbox import REPLIES
+from uwserver_adapters.sockets.connection import STRANGER_LIMIT, TRIES
 
+from uwserver.adapter import connection, limits
 from uwserver.ports import Event
 from uwserver.testing import sample_of
 from uwserver.testing.fake_context import DEPTH, IMU
@@ -442,7 +443,7 @@ def test_with_a_token_nothing_is_answered_before_hello(stage: Stage, encoding: s
         assert theatre.context.commands == []
         assert (await talker.result("hello", {"version": 1, "token": "sesame"}))["session"] == 1
         assert await talker.result("ping", "x" * 70_000) == "x" * 70_000, "the small limit is lifted"
-        assert len(theatre.adapter.fanout.sessions) == 1
+        assert len(theatre.adapter.service.fanout.sessions) == 1
 
     asyncio.run(scene())
 
@@ -468,7 +469,7 @@ def test_a_stranger_has_few_tries(stage: Stage, message: bytes) -> None:
         talker = stage(token="sesame").talker()
         talker.transport.feed(message * 100)
         codes = [entry["error"]["data"]["code"] for entry in talker.heard()]
-        assert codes == ["denied"] * (connection.TRIES + 1)
+        assert codes == ["denied"] * (TRIES + 1)
         await asyncio.sleep(0.1)
         assert talker.transport.is_lost
 
@@ -479,9 +480,9 @@ def test_a_stranger_may_not_fill_the_memory(stage: Stage) -> None:
     async def scene() -> None:
         theatre = stage(token="sesame")
         lines, frames = theatre.talker(), theatre.talker("msgpack")
-        lines.transport.feed(b"x" * (connection.STRANGER_LIMIT + 1))
+        lines.transport.feed(b"x" * (STRANGER_LIMIT + 1))
         assert last_error(lines)[0] == "denied"
-        frames.transport.feed((connection.STRANGER_LIMIT + 1).to_bytes(4, "big"))
+        frames.transport.feed((STRANGER_LIMIT + 1).to_bytes(4, "big"))
         assert last_error(frames)[0] == "denied"
         await asyncio.sleep(0.1)
         assert frames.transport.is_lost
@@ -506,7 +507,7 @@ def test_the_token_of_the_environment(stage: Stage, monkeypatch: pytest.MonkeyPa
     async def scene() -> None:
         monkeypatch.setenv("UWSERVER_TOKEN", "from outside")
         assert (await stage().talker().fault("ping"))[0] == "denied"
-        assert stage(token="own").adapter.token == "own"
+        assert stage(token="own").adapter.service.token == "own"
         monkeypatch.setenv("UWSERVER_TOKEN", "")
         assert await stage().talker().result("ping", 1) == 1
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import msgpack
 import pytest
-from uwserver_adapters.sockets import datagrams, limits
-from uwserver_adapters.sockets.adapter import CannotListen
+from uwserver_adapters.native import limits
+from uwserver_adapters.native.encoding import JSON, MSGPACK
+from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.datagrams import DATAGRAM_LIMIT, numbered, parse_datagram
-from uwserver_adapters.sockets.encoding import JSON, MSGPACK
-from uwserver_adapters.sockets.requests import Malformed, Request
 
+from uwserver.adapter import CannotListen
 from uwserver.ports import Event, Field, Port
-from uwserver.testing import FakeContext, sample_of
-from uwserver.testing.adapters import TcpPeer
+from uwserver.testing import FakeContext, TcpPeer, sample_of
 
 Serving = Callable[..., Any]
 HELLO = {"id": 1, "method": "hello", "params": {"version": 1}}

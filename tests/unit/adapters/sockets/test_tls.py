@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.sockets.adapter import CannotListen, SocketsConfig
+from uwserver_adapters.sockets.config import SocketsConfig
 from websockets.asyncio.client import connect
 
+from uwserver.adapter import CannotListen
 from uwserver.testing import FakeContext, TcpPeer, check_adapter
 from uwserver.testing.adapters import CHECKS
 

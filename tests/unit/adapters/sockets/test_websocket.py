@@ -12,10 +12,11 @@ from typing import Any
 import msgpack
 import pytest
 import websockets
-from uwserver_adapters.sockets import connection
-from uwserver_adapters.sockets.codec import LINE_LIMIT
+from uwserver_adapters.native.codec import LINE_LIMIT
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from uwserver.adapter import connection
 
 Serving = Callable[..., Any]
 

@@ -11,8 +11,9 @@ import msgspec
 import pytest
 from uwserver_adapters.zenoh_bus.codec import PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.requests import UNANSWERED, Put, Question, Requests
+from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 
+from uwserver.adapter import UNANSWERED
 from uwserver.ports import Reply
 from uwserver.testing import FakeContext
 
@@ -218,7 +219,7 @@ def test_a_fault_of_ours_is_told(caplog):
         answers = desk.ask("world/status")
         assert [fault["code"] for fault in answers.faults] == ["internal"]
         assert answers.ends == 1
-        assert desk.requests._unanswered == 0
+        assert desk.requests._owed.count == 0
 
     within_loop(test)
 
@@ -234,7 +235,7 @@ def test_the_call_of_an_unnamed_caller_ends_with_its_time():
         await asyncio.sleep(0.2)
         assert longer.ends == 0
         assert desk.ask("world/run_until", b'{"t_s":5}', timeout_s="-1").faults[0]["where"] == "timeout_s"
-        assert desk.requests._unanswered == 1
+        assert desk.requests._owed.count == 1
 
     within_loop(test)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from uwserver.validation.colliders import Floor
 
 from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
@@ -20,7 +21,6 @@ from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, ForceTable, ThrusterParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, WORLD, Q, addresses
-from uwserver.validation.colliders import Floor
 
 DT = 0.01
 ZERO = np.zeros((6, 6))

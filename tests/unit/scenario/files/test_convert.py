@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import pytest
 
-from uwserver.scenario.files.convert import convert
+from uwserver.scenario.files.convert import Converter, Known, Node, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.table import Positive, Table
 
@@ -112,3 +112,66 @@ def test_tagged_union(raw: object, text: str) -> None:
 def test_union_of_number_and_array_says_which_it_took() -> None:
     assert faults({"count": 1, "value": "x"}) == [("value", 'expected a number, found the string "x"')]
     assert faults({"count": 1, "value": {}}) == [("value", "expected a number, found a table")]
+
+
+# -- the tree ---------------------------------------------------------------------------------------------------------------------------
+
+
+def tree_of(raw: object, type_: Any = Everything) -> Node:
+    return Converter(lambda *_: None).tree(raw, type_)
+
+
+def test_a_fault_is_a_hole_and_what_stands_beside_it_is_there() -> None:
+    raw = {"count": "x", "shapes": {"r": {"kind": "round"}, "s": {"kind": "square", "side": 3}}, "name": "n"}
+    tree = tree_of(raw)
+    assert tree.value is None
+    assert tree.at("shapes").value is None
+    assert tree.at("name").value == "n"
+    assert tree.values("shapes") == {"s": Square(side=3.0)}
+    assert list(tree.at("shapes").parts) == ["r", "s"]
+    assert tree.at("shapes", "s", "side").value == 3.0
+
+
+def test_what_is_not_there_is_no_part_and_has_no_value() -> None:
+    tree = tree_of({"count": 1})
+    assert "name" not in tree.parts
+    assert tree.at("name").value is None
+    assert tree.at("shapes", "r", "radius") == Node(None)
+    assert tree.values("shapes") == {}
+
+
+def test_a_default_that_is_a_table_is_a_part() -> None:
+    class Outer(Table, kw_only=True):
+        inner: Square = Square(side=7.0)
+
+    assert tree_of({}, Outer).at("inner").value == Square(side=7.0)
+    assert tree_of({"inner": 3}, Outer).at("inner").value is None
+
+
+def test_a_table_that_refuses_itself_keeps_its_parts() -> None:
+    tree = tree_of({"low": 3.0, "high": 2.0}, Limits)
+    assert tree.value is None
+    assert (tree.at("low").value, tree.at("high").value) == (3.0, 2.0)
+
+
+def test_a_table_of_two_files_is_converted_and_told_once() -> None:
+    told: list[str] = []
+    known: Known = {}
+    shared = {"kind": "round", "radius": -1}
+
+    def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        told.append(dotted(path))
+
+    first = Converter(report, known=known).tree({"count": 1, "shapes": {"a": shared}}, Everything)
+    second = Converter(report, known=known).tree({"count": 2, "shapes": {"b": shared}}, Everything)
+    assert told == ["shapes.a.radius"]
+    assert first.at("shapes", "a") is second.at("shapes", "b")
+    assert second.value is None
+
+
+def test_a_table_that_is_read_as_two_types_is_converted_as_each() -> None:
+    known: Known = {}
+    raw = {"low": 1.0, "high": 2.0}
+    converter = Converter(lambda *_: None, known=known)
+    assert converter.tree(raw, Limits).value == Limits(low=1.0, high=2.0)
+    assert converter.tree(raw, dict[str, float]).value == raw

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,17 +15,10 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 
-PAGE = Path(__file__).parents[4] / "docs/how-to/extend.md"
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE.read_text(), re.S | re.M)
-(SCENARIO,) = [code for kind, code in BLOCKS if kind == "toml"]
-EXTENSION, TESTS = [code for kind, code in BLOCKS if kind == "python"]
-
 
 @pytest.fixture
-def tank(tmp_path: Path) -> Path:
-    (tmp_path / "tank.toml").write_text(SCENARIO)
-    (tmp_path / "turbidity.py").write_text(EXTENSION)
-    return tmp_path / "tank.toml"
+def tank(beside: Path) -> Path:
+    return beside / "tank.toml"
 
 
 def test_the_example_measures(tank):
@@ -49,16 +41,17 @@ def test_the_example_is_part_of_a_snapshot(tank):
     assert world.step(60) == first
 
 
-def test_the_tests_of_the_example_pass(tank, monkeypatch):
-    monkeypatch.syspath_prepend(tank.parent)
-    monkeypatch.delitem(sys.modules, "turbidity", raising=False)
+def test_the_tests_of_the_examples_pass(beside, listings, monkeypatch):
+    monkeypatch.syspath_prepend(beside)
+    for module in ("turbidity", "jet", "river"):
+        monkeypatch.setitem(sys.modules, module, sys)
+        del sys.modules[module]
     names: dict[str, object] = {}
-    exec(compile(TESTS, str(PAGE), "exec"), names)
+    exec(compile(listings["tests"], "extend.md", "exec"), names)
     tests = [call for name, call in names.items() if name.startswith("test_")]
-    assert len(tests) == 2
+    assert len(tests) == 4
     for test in tests:
         test()  # type: ignore[operator]
-    monkeypatch.delitem(sys.modules, "turbidity")
 
 
 def test_nothing_runs_unless_it_is_named(tank):
@@ -99,22 +92,46 @@ def test_a_vehicle_file_and_a_device_file_may_use_it(tank):
     assert load(tank, adapters={}).vehicles["rov"].vehicle.sensors["turbidity"].layer_m == 9.0
 
 
+def test_a_sensor_is_converted_once_and_built_once_for_its_fields(tank):
+    """Its table stands in the scenario and in the merged vehicle: both are one. Each new vehicle builds its own sensor."""
+    path = tank.parent / "turbidity.py"
+    lines = path.read_text().replace("import math\n", "import math\n\nCONVERTED, BUILT = [], []\n", 1)
+    lines = lines.replace(
+        "    def build(self, mount",
+        "    def __post_init__(self):\n        CONVERTED.append(self)\n\n    def build(self, mount",
+        1,
+    )
+    path.write_text(lines.replace("return Turbidity(mount", "BUILT.append(mount)\n        return Turbidity(mount"))
+    resolved = load(tank, adapters={})
+    sensor = resolved.vehicles["rov"].vehicle.sensors["turbidity"]
+    module = sys.modules[type(sensor).__module__]
+    assert [sensor] == module.CONVERTED
+    assert len(module.BUILT) == 1
+    build(resolved)
+    assert len(module.BUILT) == 2
+
+
 # -- faults -----------------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("SENSORS = (", "SENSORS = (int, ", "turbidity.py:65:1: SENSORS: <class 'int'> does not derive from uwserver.sensors.SensorTable"),
+        ("SENSORS = (", "SENSORS = (int, ", "turbidity.py:64:1: SENSORS: <class 'int'> does not derive from uwserver.sensors.SensorTable"),
         ("import math\n", "import math, nowhere_at_all\n", "turbidity.py:3:1: it failed while it was loaded: ModuleNotFoundError: No module named"),
         ("import math\n", "import math\n1 / 0\n", "turbidity.py:4:1: it failed while it was loaded: ZeroDivisionError: division by zero"),
         ("import math\n", "import math math\n", "turbidity.py:3:13: no valid Python: invalid syntax"),
         ('tag="turbidity"', 'tag="imu"', 'turbidity.py:11:1: SENSORS: there is a kind "imu" already: give TurbidityConfig another tag'),
-        ("SENSORS = (TurbidityConfig,)\nMODIFIERS = (FoulingConfig,)", "", "turbidity.py:1:1: it adds nothing: list its kinds"),
-        ("MODIFIERS = (FoulingConfig,)", "MODIFIERS = FoulingConfig", "turbidity.py:66:1: MODIFIERS: expected a list of classes"),
+        ("SENSORS = (TurbidityConfig,)\nMODIFIERS = (FoulingConfig,)", "", "1:1: it adds nothing: list its kinds in SENSORS, MODIFIERS, ACTUATORS, "),
+        ("MODIFIERS = (FoulingConfig,)", "MODIFIERS = FoulingConfig", "turbidity.py:65:1: MODIFIERS: expected a list of classes"),
         ("    def build(self, mount", "    def made(self, mount", "turbidity.py:11:1: SENSORS: TurbidityConfig has no build()"),
         ("return Turbidity(mount, self)", "return Turbidity(mount)", "cannot be built (turbidity.py:25): TypeError"),
-        ("return Fouling(self, stream)", "return Fouling(stream)", "cannot be built (turbidity.py:51): TypeError"),
+        ("return Fouling(self, stream)", "return Fouling(stream)", "cannot be built (turbidity.py:50): TypeError"),
+        ('tag="turbidity", ', "", 'turbidity.py:11:1: SENSORS: TurbidityConfig has no tag, which is its kind in files: class '),
+        ("FoulingConfig(ModifierTable", "FoulingConfig(SensorTable", "MODIFIERS: <class 'uwserver_extension_"),
+        ("SENSORS = (", "SENSORS = (SensorTable, ", "SENSORS: SensorTable has no build()"),
+        ("return Fouling(self, stream)", "return stream", "it must derive from uwserver.modifiers.Modifier"),
+        ("class Turbidity(IdealSensor)", "class Turbidity", "it must derive from uwserver.sensors.Sensor or IdealSensor"),
         ("fields = (Field(", "fields = ((", "its fields must be a tuple of uwserver.ports.Field"),
     ],
 )  # fmt: skip
@@ -142,8 +159,8 @@ def test_faults_of_the_file_are_told_with_its_line(tank, monkeypatch, old, new, 
 )
 def test_faults_of_the_scenario_are_told_with_those_of_its_kinds(tank, monkeypatch, old, new, told):
     monkeypatch.chdir(tank.parent)
-    assert old in SCENARIO
-    tank.write_text(SCENARIO.replace(old, new, 1))
+    assert old in tank.read_text()
+    tank.write_text(tank.read_text().replace(old, new, 1))
     with pytest.raises(ScenarioError) as refused:
         load(tank, adapters={})
     assert told in str(refused.value), str(refused.value)

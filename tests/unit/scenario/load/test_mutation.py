@@ -13,11 +13,11 @@ from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import KeyPath, ScenarioError, dotted
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
-from uwserver.scenario.vehicle.tables import ThrusterDevice, Vehicle
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 
 FILES = {
     **{f"{name} (scenario)": (path, Scenario) for name, path in shipped().items()},
-    **{f"{name} (vehicle)": (path, Vehicle) for name, path in shipped("vehicles").items()},
+    **{f"{name} (vehicle)": (path, VehicleFile) for name, path in shipped("vehicles").items()},
     **{
         f"{name} (device)": (path, ThrusterDevice)
         for name, path in shipped("devices").items()
@@ -31,7 +31,7 @@ def schema_keys(raw: Mapping[str, Any], struct: Any, path: KeyPath = ()) -> Iter
     types = {info.encode_name: info.type for info in fields(struct)}
     for key, value in raw.items():
         yield (*path, key)
-        yield from below(value, Vehicle if key == "override" else types.get(key), (*path, key))
+        yield from below(value, VehicleFile if key == "override" else types.get(key), (*path, key))
 
 
 def below(value: Any, type_: Any, path: KeyPath) -> Iterator[KeyPath]:
@@ -97,7 +97,7 @@ def prepared(path: Path, struct: Any, folder: Path) -> tuple[Path, Path]:
     copy.write_bytes(path.read_bytes())
     if struct is Scenario:
         return copy, copy
-    model = "mutant.toml" if struct is Vehicle else "bluerov2"
+    model = "mutant.toml" if struct is VehicleFile else "bluerov2"
     text = f"schema = 1\n[vehicles.v]\nmodel = '{model}'\n"
     if struct is ThrusterDevice:
         text += "[vehicles.v.override.thrusters.t1]\ndevice = 'mutant.toml'\n"

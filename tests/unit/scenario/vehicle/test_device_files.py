@@ -80,7 +80,7 @@ def spread(name: str, distance: float, n: int = 1500) -> np.ndarray:
     instant = Scope(0, (0.0, 0.0, 5.0), (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, water)
     found = []
     for _ in range(n):
-        device.memory[0] = 0.0
+        device.memory.ready = 0.0
         valid, values = device.measure(instant)
         assert valid
         found.append([values[1], *(values[4][:2] if kind is UsblConfig else ())])

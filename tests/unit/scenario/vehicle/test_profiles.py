@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
@@ -123,7 +124,8 @@ def pings(name, distance, n):
     sensor = config.build(Pose(q=down))
     found = []
     for _ in range(n):
-        sensor.memory[:2] = [0.0, 0.0]
+        calm = {"ready", "scale", "index"} & set(sensor.memory.__struct_fields__)
+        sensor.memory = structs.replace(sensor.memory, **dict.fromkeys(calm, 0))
         found.append(sensor.measure(replace(scopes()[0], p_NB=(0.0, 0.0, 200.0), geometry=bottom)))
     return reach, found
 

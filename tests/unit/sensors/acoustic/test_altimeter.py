@@ -42,7 +42,7 @@ def many(config, instant, n, seed=0):
     altimeter.start(np.random.default_rng(seed))
     readings = []
     for _ in range(n):
-        altimeter.memory = [0.0]
+        altimeter.memory.ready = 0.0
         readings.append(altimeter.sense(instant))
     return readings
 

@@ -230,7 +230,7 @@ def angles(config, instant, n):
     sonar = config.build(Pose())
     found = []
     for _ in range(n):
-        sonar.memory[0] = 0.0
+        sonar.memory.ready = 0.0
         found.append(sonar.sense(instant).values[0])
     return np.array(found)
 
@@ -258,7 +258,7 @@ def test_the_head_points_from_x_to_y(facing):
         sonar = config.build(mount)
         seen = {}
         for _ in range(4):
-            sonar.memory[0] = 0.0
+            sonar.memory.ready = 0.0
             reading = sonar.sense(ball)
             seen[round(math.degrees(reading.values[0]))] = any(reading.values[3])
         assert [angle for angle, found in seen.items() if found] == [expected]
@@ -271,7 +271,7 @@ def test_each_ping_has_its_own_pose(facing):
     wall = Plane((21.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     first = []
     for k in range(5):
-        sonar.memory[0] = 0.0
+        sonar.memory.ready = 0.0
         first.append(int(np.argmax(sonar.sense(facing(wall, q_NB=quat_from_rpy(0.0, 0.0, -k * rad(30.0)))).values[3])))
     assert len(set(first)) == 1
 
@@ -292,7 +292,7 @@ def test_settings_change_picture_and_sector(facing):
     wall = facing(Plane((12.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
     before = int(np.argmax(sonar.sense(wall).values[3]))
     sonar.change({"range": 15.0, "sector_width": 0.5, "sector_center": 0.0, "step": 0.25})
-    sonar.memory = [0.0, 1.0, 1.0]
+    sonar.memory.ready, sonar.memory.index = 0.0, 1
     reading = sonar.sense(wall)
     assert reading.values[:2] == [0.0, 15.0]
     assert int(np.argmax(reading.values[3])) == pytest.approx(2 * before, abs=2)

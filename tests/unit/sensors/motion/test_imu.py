@@ -7,6 +7,11 @@ import math
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensor_rig import (
+    Q,
+    at,
+    started,
+)
 
 from uwserver.frames import quat_from_rpy
 from uwserver.scenario.build.world import build
@@ -15,7 +20,11 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.water.tables import Current, Environment
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import ImuConfig, Pose
+from uwserver.sensors import (
+    ImuConfig,
+    Pose,
+)
+from uwserver.sensors.motion.triad import TriadErrors
 from uwserver.sensors.truth import Truth
 from uwserver.units import rad
 
@@ -189,3 +198,10 @@ def test_ideal_imu_equals_truth():
     turn = Rotation.from_euler("ZYX", TURN[::-1], degrees=True).inv()
     assert np.array(by_port["rov/x"][0]) == pytest.approx(turn.apply(a_B), abs=1e-9)
     assert np.array(by_port["rov/x"][1]) == pytest.approx(turn.apply(w), abs=1e-9)
+
+
+def test_an_ideal_imu_is_exact_whatever_the_profile(scope):
+    errors = TriadErrors(noise_density=1.0, turn_on=1.0, scale=0.5, instability=1.0)
+    instant = at(scope, 0.0, q_NB=Q, w_NB_B=(0.1, 0.2, 0.3))
+    ideal = started(ImuConfig(rate_hz=100, ideal=True, gyroscope=errors, accelerometer=errors)).sense(instant)
+    assert ideal.values == started(ImuConfig(rate_hz=100)).sense(instant).values

@@ -285,7 +285,7 @@ def test_the_hash_sees_a_fault_that_waits():
         ({"kind": "thruster_dead", "target": "rov/thrusters", "parameters": [1]}, "must be an object"),
         ({"kind": "thruster_dead", "target": "rov/thrusters", "parameters": {"members": {1, 2}}}, "parameters|Expected|no thr|`str`"),
         ({"kind": "buoyancy_change", "target": "rov"}, "exactly one of"),
-        ({"kind": "buoyancy_change", "target": "rov", "parameters": {"force_N": -1000}}, "less than no volume"),
+        ({"kind": "buoyancy_change", "target": "rov", "parameters": {"force_N": -1000}}, "takes away more than the"),
         ({"kind": "buoyancy_change", "target": "rov", "parameters": {"volume_m3": 5}}, "more than 10 times"),
         ({"kind": "mass_loss", "target": "rov", "parameters": {"mass_kg": 50}}, "no mass"),
         ({"kind": "mass_loss", "target": "rov", "parameters": {"mass_kg": 5, "position_frd_m": [9, 0, 0]}}, "moment of inertia"),
@@ -364,7 +364,7 @@ def test_scenario_errors_have_their_place(tmp_path):
     text = str(caught.value)
     assert 'bad.toml:7:1: faults.one.target: no actuator of thrusters "rov/thruster", there are: rov/thrusters' in text
     assert 'bad.toml:11:1: faults.two.members: no thruster "t99" in "rov/thrusters", there are: t1, ' in text
-    assert "bad.toml:16:1: faults.three.mass_kg: no mass or moment of inertia of the" in text
+    assert "bad.toml:16:1: faults.three.mass_kg: it leaves no mass or no moment of inertia of the" in text
     assert "bad.toml:17:9: faults.four: give exactly one of force_N, fraction and volume_m3: 2 are given" in text
     assert "bad.toml:26:1: faults.five.until_s: 4 s is not after its begin at 5 s" in text
 

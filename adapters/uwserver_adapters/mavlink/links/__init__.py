@@ -1,0 +1,1 @@
+"""Ways on which peers come, and what goes where."""

@@ -1,0 +1,67 @@
+"""Who is on which link, and where a message goes: the rules of ArduPilot's MAVLink_routes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from msgspec import Struct
+
+ROUTES = 64
+"""Senders remembered; an older one makes room."""
+NEVER_FORWARDED = frozenset({"RADIO", "RADIO_STATUS", "SETUP_SIGNING"})
+"""They concern the two ends of one link."""
+
+
+class Way(Struct, frozen=True):
+    """What becomes of a message: whether we take it, and to which other channels it goes unaltered."""
+
+    is_ours: bool
+    to: tuple[int, ...] = ()
+
+
+class Routes:
+    """Learns senders, decides ways.
+
+    Args:
+        system, component: ours.
+    """
+
+    def __init__(self, system: int, component: int) -> None:
+        self._own = (system, component)
+        self._seen: dict[tuple[int, int, int], None] = {}
+
+    def way(
+        self, channel: int, sender: tuple[int, int], target: tuple[int, int], name: str, others: Iterable[int]
+    ) -> Way:
+        """Where a message goes.
+
+        Args:
+            channel: on which it came.
+            sender: its system and component.
+            target: addressed system and component, 0 for all or where the message has none.
+            name: of the message.
+            others: all open channels.
+        """
+        if sender == self._own:
+            return Way(False)  # our own, back through somebody who forwards
+        if sender[0]:
+            key = (*sender, channel)
+            self._seen.pop(key, None)
+            self._seen[key] = None
+            if len(self._seen) > ROUTES:
+                del self._seen[next(iter(self._seen))]
+        system, component = target
+        is_ours = system == 0 or (system == self._own[0] and component in (0, self._own[1]))
+        if name in NEVER_FORWARDED:
+            return Way(is_ours)
+        if system == 0:
+            return Way(True, tuple(other for other in others if other != channel))
+        if is_ours and component:
+            return Way(True)
+        known = {c for s, k, c in self._seen if s == system and component in (0, k) and c != channel}
+        return Way(is_ours, tuple(other for other in others if other in known))
+
+    def forget(self, channel: int) -> None:
+        """The channel is closed."""
+        for key in [key for key in self._seen if key[2] == channel]:
+            del self._seen[key]

@@ -1,0 +1,120 @@
+"""TCP: for all who connect, or to one place again and again."""
+
+from __future__ import annotations
+
+import asyncio
+
+from uwserver.adapter import Connection, Peers, cannot_listen
+from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RETRY_S, RIVAL, WAITING, Address, Link, shown
+from uwserver_adapters.mavlink.links.router import Router
+from uwserver_adapters.mavlink.wire.channel import Channel
+
+CONNECT_S = 5.0
+"""Wall time for a connection."""
+PEERS = 1024
+"""Connections at once."""
+
+
+class TcpPeer(Connection):
+    """One TCP connection.
+
+    Args:
+        router: of the vehicle.
+        peers: those of the link.
+        name: of the channel; default: the peer's address.
+
+    Attributes:
+        gone: done when the connection has ended.
+    """
+
+    def __init__(self, router: Router, peers: Peers[TcpPeer], name: str = "") -> None:
+        super().__init__(peers)
+        self.gone: asyncio.Future[None] = self.loop.create_future()
+        self._router = router
+        self._name = name
+        self._channel: Channel | None = None
+
+    def opened(self) -> None:
+        """A channel begins."""
+        name = self._name or shown("tcp", self.transport.get_extra_info("peername")[:2])
+        self._channel = self._router.open(name, self._send, lambda: self.waiting < READY, has_peer=True)
+
+    def closed(self) -> None:
+        """It is gone."""
+        if self._channel is not None:
+            self._router.close(self._channel)
+        self.gone.set_result(None)
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        if self._channel is not None:
+            self._channel.decoder.receive(data)
+
+    def step(self) -> bool:
+        """Take the next frame."""
+        return self._channel is not None and self._router.work(self._channel)
+
+    def _send(self, data: bytes) -> bool:
+        if self.is_closing or self.waiting > WAITING:
+            return False
+        self.write(data)
+        return True
+
+
+class TcpIn(Link):
+    """Listens; each connection is a channel of its own."""
+
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__(shown("tcpin", address), router)
+        self._at = address
+        self._server: asyncio.Server | None = None
+        self._peers: Peers[TcpPeer] = Peers(PEERS)
+
+    async def open(self) -> None:
+        """Listen."""
+        loop = asyncio.get_running_loop()
+        try:
+            self._server = await loop.create_server(lambda: TcpPeer(self._router, self._peers), *self._at)
+        except OSError as error:
+            raise cannot_listen(error, *self._at, key=PORT_KEY, rival=RIVAL) from error
+        self.address = shown("tcpin", self._server.sockets[0].getsockname()[:2])
+
+    async def close(self) -> None:
+        """Close all."""
+        if self._server is not None:
+            self._server.close()
+        for peer in self._peers:
+            peer.abort()
+
+
+class TcpOut(Link):
+    """Connects, and connects again."""
+
+    def __init__(self, address: Address, router: Router) -> None:
+        super().__init__(shown("tcpout", address), router)
+        self._to = address
+        self._peers: Peers[TcpPeer] = Peers(1)
+        self._task: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        """Begin to connect; the peer may come later."""
+        self._task = asyncio.ensure_future(self._keep())
+
+    async def _keep(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                making = loop.create_connection(lambda: TcpPeer(self._router, self._peers, self.address), *self._to)
+                _, peer = await asyncio.wait_for(making, CONNECT_S)
+                await peer.gone
+                self._stats.last_error = f"link {self.address}: the connection ended; it is tried again"
+            except (OSError, asyncio.TimeoutError) as error:
+                self._stats.last_error = f"link {self.address}: {error or 'no answer'}; it is tried again"
+            await asyncio.sleep(RETRY_S / 4)
+
+    async def close(self) -> None:
+        """Close the connection."""
+        if self._task is not None:
+            self._task.cancel()
+        for peer in self._peers:
+            peer.abort()

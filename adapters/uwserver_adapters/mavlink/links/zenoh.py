@@ -1,0 +1,121 @@
+"""Zenoh as BlueOS has it: vehicles speak on `mavlink_raw/out`, others on `mavlink_raw/in`; the same as JSON below `mavlink/` (`zenoh_json.py`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from uwserver.adapter import Inbox, Worker
+from uwserver_adapters.mavlink.links.endpoint import BadLink, Link
+from uwserver_adapters.mavlink.links.router import Router
+from uwserver_adapters.mavlink.links.zenoh_json import IN as JSON_IN
+from uwserver_adapters.mavlink.links.zenoh_json import JsonKeys
+from uwserver_adapters.mavlink.wire.channel import Channel
+from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
+
+if TYPE_CHECKING:
+    import zenoh
+
+OUT, IN = "mavlink_raw/out", "mavlink_raw/in"
+"""Keys, named as seen from the vehicle."""
+WAITING = 1000
+"""Messages that may wait for the loop; more are dropped and counted."""
+
+
+class ZenohLink(Link):
+    """A session with one endpoint: a router, or another peer.
+
+    Args:
+        endpoint: as "tcp/192.168.2.2:7117"; it may come later.
+    """
+
+    def __init__(self, endpoint: str, router: Router) -> None:
+        super().__init__(f"zenoh:{endpoint}", router)
+        self._endpoint = endpoint
+        self._session: zenoh.Session | None = None
+        self._publisher: zenoh.Publisher | None = None
+        self._channel: Channel | None = None
+        self._json: JsonKeys | None = None
+        self._worker = Worker("zenoh of mavlink", self._stats)
+        self._inbox = Inbox(self._arrived, WAITING, self._too_many)
+
+    async def open(self) -> None:
+        """Open the session; what it connects to may come later.
+
+        Raises:
+            BadLink: zenoh is not installed, or does not know such an endpoint.
+        """
+        try:
+            import zenoh
+        except ImportError as error:
+            raise BadLink(f"link {self.address} needs zenoh: pip install 'uwserver[zenoh]'") from error
+        config = zenoh.Config()
+        settings = {
+            "mode": "peer",
+            "connect/endpoints": [self._endpoint],
+            "listen/endpoints": [],
+            "scouting/multicast/enabled": False,
+            "transport/shared_memory/enabled": False,
+            "transport/unicast/accept_timeout": 700,
+            "transport/unicast/open_timeout": 700,
+        }
+        try:
+            for path, value in settings.items():
+                config.insert_json5(path, json.dumps(value))
+            # It takes half a second, which the loop cannot wait.
+            self._session = await self._worker.run(lambda: zenoh.open(config))
+        except zenoh.ZError as error:
+            raise BadLink(f"link {self.address}: {str(error).split(' at /')[0].strip()}") from None
+        self._publisher = self._session.declare_publisher(
+            OUT, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP
+        )
+        for key, take in ((IN, self._take), (JSON_IN, self._take_json)):
+            self._session.declare_subscriber(key, self._hears(take), allowed_origin=zenoh.Locality.REMOTE)
+        self._json = JsonKeys(self._session, self._worker, self._router.dialect)
+        self._channel = self._router.open(self.address, self._write, lambda: True)
+
+    async def attend(self) -> None:
+        """Zenoh connects again by itself; look who listens."""
+        if self._json is not None:
+            self._json.look()
+
+    async def close(self) -> None:
+        """Close the session; its threads end with it."""
+        if self._channel is not None:
+            self._router.close(self._channel)
+        session, self._session = self._session, None
+        await self._worker.close(lambda: None if session is None else session.close())
+
+    def _hears(self, take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
+        """For a thread of zenoh."""
+        return lambda sample: self._inbox.put((take, sample.payload.to_bytes()))
+
+    def _arrived(self, item: tuple[Callable[[bytes], None], bytes]) -> None:
+        take, data = item
+        if self._session is not None:
+            take(data)
+
+    def _too_many(self, _: object) -> None:
+        self._stats.dropped += 1
+
+    def _take(self, data: bytes) -> None:
+        if self._channel is not None:
+            self._router.receive(self._channel, data)
+
+    def _take_json(self, data: bytes) -> None:
+        try:
+            frame = frame_of(data, self._router.dialect)
+        except BadJson as error:
+            self._router.count("json")
+            self._stats.last_error = f"{JSON_IN}: {error}"
+            return
+        self._take(frame)
+
+    def _write(self, data: bytes) -> bool:
+        if self._publisher is None or self._session is None:
+            return False
+        self._publisher.put(data)
+        if self._json is not None:
+            self._json.put(data)
+        return True

@@ -1,0 +1,1 @@
+"""The vehicle's side: what ground stations see and want."""

@@ -1,0 +1,276 @@
+"""The vehicle's side of MAVLink as one state machine: messages and time in, messages out. Knows no socket."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Event
+from uwserver_adapters.mavlink.vehicle.arming import Arming
+from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, ERROR, INFO, NOTICE, WARNING, Bridge, Send
+from uwserver_adapters.mavlink.vehicle.commands import Commands
+from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
+from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
+from uwserver_adapters.mavlink.vehicle.files import SIZE, Files, message, parse
+from uwserver_adapters.mavlink.vehicle.home import Home
+from uwserver_adapters.mavlink.vehicle.identity import Identity
+from uwserver_adapters.mavlink.vehicle.missions import Missions
+from uwserver_adapters.mavlink.vehicle.modes import BY_NAME
+from uwserver_adapters.mavlink.vehicle.outputs import Outputs, wired
+from uwserver_adapters.mavlink.vehicle.parameters import Parameters
+from uwserver_adapters.mavlink.vehicle.payload import Payload
+from uwserver_adapters.mavlink.vehicle.pilot import Pilot
+from uwserver_adapters.mavlink.vehicle.setpoints import SetPoints
+from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
+from uwserver_adapters.mavlink.wire.channel import Channel
+from uwserver_adapters.mavlink.wire.codec import seconds
+from uwserver_adapters.mavlink.wire.dialect import Dialect, Message
+from uwserver_adapters.mavlink.wire.streams import GROUPS, POSITION
+
+HEARTBEAT_S = 1.0
+_SEVERITIES = {
+    "watchdog": NOTICE, "fault": WARNING, "conflict": WARNING, "diverged": CRITICAL, "adapter_failed": ERROR, "shutdown": WARNING,
+}  # fmt: skip
+_BUTTON_MODES = {
+    5: "MANUAL", 6: "STABILIZE", 7: "ALT_HOLD", 8: "POSHOLD", 9: "AUTO", 11: "GUIDED", 12: "ACRO", 13: "SURFTRAK",
+}  # fmt: skip
+
+
+class ArduSub:
+    """One vehicle, as ground stations see it. Loop thread.
+
+    Args:
+        config: the adapter's table.
+        context: the world.
+        name: of the vehicle in the world.
+        dialect: the messages.
+        send: where messages go.
+
+    Attributes:
+        bridge: to ground stations and the world.
+    """
+
+    def __init__(self, config: MavlinkConfig, context: AdapterContext, name: str, dialect: Dialect, send: Send) -> None:
+        self._own_ports = re.compile(rf'"{re.escape(name)}/(?:autopilot/)?([^"]*)"')
+        self._config = config
+        self._beat_at = -HEARTBEAT_S
+        trial = context.ports.get(f"{name}/autopilot/test")
+        motors, patience_s = (trial.fields[0].size, trial.timeout_s or 0.0) if trial is not None else (0, 0.0)
+        identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name), dialect.numbers)
+        given = {"MAV_SYSID": config.system, "FRAME_CONFIG": identity.frame, **wired(motors), **config.parameters}
+        self.parameters = Parameters(given)
+        self.bridge = bridge = Bridge(context, name, Home(config.origin_deg), dialect, send)
+        self.payload = Payload()
+        self.outputs = Outputs(self.parameters, self.payload, motors, patience_s)
+        self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: bridge.tell(INFO, text))
+        self.arming = Arming(bridge, self.pilot, self.outputs)
+        self.failsafes = Failsafes(bridge, self.parameters, self.pilot, self.arming)
+        self.missions = Missions(bridge)
+        self.setpoints = SetPoints(bridge)
+        self.telemetry = Telemetry(
+            bridge,
+            context.world.epoch_ns,
+            identity,
+            self.failsafes,
+            self.missions,
+            self.pilot,
+            self.outputs,
+            self.payload,
+        )
+        self.commands = Commands(
+            bridge, self.arming, self.telemetry, self.missions, self.setpoints, self.outputs, self.payload
+        )
+        self._files = Files({"@PARAM/param.pck": lambda options: self.parameters.packed("withdefaults=1" in options)})
+        self._verbs = self._dispatch()
+
+    def _dispatch(self) -> Mapping[str, Callable[[Message, Channel, float], None]]:
+        missions, setpoints = self.missions, self.setpoints
+        return {
+            "HEARTBEAT": self._heartbeat,
+            "COMMAND_LONG": lambda m, c, _: self.commands.take(m, c),
+            "COMMAND_INT": lambda m, c, _: self.commands.take(m, c),
+            "SET_MODE": lambda m, c, _: self.commands.mode_message(m, c),
+            "MANUAL_CONTROL": lambda m, _, __: self._manual_control(m),
+            "RC_CHANNELS_OVERRIDE": lambda m, _, __: self._rc_override(m),
+            "PARAM_REQUEST_LIST": lambda _, c, __: c.backlog.append(self.parameters.download()),
+            "PARAM_REQUEST_READ": lambda m, c, _: self._param_read(m, c),
+            "PARAM_SET": lambda m, _, __: self._param_set(m),
+            "FILE_TRANSFER_PROTOCOL": lambda m, c, _: self._file_transfer(m, c),
+            "REQUEST_DATA_STREAM": lambda m, c, _: self._data_stream(m, c),
+            "MISSION_COUNT": missions.begin_upload,
+            "MISSION_ITEM_INT": missions.take,
+            "MISSION_ITEM": missions.take,
+            "MISSION_REQUEST_LIST": lambda m, c, _: missions.tell_count(m, c),
+            "MISSION_REQUEST_INT": lambda m, c, _: missions.tell_item(m, c),
+            "MISSION_REQUEST": lambda m, c, _: missions.tell_item(m, c),
+            "MISSION_CLEAR_ALL": lambda m, c, _: missions.clear(m, c),
+            "MISSION_SET_CURRENT": lambda m, _, __: self._mission_current(m),
+            "SET_POSITION_TARGET_LOCAL_NED": lambda m, _, __: setpoints.local(m),
+            "SET_POSITION_TARGET_GLOBAL_INT": lambda m, _, __: setpoints.geodetic(m),
+            "SET_ATTITUDE_TARGET": lambda m, _, __: setpoints.attitude(m),
+            "SET_GPS_GLOBAL_ORIGIN": lambda m, _, __: self._set_origin(m),
+            "TIMESYNC": lambda m, c, _: self._timesync(m, c),
+        }
+
+    # -- in ---------------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def _now(self) -> float:
+        return seconds(self.bridge.readings.t_ns)
+
+    def take(self, message: Message, channel: Channel, now: float) -> None:
+        """A message for us.
+
+        Args:
+            message: what came.
+            channel: on which.
+            now: wall time, s.
+        """
+        verb = self._verbs.get(message.name)
+        if verb is not None:
+            verb(message, channel, now)
+
+    def _heartbeat(self, message: Message, _: Channel, __: float) -> None:
+        if message.system == self.parameters.gcs_system:
+            self.failsafes.heard_gcs(self._now)
+
+    def _manual_control(self, message: Message) -> None:
+        """Steering counts only from the station in charge, to exactly us; it is a heartbeat too."""
+        if message.system != self.parameters.gcs_system or message.whole("target") != self._config.system:
+            self.bridge.counters["not_in_charge"] += 1
+            return
+        self.failsafes.heard_gcs(self._now)
+        self.pilot.steer(message, self._now)
+
+    def _rc_override(self, message: Message) -> None:
+        if message.system != self.parameters.gcs_system:
+            self.bridge.counters["not_in_charge"] += 1
+            return
+        self.pilot.override(message, self._now)
+
+    def _param_read(self, message: Message, channel: Channel) -> None:
+        index = message.whole("param_index")
+        name = self.parameters.at(index) if index >= 0 else message.text("param_id")
+        if name in self.parameters.names:
+            self.bridge.send("PARAM_VALUE", self.parameters.message(str(name)), channel)
+
+    def _param_set(self, message: Message) -> None:
+        """All are told the value that it has now; an unknown name is met with silence, as ArduPilot does it."""
+        name = message.text("param_id")
+        if name not in self.parameters.names:
+            self.bridge.counters["refused"] += 1
+            return
+        if not self.parameters.set(name, message.number("param_value")):
+            self.bridge.counters["refused"] += 1
+            self.bridge.tell(WARNING, f"{name} cannot have that value")
+        elif name == "JS_GAIN_DEFAULT":
+            self.pilot.gain = self.parameters.value(name)
+        self.bridge.send("PARAM_VALUE", self.parameters.message(name, is_answer_to_set=True))
+
+    def _file_transfer(self, message_: Message, channel: Channel) -> None:
+        request = parse(bytes(int(entry) for entry in message_.row("payload")[:SIZE]))
+        system, component = peer = (message_.system, message_.component)
+        channel.backlog.append(message(payload, system, component) for payload in self._files.answer(peer, request))
+
+    def _data_stream(self, message: Message, channel: Channel) -> None:
+        rate = message.whole("req_message_rate") if message.whole("start_stop") else 0
+        group = message.whole("req_stream_id")
+        if not channel.streams.set_group(group, rate):
+            self.bridge.counters["refused"] += 1
+        elif rate and group in (0, POSITION):
+            # QGroundControl does not ask a submarine for home, and plans no mission before it knows it.
+            for fields in self.telemetry.build("HOME_POSITION"):
+                self.bridge.send("HOME_POSITION", fields, channel)
+
+    def _mission_current(self, message: Message) -> None:
+        if not self.missions.set_current(message.whole("seq")):
+            self.bridge.counters["refused"] += 1
+
+    def _set_origin(self, message: Message) -> None:
+        if message.whole("target_system") not in (0, self._config.system):
+            return
+        if self.bridge.home.set_origin(message.whole("latitude"), message.whole("longitude")):
+            self.telemetry.announce("GPS_GLOBAL_ORIGIN")
+            self.bridge.tell_home()
+        else:
+            self.bridge.counters["refused"] += 1
+
+    def _timesync(self, message: Message, channel: Channel) -> None:
+        if message.whole("tc1") == 0:
+            # Zero would read as a question.
+            self.bridge.send(
+                "TIMESYNC", {"tc1": max(1, self.bridge.readings.t_ns), "ts1": message.whole("ts1")}, channel
+            )
+
+    # -- out --------------------------------------------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """Heartbeat, fail-safes, uploads; to be called some twenty times a second of wall time.
+
+        Args:
+            now: wall time, s.
+        """
+        self.bridge.readings.forget()
+        if now - self._beat_at >= HEARTBEAT_S:
+            self._beat_at = now if now - self._beat_at > 2 * HEARTBEAT_S else self._beat_at + HEARTBEAT_S
+            self.telemetry.announce("HEARTBEAT")
+        self.missions.tick(now)
+        self.pilot.tick(self._now)
+        self.failsafes.tick(self._now)
+        self.bridge.readings.count_turns()
+
+    def advance(self, t_ns: int) -> None:
+        """Simulation time went on, and samples came."""
+        self.bridge.readings.t_ns = t_ns
+
+    def take_event(self, event: Event) -> None:
+        """Something that the pilot should know."""
+        if event.event == "ports_changed":
+            self.bridge.readings.open_ports()
+        elif event.event == "reset":
+            self.bridge.readings.t_ns = event.t_ns
+            self.bridge.readings.forget()
+            self.failsafes.restart()
+            self.pilot.tick(self._now)
+        # Without our own name most texts fit in one message: Cockpit does not join the pieces of a longer one.
+        text = self._own_ports.sub(r"\1", event.text or event.event)
+        self.bridge.tell(_SEVERITIES.get(event.event, INFO), text)
+
+    def default_rates(self) -> Mapping[int, float]:
+        """Streams of a new channel: rates (Hz) by group."""
+        return {group: self.parameters.value(f"MAV1_{suffix}") for group, (suffix, _) in GROUPS.items()}
+
+    def _steer(self, deflections: Sequence[float]) -> None:
+        if self.bridge.autopilot.is_there:
+            self.bridge.autopilot.command("pilot", {"u": list(deflections)})
+
+    def _button_actions(self) -> Mapping[int, Callable[[], None]]:
+        def failed(reason: str) -> None:
+            if reason:
+                self.bridge.tell(WARNING, reason)
+
+        def enter(name: str) -> Callable[[], None]:
+            return lambda: self.bridge.set_mode(BY_NAME[name], failed)
+
+        def toggle() -> None:
+            if self.bridge.readings.state().armed:
+                self.arming.disarm(failed)
+            else:
+                self.arming.arm(False, failed)
+
+        return {
+            **self.payload.actions(lambda: self.parameters.value("JS_LIGHTS_STEPS")),
+            **{number: enter(name) for number, name in _BUTTON_MODES.items()},
+            2: toggle,
+            3: lambda: self.arming.arm(False, failed),
+            4: lambda: self.arming.disarm(failed),
+        }
+
+
+def _thrusters(context: AdapterContext, vehicle: str) -> int:
+    """How many thrusters a vehicle has, commanded together."""
+    ports = (
+        port for path, port in context.ports.items() if port.kind == "thrusters" and path.startswith(f"{vehicle}/")
+    )
+    return sum(port.fields[0].size for port in ports)

@@ -1,0 +1,133 @@
+"""What happens when the pilot, the ground station or the battery goes: ArduSub's fail-safes, with its parameters and texts."""
+
+from __future__ import annotations
+
+from uwserver_adapters.mavlink.vehicle.arming import Arming
+from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, NOTICE, WARNING, Bridge
+from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, SURFACE, Mode
+from uwserver_adapters.mavlink.vehicle.parameters import Parameters
+from uwserver_adapters.mavlink.vehicle.pilot import Pilot
+
+_DISARM, _SURFACE = 2, 4
+AGAIN_S = 20.0
+"""A fail-safe that lasts is told again."""
+
+
+class Failsafes:
+    """Watches; acts once when something goes, and again when it has come back and gone. Times are simulation time, s.
+
+    Args:
+        bridge: to ground stations and autopilot.
+        parameters: what is to happen when.
+        pilot: who steers.
+        arming: disarms.
+    """
+
+    def __init__(self, bridge: Bridge, parameters: Parameters, pilot: Pilot, arming: Arming) -> None:
+        self._bridge = bridge
+        self._parameters = parameters
+        self._pilot = pilot
+        self._arming = arming
+        self._active: dict[str, float] = {}
+        self._gcs_at: float | None = None
+        self._autopilot = ""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether pilot, ground station or battery is gone, or a leak is there."""
+        return self._pilot.is_lost or bool(self._active)
+
+    def heard_gcs(self, now: float) -> None:
+        """A heartbeat of the ground station that is in charge."""
+        self._gcs_at = now
+        if self._active.pop("gcs", None) is not None:
+            self._bridge.tell(WARNING, "GCS Failsafe Cleared")
+
+    def restart(self) -> None:
+        """The time begins anew."""
+        self._active.clear()
+        self._pilot.forget()
+        self._gcs_at = None
+
+    def tick(self, now: float) -> None:
+        """Look."""
+        self._check_pilot(now)
+        self._check_gcs(now)
+        self._check_leak(now)
+        self._check_battery(now)
+        self._tell_autopilot()
+
+    def _value(self, name: str) -> float:
+        return self._parameters.value(name)
+
+    def _begins(self, name: str, now: float, severity: str, text: str) -> bool:
+        """Tell what has begun, or lasts; whether it is time to act: it begins, and the vehicle is armed."""
+        since = self._active.get(name)
+        if since is None or now - since >= AGAIN_S:
+            self._active[name] = now
+            self._bridge.tell(severity, text)
+        return since is None and self._bridge.readings.state().armed
+
+    def _check_pilot(self, now: float) -> None:
+        action = self._value("FS_PILOT_INPUT")
+        heard_at = self._pilot.heard_at
+        if action == 0 or heard_at is None or now - heard_at <= self._value("FS_PILOT_TIMEOUT"):
+            return
+        self._pilot.forget()
+        self._pilot.neutral()
+        if self._bridge.readings.state().armed:
+            self._pilot.is_lost = True
+            self._bridge.tell(CRITICAL, "Lost manual control")
+            if action == _DISARM:
+                self._disarm()
+
+    def _check_gcs(self, now: float) -> None:
+        action = self._value("FS_GCS_ENABLE")
+        if action == 0 or self._gcs_at is None or now - self._gcs_at <= self._value("FS_GCS_TIMEOUT"):
+            return
+        if self._begins("gcs", now, WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost"):
+            if action == _DISARM:
+                self._disarm()
+            elif action in (3, _SURFACE):
+                self._enter(ALT_HOLD if action == 3 else SURFACE)
+
+    def _check_leak(self, now: float) -> None:
+        action = self._value("FS_LEAK_ENABLE")
+        reading = self._bridge.readings.last("leak")
+        if action == 0 or reading is None or not reading.get("leak"):
+            self._active.pop("leak", None)
+            return
+        if self._begins("leak", now, CRITICAL, "Leak Detected") and action == 2:
+            self._enter(SURFACE)
+
+    def _check_battery(self, now: float) -> None:
+        voltage = self._bridge.readings.number("battery", "voltage")
+        low, critical = self._value("BATT_LOW_VOLT"), self._value("BATT_CRT_VOLT")
+        level = "" if voltage is None else "critical" if voltage < critical else "low" if voltage < low else ""
+        if not level:
+            self._active.pop("battery", None)
+            return
+        action = self._value("BATT_FS_CRT_ACT" if level == "critical" else "BATT_FS_LOW_ACT")
+        if self._begins("battery", now, WARNING, f"Battery 1 is {level} {voltage:.2f}V"):
+            if action == 2:
+                self._disarm()
+            elif action == 3:
+                self._enter(SURFACE)
+
+    def _tell_autopilot(self) -> None:
+        """The autopilot has fail-safes of its own."""
+        reason = self._bridge.readings.state().failsafe
+        if reason != self._autopilot:
+            self._autopilot = reason
+            self._bridge.tell(*((CRITICAL, f"Failsafe: {reason}") if reason else (NOTICE, "Failsafe cleared")))
+
+    def _disarm(self) -> None:
+        if self._bridge.readings.state().armed:
+            self._arming.disarm(self._tell_failure)
+
+    def _enter(self, mode: Mode) -> None:
+        self._bridge.set_mode(mode, self._tell_failure)
+
+    def _tell_failure(self, reason: str) -> None:
+        if reason:
+            self._bridge.tell(CRITICAL, f"Failsafe action failed: {reason}")

@@ -1,0 +1,200 @@
+"""Items of a mission: those of MAVLink to those of the autopilot. What the vehicle cannot do is refused, never left out in silence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from msgspec import Struct
+
+from uwserver.ports import Json
+from uwserver_adapters.mavlink.vehicle.home import Home
+from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, LOCAL_NED
+from uwserver_adapters.mavlink.wire.codec import degrees_e7, vec3
+from uwserver_adapters.mavlink.wire.dialect import Entry, Message
+
+Result = Literal[
+    "ACCEPTED", "ERROR", "DENIED", "UNSUPPORTED", "UNSUPPORTED_FRAME", "NO_SPACE", "OPERATION_CANCELLED", "INVALID", "INVALID_SEQUENCE",
+    "INVALID_PARAM1", "INVALID_PARAM2", "INVALID_PARAM5_X",
+]  # fmt: skip
+"""Of MAV_MISSION_RESULT, without its prefix."""
+LARGEST = 700
+"""Items that fit."""
+WAYPOINT, LAND, NAV_DELAY = "MAV_CMD_NAV_WAYPOINT", "MAV_CMD_NAV_LAND", "MAV_CMD_NAV_DELAY"
+SPEED, YAW = "MAV_CMD_DO_CHANGE_SPEED", "MAV_CMD_CONDITION_YAW"
+_LOITER, _LOITER_TIME = "MAV_CMD_NAV_LOITER_UNLIM", "MAV_CMD_NAV_LOITER_TIME"
+TAKEOFF = "MAV_CMD_NAV_TAKEOFF"
+"""QGroundControl wants it at the begin of each mission; a submarine has nothing to do for it, and ArduSub goes on to the next item."""
+_NO_HEADING_DEG = (0.0, 999.0)
+"""What ground stations send for "none", beside NaN: zero, and Cockpit 999."""
+GLOBAL, NO_PLACE = "MAV_FRAME_GLOBAL", "MAV_FRAME_MISSION"
+"""Frames: with the altitude above the sea, and of items without a place."""
+_FOREVER_S = 1e6
+"""The longest hold that the autopilot takes: more than eleven days."""
+
+
+class Item(Struct, frozen=True):
+    """One item as it was uploaded.
+
+    Attributes:
+        seq: its number.
+        frame, command: names and numbers.
+        params: the first four parameters.
+        x, y: 1e-7 degrees, or 1e-4 m in a local frame.
+        z: m, up positive but in local frames.
+        autocontinue: kept for the download.
+    """
+
+    seq: int
+    frame: Entry
+    command: Entry
+    params: tuple[float, float, float, float]
+    x: int
+    y: int
+    z: float
+    autocontinue: int = 1
+
+    def fields(self) -> dict[str, int | float]:
+        """Of MISSION_ITEM_INT, but for the addressee."""
+        names = ("param1", "param2", "param3", "param4")
+        frame, command = self.frame.number, self.command.number
+        base = {"seq": self.seq, "frame": frame, "command": command, "autocontinue": self.autocontinue}
+        return {**base, **dict(zip(names, self.params, strict=True)), "x": self.x, "y": self.y, "z": self.z}
+
+
+class BadItem(Exception):
+    """An item that cannot be taken: result and a text."""
+
+    def __init__(self, result: Result, text: str) -> None:
+        super().__init__(text)
+        self.result: Result = result
+
+
+def item_of(message: Message) -> Item:
+    """An item from MISSION_ITEM_INT, or from the older MISSION_ITEM with degrees as floats.
+
+    Raises:
+        BadItem: a coordinate is not a number.
+    """
+    frame, command = message.entry("frame"), message.entry("command")
+    x, y, z = (message.number(axis) for axis in "xyz")
+    if not all(map(math.isfinite, (x, y, z))):
+        raise BadItem("INVALID_PARAM5_X", f"item {message.whole('seq')}: its place is not a number")
+    if message.name == "MISSION_ITEM":
+        scale = 1e4 if frame.name == LOCAL_NED else 1e7
+        x, y = max(-2e9, min(2e9, x * scale)), max(-2e9, min(2e9, y * scale))
+    p1, p2, p3, p4 = (message.number(f"param{k}") for k in range(1, 5))
+    seq, goes_on = message.whole("seq"), message.whole("autocontinue")
+    return Item(seq, frame, command, (p1, p2, p3, p4), round(x), round(y), z, goes_on)
+
+
+def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]:
+    """Items for the autopilot, and for each the number of the uploaded one.
+
+    The first uploaded item is home, as ArduPilot has it, and is left out, as take-offs are.
+
+    Raises:
+        BadItem: the first that cannot be taken.
+    """
+    made: list[Json] = []
+    numbers: list[int] = []
+    for item in items[1:]:
+        if item.command.name == TAKEOFF:
+            continue
+        made.append(_translated(item, home))
+        numbers.append(item.seq)
+    return made, numbers
+
+
+def _translated(item: Item, home: Home) -> Json:
+    p1, p2, _, p4 = item.params
+    command = item.command.name
+    if command in (WAYPOINT, _LOITER, _LOITER_TIME):
+        waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(place_of(item, home))}
+        if command == WAYPOINT and p2 > 0.0:
+            waypoint["radius_m"] = p2
+        if math.isfinite(p4) and abs(p4) not in _NO_HEADING_DEG and command == WAYPOINT:
+            waypoint["heading_deg"] = p4
+        hold = _FOREVER_S if command == _LOITER else p1
+        if math.isfinite(hold) and hold > 0.0:
+            waypoint["hold_s"] = min(hold, _FOREVER_S)
+        return waypoint
+    if command in (NAV_DELAY, "MAV_CMD_CONDITION_DELAY"):
+        return {"kind": "hold", "time_s": _positive(item, p1, "INVALID_PARAM1", allow_zero=True)}
+    if command == SPEED:
+        return {"kind": "speed", "speed_mps": _positive(item, p2, "INVALID_PARAM2")}
+    if command == YAW:
+        if not math.isfinite(p1) or p4 != 0.0:
+            raise BadItem("INVALID_PARAM1", f"item {item.seq}: a heading must be a number of degrees from north")
+        return {"kind": "heading", "heading_deg": p1}
+    if command == LAND:
+        return {"kind": "surface"}
+    if command == "MAV_CMD_NAV_RETURN_TO_LAUNCH":
+        if home.home is None or home.origin is None:
+            raise BadItem("INVALID", f"item {item.seq}: home is not known")
+        north, east = home.origin.north_east(home.home.latitude, home.home.longitude)
+        return {"kind": "waypoint", "position_ned_m": [north, east, -home.home.altitude]}
+    raise BadItem("UNSUPPORTED", f"item {item.seq}: command {item.command.number} is not supported in a mission")
+
+
+def place_of(item: Item, home: Home) -> tuple[float, float, float]:
+    """Where an item is, in N, m.
+
+    Raises:
+        BadItem: its frame or place cannot be used, or the origin is not known.
+    """
+    if item.frame.name == LOCAL_NED:
+        return item.x / 1e4, item.y / 1e4, item.z
+    if item.frame.name not in GLOBAL_FRAMES:
+        raise BadItem("UNSUPPORTED_FRAME", f"item {item.seq}: frame {item.frame.number} is not supported")
+    if home.origin is None:
+        raise BadItem("INVALID", f"item {item.seq}: the origin is not known, send SET_GPS_GLOBAL_ORIGIN")
+    point = home.point(item.x, item.y, item.z, GLOBAL_FRAMES[item.frame.name])
+    if point is None:
+        raise BadItem("INVALID_PARAM5_X", f"item {item.seq}: there is no such latitude or longitude")
+    return point
+
+
+def _positive(item: Item, value: float, result: Result, allow_zero: bool = False) -> float:
+    if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not allow_zero):
+        raise BadItem(result, f"item {item.seq}: {value:g} is no time or speed")
+    return value
+
+
+def untranslated(items: Sequence[Json], home: Home, entry: Callable[[str], Entry]) -> list[Item]:
+    """A mission that came another way (a scenario, another adapter), for the download: home, then one item for each, in the local frame.
+
+    Args:
+        items: of the autopilot.
+        home: where the origin and home are.
+        entry: names of the dialect to entries.
+    """
+    at = home.home
+    x, y = (0, 0) if at is None else (round(degrees_e7(at.latitude)), round(degrees_e7(at.longitude)))
+    first = Item(0, entry(GLOBAL), entry(WAYPOINT), (0.0,) * 4, x, y, 0.0 if at is None else at.altitude)
+    return [first, *(_item(seq, item, home, entry) for seq, item in enumerate(items, 1) if isinstance(item, dict))]
+
+
+def _item(seq: int, item: dict[str, Json], home: Home, entry: Callable[[str], Entry]) -> Item:
+    def number(key: str, default: float = 0.0) -> float:
+        value = item.get(key)
+        return float(value) if isinstance(value, int | float) else default
+
+    kind = item.get("kind")
+    if kind == "hold":
+        return Item(seq, entry(NO_PLACE), entry(NAV_DELAY), (number("time_s"), -1.0, -1.0, -1.0), 0, 0, 0.0)
+    if kind == "speed":
+        return Item(seq, entry(NO_PLACE), entry(SPEED), (0.0, number("speed_mps"), -1.0, 0.0), 0, 0, 0.0)
+    if kind == "heading":
+        return Item(seq, entry(NO_PLACE), entry(YAW), (number("heading_deg"), 0.0, 0.0, 0.0), 0, 0, 0.0)
+    if kind == "surface":
+        return Item(seq, entry(GLOBAL), entry(LAND), (0.0,) * 4, 0, 0, 0.0)
+    given = item.get("position_ned_m")
+    north, east, down = vec3(given) or (0.0, 0.0, 0.0)
+    params = (number("hold_s"), number("radius_m"), 0.0, number("heading_deg"))
+    there = home.place((north, east, down))
+    if there is None:
+        return Item(seq, entry(LOCAL_NED), entry(WAYPOINT), params, round(north * 1e4), round(east * 1e4), down)
+    x, y = round(degrees_e7(there.latitude)), round(degrees_e7(there.longitude))
+    return Item(seq, entry(GLOBAL), entry(WAYPOINT), params, x, y, there.altitude)

@@ -1,0 +1,104 @@
+"""The servo outputs of an ArduSub: motors as the autopilot commands them, lights and camera mount as the payload has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from uwserver_adapters.mavlink.vehicle.parameters import Parameters
+from uwserver_adapters.mavlink.vehicle.payload import TILT_LIMIT_DEG, Payload
+from uwserver_adapters.mavlink.wire.codec import NEUTRAL_US, deflection, pulse
+
+COUNT = 16
+_MOTOR_1, _MOTORS = 33, 8
+_TILT, _LIGHTS = 7, {59: 0, 60: 1, 181: 0, 182: 1}
+"""Values of SERVOn_FUNCTION; lights hang on RC inputs 9 and 10 where they have no function of their own."""
+
+
+def wired(motors: int) -> Mapping[str, float]:
+    """Parameters of a vehicle with so many motors, on its first outputs."""
+    return {f"SERVO{k}_FUNCTION": _MOTOR_1 + k - 1.0 for k in range(1, min(motors, _MOTORS) + 1)}
+
+
+class Outputs:
+    """What SERVO_OUTPUT_RAW tells, and the test of motors.
+
+    Args:
+        parameters: which output is what.
+        payload: lights and mount.
+        motors: that the autopilot moves: its outputs.
+        patience_s: simulation time without a command after which the autopilot ends a test.
+    """
+
+    def __init__(self, parameters: Parameters, payload: Payload, motors: int, patience_s: float) -> None:
+        self._parameters = parameters
+        self._payload = payload
+        self._tested = [0.0] * motors
+        self._tested_at = -math.inf
+        self._patience_s = patience_s
+        self._set: dict[int, int] = {}
+
+    def pulses(self, motors: Sequence[float]) -> Mapping[int, int]:
+        """Pulses (us) by output, of those that do something.
+
+        Args:
+            motors: deflections, -1 to 1; none while disarmed.
+        """
+        pulses = {k: self._pulse(k, motors) for k in range(1, COUNT + 1)}
+        return {k: width for k, width in pulses.items() if width} | self._set
+
+    def _function(self, output: int) -> int:
+        return round(self._parameters.value(f"SERVO{output}_FUNCTION"))
+
+    def _motor(self, output: int) -> int | None:
+        motor = self._function(output) - _MOTOR_1
+        return motor if 0 <= motor < min(len(self._tested), _MOTORS) else None
+
+    def _pulse(self, output: int, motors: Sequence[float]) -> int:
+        function, motor = self._function(output), self._motor(output)
+        if function == _TILT:
+            return pulse(self._payload.tilt / TILT_LIMIT_DEG)
+        if function in _LIGHTS:
+            return pulse(2.0 * self._payload.lights[_LIGHTS[function]] - 1.0)
+        if motor is None:
+            return 0
+        return pulse(motors[motor]) if motor < len(motors) else NEUTRAL_US
+
+    def set_servo(self, output: int, pulse_us: float) -> bool:
+        """Set an output, or the lights on it; False for one that is not there, a motor's or the mount's, or a pulse that no servo understands."""
+        if not 1 <= output <= COUNT or not _is_pulse(pulse_us) or self._motor(output) is not None:
+            return False
+        function = self._function(output)
+        if function in _LIGHTS:
+            self._payload.lights[_LIGHTS[function]] = 0.5 + 0.5 * deflection(pulse_us)
+        elif function != _TILT:
+            self._set[output] = round(pulse_us)
+        return function != _TILT
+
+    def begin_test(self) -> None:
+        """All motors stand."""
+        self._tested = [0.0] * len(self._tested)
+
+    def test(self, motor: int, pulse_us: float, now: float) -> Sequence[float] | None:
+        """All deflections with that of one more motor.
+
+        Args:
+            motor: its number, from 0; the others keep what this test gave them.
+            pulse_us: what it gets.
+            now: simulation time, s.
+
+        Returns:
+            None for a motor that is not there, or a pulse that no servo understands.
+        """
+        if not 0 <= motor < len(self._tested) or not _is_pulse(pulse_us):
+            return None
+        # A test also ends where we do not see it: by another client, by a change of mode, by a reset of the world.
+        if not 0.0 <= now - self._tested_at <= self._patience_s:
+            self.begin_test()
+        self._tested_at = now
+        self._tested[motor] = deflection(pulse_us)
+        return list(self._tested)
+
+
+def _is_pulse(pulse_us: float) -> bool:
+    return 500 <= pulse_us <= 2500

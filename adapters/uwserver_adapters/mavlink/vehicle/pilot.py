@@ -1,0 +1,188 @@
+"""The pilot's sticks and buttons: MANUAL_CONTROL and RC_CHANNELS_OVERRIDE, as ArduSub maps them, to the autopilot's pilot port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from uwserver_adapters.mavlink.vehicle.parameters import Parameters
+from uwserver_adapters.mavlink.wire.codec import NEUTRAL_US, SPAN_US, deflection
+from uwserver_adapters.mavlink.wire.dialect import Message
+
+CHANNELS = 18
+PITCH, ROLL, HEAVE, YAW, SURGE, SWAY = range(6)
+"""Channels of a radio, from 0."""
+OVERRIDE_S = 3.0
+"""Sticks and overrides that are not renewed end."""
+REPEAT_S = 0.1
+"""The pilot port wants to hear from us; a ground station need not send as often."""
+_BUTTONS = 32
+_SHIFT, _GAIN_TOGGLE, _GAIN_UP, _GAIN_DOWN, _HOLD, _ROLL_PITCH = 1, 41, 42, 43, 48, 49
+_TRIMS = {44: (ROLL, 10), 45: (ROLL, -10), 46: (PITCH, 10), 47: (PITCH, -10)}
+_UNCHANGED, _RELEASED = 0xFFFF, 0xFFFF - 1
+
+
+class Pilot:
+    """Sticks, gain and buttons. Times are simulation time, s.
+
+    Args:
+        parameters: gains and functions of buttons.
+        post: takes the deflections (6,), -1..1, along and about x, y, z of B.
+        actions: what a button may do, by the number of its function; asked for those that are not of the sticks themselves.
+        say: tells the pilot a change.
+
+    Attributes:
+        gain: part of the full deflection that the full stick gives.
+        is_held: the sticks as they were when a button said so are added.
+        steers_attitude: surge and sway sticks pitch and roll instead.
+        channels: pulses (us) of all channels.
+        heard_at: when somebody last steered; None for not since the vehicle was armed, or since he was lost.
+        is_lost: nobody steers any more, which a fail-safe has told.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        post: Callable[[Sequence[float]], None],
+        actions: Mapping[int, Callable[[], None]],
+        say: Callable[[str], None],
+    ) -> None:
+        self._parameters = parameters
+        self._post = post
+        self._actions = actions
+        self._say = say
+        self.gain = parameters.value("JS_GAIN_DEFAULT")
+        self.is_held = False
+        self.steers_attitude = False
+        self.channels = [NEUTRAL_US] * CHANNELS
+        self.heard_at: float | None = None
+        self.is_lost = False
+        self._held = [0] * 6
+        self._trim = {ROLL: 0, PITCH: 0}
+        self._pressed = 0
+        self._overridden: dict[int, float] = {}
+        self._sticks_at: float | None = None
+        self._posted_at = 0.0
+
+    @property
+    def deflections(self) -> tuple[float, ...]:
+        """Surge, sway, heave (down +), roll, pitch, yaw: -1..1."""
+        us = [deflection(width) for width in self.channels[:6]]
+        return (us[SURGE], us[SWAY], -us[HEAVE] + 0.0, us[ROLL], us[PITCH], us[YAW])
+
+    def steer(self, message: Message, now: float) -> None:
+        """Take MANUAL_CONTROL. x, y, r are -1000..1000; z is 0..1000 with 500 for no heave; s pitches and t rolls if they are enabled."""
+        self._hear(now)
+        sticks = {axis: message.whole(axis) for axis in "xyzr"}
+        if any(abs(value) > 1000 for value in sticks.values()):
+            return  # 32767 marks an axis that the joystick has not
+        extensions = message.whole("enabled_extensions")
+        s = message.whole("s") if extensions & 1 else 0
+        t = message.whole("t") if extensions & 2 else 0
+        self._press(message.whole("buttons") | message.whole("buttons2") << 16)
+        wide = 0.4 * self.gain
+        thrust = 0.8 * self.gain * self._parameters.value("JS_THR_GAIN")
+        pushes = [0.0] * 6
+        pushes[PITCH], pushes[ROLL] = s * wide + self._trim[PITCH], t * wide + self._trim[ROLL]
+        pushes[HEAVE] = (sticks["z"] - 500) * thrust
+        pushes[YAW] = sticks["r"] * wide
+        forward, lateral = (PITCH, ROLL) if self.steers_attitude else (SURGE, SWAY)
+        pushes[forward] += sticks["x"] * wide
+        pushes[lateral] += sticks["y"] * wide
+        for channel, push in enumerate(pushes):
+            self._set(channel, NEUTRAL_US + push + self._held[channel])
+        self._overridden.clear()
+        self._sticks_at = now
+        self._send(now)
+
+    def override(self, message: Message, now: float) -> None:
+        """Take RC_CHANNELS_OVERRIDE: 65535 leaves a channel, 0 (65534 from the ninth on) releases it."""
+        self._hear(now)
+        for channel in range(CHANNELS):
+            pulse_us = message.whole(f"chan{channel + 1}_raw")
+            if pulse_us == _UNCHANGED or (pulse_us == 0 and channel >= 8):
+                continue
+            if pulse_us in (0, _RELEASED):
+                self._overridden.pop(channel, None)
+                self._set(channel, NEUTRAL_US)
+            else:
+                self._overridden[channel] = now
+                self._set(channel, pulse_us)
+        self._send(now)
+
+    def tick(self, now: float) -> None:
+        """End sticks and overrides that were not renewed; say again what still holds.
+
+        Sticks are never said again: whoever steers by them sends them ten times a second, and when he is gone the port must notice.
+        """
+        if now < self._posted_at:
+            self.neutral()  # the time began anew
+            self._posted_at = now
+        for channel, since in list(self._overridden.items()):
+            if now - since > OVERRIDE_S:
+                del self._overridden[channel]
+                self._set(channel, NEUTRAL_US)
+                if not self._overridden:
+                    self._send(now)
+        if self._sticks_at is not None and now - self._sticks_at > OVERRIDE_S:
+            self.neutral()
+        if now - self._posted_at >= REPEAT_S and self._overridden:
+            self._send(now)
+
+    def neutral(self) -> None:
+        """Let all sticks go."""
+        was_steered = self._sticks_at is not None or bool(self._overridden)
+        self.channels[:6] = [NEUTRAL_US] * 6
+        self._overridden.clear()
+        self._held = [0] * 6
+        self.is_held = False
+        self._sticks_at = None
+        if was_steered:
+            self._post(self.deflections)
+
+    def forget(self) -> None:
+        """Who steered until now has not begun to steer."""
+        self.heard_at, self.is_lost = None, False
+
+    def _hear(self, now: float) -> None:
+        self.heard_at, self.is_lost = now, False
+
+    def _set(self, channel: int, pulse_us: float) -> None:
+        self.channels[channel] = round(min(NEUTRAL_US + SPAN_US, max(NEUTRAL_US - SPAN_US, pulse_us)))
+
+    def _send(self, now: float) -> None:
+        self._posted_at = now
+        self._post(self.deflections)
+
+    def _press(self, buttons: int) -> None:
+        fresh = buttons & ~self._pressed
+        self._pressed = buttons
+        value = self._parameters.value
+        functions = {k: round(value(f"BTN{k}_FUNCTION")) for k in range(_BUTTONS) if buttons >> k & 1}
+        is_shifted = _SHIFT in functions.values()
+        for k, function in functions.items():
+            if fresh >> k & 1:
+                self._do(round(value(f"BTN{k}_SFUNCTION")) if is_shifted and function != _SHIFT else function)
+
+    def _do(self, function: int) -> None:
+        value = self._parameters.value
+        low, high, steps = value("JS_GAIN_MIN"), value("JS_GAIN_MAX"), max(1.0, value("JS_GAIN_STEPS") - 1)
+        if function in (_GAIN_UP, _GAIN_DOWN, _GAIN_TOGGLE):
+            step = (high - low) / steps
+            if function == _GAIN_TOGGLE:
+                self.gain = high if self.gain < 0.5 * (low + high) else low
+            else:
+                self.gain = min(high, max(low, self.gain + (step if function == _GAIN_UP else -step)))
+            self._say(f"#Gain is at {round(self.gain * 100)}%")
+        elif function in _TRIMS:
+            channel, step = _TRIMS[function]
+            self._trim[channel] = min(200, max(-200, self._trim[channel] + int(step)))
+        elif function == _HOLD:
+            self.is_held = not self.is_held
+            axes = (HEAVE, YAW, SURGE, SWAY)
+            self._held = [self.channels[k] - NEUTRAL_US if self.is_held and k in axes else 0 for k in range(6)]
+            self._say("#Input Hold Set" if self.is_held else "#Input Hold Disabled")
+        elif function == _ROLL_PITCH:
+            self.steers_attitude = not self.steers_attitude
+            self._say("#Attitude Control" if self.steers_attitude else "#Movement Control")
+        elif function in self._actions:
+            self._actions[function]()

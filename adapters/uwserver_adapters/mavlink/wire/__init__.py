@@ -1,0 +1,1 @@
+"""Bytes and messages of MAVLink, and one conversation. Knows no vehicle."""

@@ -1,0 +1,237 @@
+"""Messages by name: their fields to payload bytes and back. The definitions are pymavlink's; it is imported when an adapter starts."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from msgspec import Struct
+
+Value = int | float | bytes | str | tuple[int, ...] | tuple[float, ...]
+"""One field: a number or its name in the dialect, text, or the components of an array."""
+Fields = Mapping[str, Value]
+"""Those that are left out are zero, as MAVLink 2 has it."""
+
+_NEWER = ("AVAILABLE_MODES", "CURRENT_MODE", "AVAILABLE_MODES_MONITOR")
+"""Standard since 2024, and not yet in the dialect of the vehicles."""
+_F32_MAX = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
+_RANGES = {
+    "char": (0, 255),
+    "uint8_t": (0, 0xFF),
+    "uint8_t_mavlink_version": (0, 0xFF),
+    "int8_t": (-0x80, 0x7F),
+    "uint16_t": (0, 0xFFFF),
+    "int16_t": (-0x8000, 0x7FFF),
+    "uint32_t": (0, 0xFFFF_FFFF),
+    "int32_t": (-0x8000_0000, 0x7FFF_FFFF),
+    "uint64_t": (0, (1 << 64) - 1),
+    "int64_t": (-(1 << 63), (1 << 63) - 1),
+}
+
+
+class CannotSpeak(Exception):
+    """pymavlink is missing; the text says what to install."""
+
+
+class Entry(Struct, frozen=True):
+    """A number of an enumeration, and its name in the dialect; "" where it has none."""
+
+    number: int
+    name: str
+
+
+class Message(Struct, frozen=True):
+    """A message that came.
+
+    Attributes:
+        name: as in the definition, HEARTBEAT.
+        fields: all fields.
+        system, component: who sent it.
+        names: of the numbers of an enumeration, by field.
+    """
+
+    name: str
+    fields: Fields
+    system: int
+    component: int
+    names: Mapping[str, Mapping[int, str]]
+
+    def number(self, field: str) -> float:
+        """A number; may be NaN."""
+        value = self.fields[field]
+        return float(value) if isinstance(value, int | float) else math.nan
+
+    def whole(self, field: str) -> int:
+        """An integer."""
+        value = self.fields[field]
+        return value if isinstance(value, int) else 0
+
+    def entry(self, field: str) -> Entry:
+        """An entry of an enumeration."""
+        number = self.whole(field)
+        return Entry(number, self.names[field].get(number, ""))
+
+    def text(self, field: str) -> str:
+        """A text, up to its first NUL."""
+        value = self.fields[field]
+        return value.decode("latin-1") if isinstance(value, bytes) else ""
+
+    def row(self, field: str) -> tuple[float, ...]:
+        """The components of an array."""
+        value = self.fields[field]
+        return value if isinstance(value, tuple) else ()
+
+
+class Part(Struct, frozen=True):
+    """One field.
+
+    Attributes:
+        name: as in the definition.
+        count: of an array, 0 for none.
+        is_text: of characters.
+        low, high: limits of an integer; `low` is None for floats.
+        enum: names of values; None where they have none.
+        numbers: of all names of the dialect.
+        is_bits: a set of flags.
+    """
+
+    name: str
+    count: int
+    is_text: bool
+    low: int | None
+    high: int
+    enum: Mapping[int, str] | None
+    numbers: Mapping[str, int]
+    is_bits: bool
+
+
+class Layout:
+    """How one message is written.
+
+    Attributes:
+        name: of the message.
+        id: its number.
+        crc_extra: guards the definition itself.
+        parts: its fields in the order of the wire.
+        has_target: field names of the addressed system and component; "" where there is none.
+    """
+
+    def __init__(self, definition: Any, enums: Mapping[str, Mapping[int, str]], numbers: Mapping[str, int]) -> None:
+        self.name: str = definition.msgname
+        self.id: int = definition.id
+        self.crc_extra: int = definition.crc_extra
+        self._struct: struct.Struct = definition.unpacker
+        parts = []
+        for wire, name in enumerate(definition.ordered_fieldnames):
+            kind = definition.fieldtypes[definition.fieldnames.index(name)]
+            low, high = _RANGES.get(kind, (None, 0))
+            enum = enums.get(definition.fieldenums_by_name.get(name, ""))
+            is_bits = enum is not None and definition.fielddisplays_by_name.get(name) == "bitmask"
+            parts.append(
+                Part(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, numbers, is_bits)
+            )
+        self.parts = tuple(parts)
+        self._enums = {part.name: part.enum for part in parts if part.enum is not None}
+        names = self._names = frozenset(part.name for part in parts)
+        system = "target_system" if "target_system" in names else "target" if self.name == "MANUAL_CONTROL" else ""
+        self.has_target = (system, "target_component" if "target_component" in names else "")
+
+    def encode(self, fields: Fields) -> bytes:
+        """Payload without the zeros at its end. Integers are rounded and kept within their range, floats within that of 32 bits; NaN is a
+        float's, and zero as an integer.
+
+        Raises:
+            KeyError: a name that the message or the dialect has not.
+        """
+        if not fields.keys() <= self._names:
+            raise KeyError(f"{self.name} has no {', '.join(sorted(fields.keys() - self._names))}")
+        row: list[object] = []
+        for part in self.parts:
+            value = fields.get(part.name, 0)
+            if part.is_text and part.count:
+                row.append(value.encode("utf-8", "replace") if isinstance(value, str) else value or b"")
+            elif part.count:
+                given = tuple(value) if isinstance(value, tuple | bytes) else ()
+                row += [_kept(item, part) for item in given[: part.count]]
+                row += [0] * (part.count - len(given))
+            else:
+                row.append(_kept(value, part))
+        return self._struct.pack(*row).rstrip(b"\0") or b"\0"
+
+    def decode(self, payload: bytes, system: int, component: int) -> Message:
+        """Any payload: one that is too short is filled with zeros, what is too long is newer than we."""
+        size = self._struct.size
+        row = self._struct.unpack(payload[:size].ljust(size, b"\0"))
+        fields: dict[str, Value] = {}
+        at = 0
+        for part in self.parts:
+            if part.is_text and part.count:
+                fields[part.name] = row[at].split(b"\0", 1)[0]
+                at += 1
+            elif part.count:
+                fields[part.name] = row[at : at + part.count]
+                at += part.count
+            else:
+                fields[part.name] = row[at]
+                at += 1
+        return Message(self.name, fields, system, component, self._enums)
+
+
+def _kept(value: object, part: Part) -> int | float:
+    if not isinstance(value, int | float):
+        return part.numbers[value] if isinstance(value, str) else 0
+    if part.low is None:
+        return value if not abs(value) > _F32_MAX else math.copysign(_F32_MAX, value)
+    if isinstance(value, float):
+        if value != value:
+            return 0
+        value = part.high if value > part.high else part.low if value < part.low else round(value)
+    return part.low if value < part.low else part.high if value > part.high else value
+
+
+class Dialect:
+    """All messages.
+
+    Attributes:
+        by_name, by_id: their layouts.
+        numbers: of all entries of enumerations, by their names.
+        crc: CRC-16/MCRF4XX of bytes.
+    """
+
+    def __init__(self) -> None:
+        try:
+            vehicle = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
+            newer = importlib.import_module("pymavlink.dialects.v20.development")
+        except ImportError as error:
+            raise CannotSpeak(f"MAVLink needs pymavlink: pip install 'uwserver[mavlink]' ({error})") from error
+        definitions = dict(vehicle.mavlink_map)
+        for definition in newer.mavlink_map.values():
+            if definition.msgname in _NEWER:
+                definitions.setdefault(definition.id, definition)
+        enums = {
+            name: {number: str(entry.name) for number, entry in entries.items() if not entry.name.endswith("_ENUM_END")}
+            for name, entries in {**newer.enums, **vehicle.enums}.items()
+        }
+        enums["SUB_MODE"] = {21: "SUB_MODE_SURFTRAK", **enums["SUB_MODE"]}  # not in pymavlink 2.4.41 yet
+        self._names = enums
+        self.numbers = {name: number for entries in enums.values() for number, name in entries.items()}
+        self.by_id = {id: Layout(definition, enums, self.numbers) for id, definition in definitions.items() if id >= 0}
+        self.by_name = {layout.name: layout for layout in self.by_id.values()}
+        fast: Callable[[bytes], int] | None = getattr(vehicle, "mcrf4xx", None)
+        self.crc: Callable[[bytes], int] = fast or (lambda data: int(vehicle.x25crc(data).crc))
+
+    def entry(self, name: str) -> Entry:
+        """An entry of an enumeration by its name. Raises KeyError when there is none."""
+        return Entry(self.numbers[name], name)
+
+    def name(self, enum: str, number: int) -> str:
+        """Name of a number of an enumeration; "" where it has none."""
+        return self._names[enum].get(number, "")
+
+    def message_name(self, number: int) -> str:
+        """Name of a message by its number; "" for one that there is not."""
+        layout = self.by_id.get(number)
+        return layout.name if layout is not None else ""

@@ -1,0 +1,129 @@
+"""Frames of MAVLink 1 and 2, sans-IO: bytes in pieces of any size become frames, and the reverse. Knows no message."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from uwserver_adapters.mavlink.wire.dialect import Dialect
+
+MAGIC_1, MAGIC_2 = 0xFE, 0xFD
+SIGNED = 0x01
+"""Incompatibility flag: a signature follows the checksum."""
+SIGNATURE = 13
+_HEAD_1, _HEAD_2 = 6, 10
+_CRC = 2
+_TRIES = 64
+"""Places tried for a frame before the caller has its turn."""
+
+
+class Frame(Struct, frozen=True):
+    """One message as it came, its checksum right.
+
+    Attributes:
+        raw: all its bytes; what is forwarded.
+        version: 1 or 2.
+        seq: counts the frames of its sender on a link, modulo 256.
+        system, component: who sent it.
+        id: number of the message.
+        payload: without the zeros at its end (version 2).
+        is_signed: `raw` ends with a signature.
+    """
+
+    raw: bytes
+    version: int
+    seq: int
+    system: int
+    component: int
+    id: int
+    payload: bytes
+    is_signed: bool = False
+
+
+class Malformed(Struct, frozen=True):
+    """Bytes that are no frame: how many were skipped, and why: garbage, checksum, unknown, incompatible."""
+
+    reason: str
+    size: int
+
+
+class Decoder:
+    """Bytes to frames. After something wrong it looks for the next frame within the same bytes, so one lost byte costs one message.
+
+    Args:
+        dialect: knows the checksums.
+    """
+
+    def __init__(self, dialect: Dialect) -> None:
+        self._dialect = dialect
+        self._buffer = bytearray()
+        self._start = 0
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes."""
+        if self._start:
+            del self._buffer[: self._start]
+            self._start = 0
+        self._buffer += data
+
+    def next_event(self) -> Frame | Malformed | None:
+        """The next frame, or what was skipped on the way to it; None until more bytes come."""
+        buffer, first = self._buffer, self._start
+        reason = "garbage"
+        for _ in range(_TRIES):
+            at = self._next_magic()
+            if at > first:
+                self._start = at
+                return Malformed(reason, at - first)
+            size = self._size(at)
+            if size == 0 or at + size > len(buffer):
+                return None
+            frame, reason = self._frame(bytes(buffer[at : at + size]))
+            if frame is not None:
+                self._start = at + size
+                return frame
+            if reason == "unknown":  # nothing tells whether it is one; that a frame follows makes it likely
+                after = at + size
+                if after == len(buffer) or buffer[after] in (MAGIC_1, MAGIC_2):
+                    self._start = after
+                    return Malformed(reason, size)
+            first, self._start = at, at + 1
+        return Malformed(reason, 1)
+
+    def _next_magic(self) -> int:
+        places = [at for magic in (b"\xfd", b"\xfe") if (at := self._buffer.find(magic, self._start)) >= 0]
+        return min(places, default=len(self._buffer))
+
+    def _size(self, at: int) -> int:
+        """Bytes of the frame that begins here; 0 when that cannot be told yet."""
+        buffer = self._buffer
+        if len(buffer) < at + 3:
+            return 0
+        if buffer[at] == MAGIC_1:
+            return _HEAD_1 + buffer[at + 1] + _CRC
+        return _HEAD_2 + buffer[at + 1] + _CRC + (SIGNATURE if buffer[at + 2] & SIGNED else 0)
+
+    def _frame(self, raw: bytes) -> tuple[Frame | None, str]:
+        version = 1 if raw[0] == MAGIC_1 else 2
+        if version == 1:
+            head, seq, system, component, id, is_signed = _HEAD_1, raw[2], raw[3], raw[4], raw[5], False
+        else:
+            if raw[2] & ~SIGNED:
+                return None, "incompatible"
+            head, seq, system, component = _HEAD_2, raw[4], raw[5], raw[6]
+            id, is_signed = int.from_bytes(raw[7:10], "little"), bool(raw[2] & SIGNED)
+        layout = self._dialect.by_id.get(id)
+        if layout is None:
+            return None, "unknown"
+        end = head + raw[1]
+        if self._dialect.crc(raw[1:end] + bytes((layout.crc_extra,))) != raw[end] | raw[end + 1] << 8:
+            return None, "checksum"
+        return Frame(raw, version, seq, system, component, id, raw[head:end], is_signed), ""
+
+
+def pack(
+    dialect: Dialect, id: int, payload: bytes, seq: int, system: int, component: int, is_signed: bool = False
+) -> bytes:
+    """A frame of MAVLink 2; with `is_signed` its signature is still to be added."""
+    head = bytes((len(payload), SIGNED if is_signed else 0, 0, seq, system, component)) + id.to_bytes(3, "little")
+    crc = dialect.crc(head + payload + bytes((dialect.by_id[id].crc_extra,)))
+    return b"\xfd" + head + payload + crc.to_bytes(2, "little")

@@ -1,0 +1,131 @@
+"""Frames from and to JSON as mavlink2rest and mavlink-server have it. Sans-IO.
+
+{"header": {"system_id": 1, "component_id": 1, "sequence": 7}, "message": {"type": "HEARTBEAT", ...}}: an entry of an enumeration is
+{"type": "MAV_STATE_ACTIVE"}, a set of flags {"bits": 81}, text a list of characters filled up with NUL, and what is no number is null. A field
+with the name "type" is called "mavtype".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from uwserver_adapters.mavlink.wire.dialect import Dialect, Layout, Part, Value
+from uwserver_adapters.mavlink.wire.frames import Frame, pack
+
+LONGEST = 16_384
+"""Bytes of a text that are looked at; the longest message has some 4000."""
+
+Byte = Annotated[int, Meta(ge=0, le=0xFF)]
+
+
+class BadJson(Exception):
+    """It is no message; the text says why."""
+
+
+class Header(Struct, frozen=True):
+    """Who says it, and the number of the frame."""
+
+    system_id: Byte
+    component_id: Byte
+    sequence: Byte = 0
+
+
+class _Envelope(Struct, frozen=True):
+    header: Header
+    message: dict[str, object] = field(default_factory=dict)
+
+
+_F32_END = 1 << 128
+"""No number of 32 bits is as large."""
+_DECODER = msgspec.json.Decoder(_Envelope)
+
+
+def name_of(part: Part) -> str:
+    """A field's name in JSON."""
+    return "mavtype" if part.name == "type" else part.name
+
+
+def fields_of(frame: Frame, layout: Layout) -> dict[str, object]:
+    """The fields of a frame by their names in JSON."""
+    fields = layout.decode(frame.payload, frame.system, frame.component).fields
+    return {name_of(part): _shown(part, fields[part.name]) for part in layout.parts}
+
+
+def text_of(frame: Frame, name: str, fields: dict[str, object]) -> bytes:
+    """The whole message as JSON."""
+    header = Header(frame.system, frame.component, frame.seq)
+    return msgspec.json.encode({"header": header, "message": {"type": name, **fields}})
+
+
+def frame_of(data: bytes, dialect: Dialect) -> bytes:
+    """The frame of a text. Fields that are left out are zero, as MAVLink 2 has it, and those that the message has not are not looked at, as with
+    mavlink2rest: the sender may know a newer definition (Cockpit addresses its TIMESYNC).
+
+    Raises:
+        BadJson: it is no JSON, or no such message, or a field cannot have this value.
+    """
+    if len(data) > LONGEST:
+        raise BadJson(f"{len(data)} bytes, at most {LONGEST}")
+    try:
+        envelope = _DECODER.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadJson(str(error)) from None
+    given = envelope.message
+    name = given.get("type")
+    layout = dialect.by_name.get(name) if isinstance(name, str) else None
+    if layout is None:
+        raise BadJson(f"message.type: no message {name!r:.60}")
+    fields = {part.name: _meant(part, given[name_of(part)]) for part in layout.parts if name_of(part) in given}
+    header = envelope.header
+    return pack(dialect, layout.id, layout.encode(fields), header.sequence, header.system_id, header.component_id)
+
+
+def _shown(part: Part, value: Value) -> object:
+    if part.is_text and part.count and isinstance(value, bytes):
+        return list(value.ljust(part.count, b"\0").decode("latin-1"))
+    if isinstance(value, tuple):
+        return [_shown_one(part, entry) for entry in value]
+    return _shown_one(part, value)
+
+
+def _shown_one(part: Part, value: object) -> object:
+    if part.is_bits:
+        return {"bits": value}
+    if part.enum is not None and value in part.enum:
+        return {"type": part.enum[value]}  # type: ignore[index]  # a key of it
+    return value
+
+
+def _meant(part: Part, value: object) -> Value:
+    if part.is_text and part.count:
+        entries = list(value) if isinstance(value, str | list) else [value]
+        if len(entries) > part.count or not all(isinstance(entry, str) and len(entry) == 1 for entry in entries):
+            raise BadJson(f"{part.name}: at most {part.count} characters are wanted, not {value!r:.60}")
+        return "".join(map(str, entries)).encode("latin-1", "replace")
+    if part.count:
+        if not isinstance(value, list) or len(value) > part.count:
+            raise BadJson(f"{part.name}: at most {part.count} numbers are wanted, not {value!r:.60}")
+        return tuple(_meant_one(part, entry) for entry in value)
+    return _meant_one(part, value)
+
+
+def _meant_one(part: Part, value: object) -> int | float:
+    if part.enum is not None and isinstance(value, dict):
+        value = value.get("bits") if part.is_bits else _number_of(part.enum, value.get("type"))
+    if part.low is None:
+        if value is None:
+            return math.nan
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _F32_END:
+            return float(value)
+    elif isinstance(value, int) and not isinstance(value, bool) and part.low <= value <= part.high:
+        return value
+    raise BadJson(f"{part.name}: {value!r:.60} is no value of it")
+
+
+def _number_of(enum: Mapping[int, str], name: object) -> int | None:
+    return next((number for number, known in enum.items() if known == name), None)

@@ -1,0 +1,65 @@
+"""Signatures of MAVLink 2: who has the key may speak. The signed text is the frame; it is not encrypted."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections.abc import Callable
+
+from uwserver_adapters.mavlink.wire.frames import SIGNATURE, Frame
+
+KEY_SIZE = 32
+EPOCH_S = 1_420_070_400
+"""1 January 2015 UTC, where time stamps begin."""
+STAMPS_PER_S = 100_000
+_BEHIND = 60 * STAMPS_PER_S
+"""A sender that is new may be this far behind."""
+_STAMP_MAX = (1 << 48) - 1
+
+
+def key_of(passphrase: str) -> bytes:
+    """The key that MAVProxy and QGroundControl make of a passphrase."""
+    return hashlib.sha256(passphrase.encode()).digest()
+
+
+class Signing:
+    """Signs what goes out and checks what comes in. One for all links.
+
+    Args:
+        key: 32 bytes.
+        stamp: time in units of 10 us since 2015; it may jump back, our stamps do not.
+        stamp_from: our stamps are later than this one.
+    """
+
+    def __init__(self, key: bytes, stamp: Callable[[], int], stamp_from: int = 0) -> None:
+        self._key = key
+        self._now = stamp
+        self._last = min(max(0, stamp_from), _STAMP_MAX)
+        self._seen: dict[tuple[int, int, int], int] = {}
+
+    def sign(self, frame: bytes, link: int) -> bytes:
+        """The frame with its signature."""
+        self._last = min(max(self._last + 1, self._now()), _STAMP_MAX)
+        text = frame + bytes((link & 0xFF,)) + self._last.to_bytes(6, "little")
+        return text + self._signature(text)
+
+    def refusal(self, frame: Frame) -> str:
+        """Why a frame is not accepted: unsigned, signature, replayed, stale; "" when it is."""
+        if not frame.is_signed:
+            return "unsigned"
+        block = frame.raw[-SIGNATURE:]
+        if not hmac.compare_digest(self._signature(frame.raw[:-6]), block[7:]):
+            return "signature"
+        stamp = int.from_bytes(block[1:7], "little")
+        sender = (block[0], frame.system, frame.component)
+        last = self._seen.get(sender)
+        if last is not None and stamp <= last:
+            return "replayed"
+        if last is None and stamp + _BEHIND < max(self._last, self._now()):
+            return "stale"
+        self._seen[sender] = stamp
+        self._last = max(self._last, stamp)
+        return ""
+
+    def _signature(self, text: bytes) -> bytes:
+        return hashlib.sha256(self._key + text).digest()[:6]

@@ -1,0 +1,1 @@
+"""Variables on one side, the world on the other. Knows no socket."""

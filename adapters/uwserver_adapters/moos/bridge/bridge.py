@@ -1,0 +1,239 @@
+"""Variables on one side, the world on the other: all that the three adapters share. Knows no socket."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+
+import msgspec
+
+from uwserver.adapter import AdapterContext, Conversation, port_of_kind, vehicle_of, vehicles_of
+from uwserver.ports import Buffer, Event, Fault, Field, Port, Refused, Reply, Sample, matches
+from uwserver_adapters.moos.bridge.calls import Answer, Calls
+from uwserver_adapters.moos.bridge.mixing import Mixer
+from uwserver_adapters.moos.bridge.names import Outlet, variable
+from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
+from uwserver_adapters.moos.bridge.usm import MOMENTARY, UsmInputs
+from uwserver_adapters.moos.clock import CREDIBLE_S
+from uwserver_adapters.moos.codec import Fix, seconds
+from uwserver_adapters.moos.config import BridgeTable
+from uwserver_adapters.moos.wire import readable
+
+Pairs = Sequence[tuple[str, float | str]]
+
+CALL = "UWSERVER_CALL"
+REPLY = "UWSERVER_REPLY"
+ERROR = "UWSERVER_ERROR"
+EVENT = "UWSERVER_EVENT"
+TIME = "UWSERVER_TIME"
+MODE = "SIMULATION_MODE"
+
+
+class Bridge:
+    """The adapter's `Subscriber`, and the reader of what others write. Loop thread.
+
+    Args:
+        table: what to publish and to obey.
+        context: the world.
+        post: publishes variables that belong together.
+        listen: asks for writes of variables that mean something only now, as their vehicle came later.
+        source: name of the connection, for the world's view of who commands.
+
+    Raises:
+        CannotServe: the table names what is not there.
+    """
+
+    def __init__(
+        self,
+        table: BridgeTable,
+        context: AdapterContext,
+        post: Callable[[Pairs], None],
+        listen: Callable[[Sequence[str]], None],
+        source: str,
+    ) -> None:
+        self._table = table
+        self._context = context
+        self._post = post
+        self._listen = listen
+        self._outlets: dict[str, Outlet] = {}
+        self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
+        self._seen: dict[str, float] = {}
+        self._passed_over: dict[str, float | None] = {}
+        vehicle = self._vehicle()
+        ports = context.ports
+        self._mixer = Mixer(table.commands, ports, vehicle)
+        self._nav = None if table.nav is None else Navigation(table.nav, ports, vehicle)
+        self._calls = Calls(context)
+        self._peer = Conversation(context, source)
+        fix = self._nav.fix if self._nav is not None else Fix()
+        teleport = port_of_kind("teleport", ports, vehicle)
+        self._usm = UsmInputs(self._peer, teleport, fix, self._neutral, lambda name, value: post([(name, value)]))
+        self._direct: dict[str, tuple[Port, Field]] = {}
+        self._open_ports()
+
+    def _vehicle(self) -> str:
+        """The vehicle that is meant; "" for none, where nothing belongs to one of several."""
+        table, ports = self._table, self._context.ports
+        belongs = table.vehicle is not None or table.nav is not None or bool(table.commands)
+        return vehicle_of(table.vehicle, ports) if belongs or len(vehicles_of(ports)) == 1 else ""
+
+    def _open_ports(self) -> None:
+        table = self._table
+        self._outlets.clear()
+        self._direct.clear()
+        for path, port in self._context.ports.items():
+            if port.direction == "actuator":
+                self._direct.update({variable(path, field.name): (port, field) for field in port.fields})
+            elif any(matches(pattern, path) for pattern in table.publish):
+                self._outlets[path] = Outlet(port, table.vectors, table.on_change)
+
+    @property
+    def listens_to(self) -> tuple[str, ...]:
+        """Variables of others that mean something here."""
+        names = dict.fromkeys((*self._mixer.names, *self._direct))
+        if self._table.usm:
+            names.update(dict.fromkeys(self._usm.names))
+        if self._table.services:
+            names[CALL] = None
+        return tuple(names)
+
+    def begin(self) -> None:
+        """Others can hear now, for the first time or again."""
+        self._passed_over.clear()
+        self._post([(MODE, "TRUE")])
+
+    # -- out ------------------------------------------------------------------------------------------------------------------------
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """All variables of a tick, together."""
+        pairs: list[tuple[str, float | str]] = []
+        for sample in samples:
+            outlet = self._outlets.get(sample.port)
+            if outlet is not None and (self._raster is None or self._raster.is_due(sample.port, sample.t_sent_ns)):
+                pairs += outlet.pairs(sample)
+        if self._nav is not None:
+            pairs += self._nav.pairs(samples)
+        if pairs:
+            pairs.append((TIME, seconds(samples[-1].t_sent_ns)))
+            self._post(pairs)
+
+    def put_event(self, event: Event) -> None:
+        """Tell everybody."""
+        if event.event == "ports_changed":
+            before = frozenset(self._direct)
+            self._open_ports()
+            if come := [name for name in self._direct if name not in before]:
+                self._listen(come)
+        elif event.event == "reset":
+            if self._raster is not None:
+                self._raster.reset()
+            if self._nav is not None:
+                self._nav.reset()
+        self._post([(EVENT, msgspec.json.encode(event).decode())])
+
+    def _reply(self, answer: Answer) -> None:
+        self._post([(REPLY, msgspec.json.encode(answer).decode())])
+
+    def _tell(self, name: str, value: float | str, source: str, fault: Fault) -> None:
+        stats = self._context.stats
+        stats.errors += 1
+        stats.last_error = f"{name}: {fault.text}"
+        said = {"variable": name, "value": value[:80] if isinstance(value, str) else value, "src": source}
+        text = msgspec.json.encode({**said, "code": fault.code, "message": fault.text, "where": fault.where})
+        self._post([(ERROR, text.decode())])
+
+    # -- in -------------------------------------------------------------------------------------------------------------------------
+
+    def take(self, written: Iterable[tuple[str, float | str | bytes, str, float]], since: float = -math.inf) -> None:
+        """Obey what others wrote, together; each fault is told in UWSERVER_ERROR.
+
+        What was written before we came is history that the database keeps: it is no command any more. States (a current, a pause) hold,
+        once.
+
+        Args:
+            written: name, value, client and MOOS time.
+            since: MOOS time at which we came.
+        """
+        commanded: dict[str, str] = {}
+        for name, value, source, time in written:
+            source = readable(source)
+            if isinstance(value, bytes):
+                value = self._text_of(name, value)
+            elif isinstance(value, str):
+                value = readable(value)
+            if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
+                if since - time > CREDIBLE_S:  # else it may have been under way as we came
+                    self._pass_over(name, value, source, time)
+                continue
+            self._seen[name] = time
+            try:
+                self._obey(name, value, source, commanded)
+            except Refused as refused:
+                self._tell(name, value, source, refused.fault)
+            except ValueError as error:
+                self._tell(name, value, source, Fault("bad_argument", str(error), name))
+        for path, source in commanded.items():
+            self._command(path, self._mixer.command(path), source)
+
+    def _text_of(self, name: str, value: bytes) -> str:
+        """A binary variable: base64 as in JSON for a field of bytes or a buffer, else text."""
+        packed = name in self._direct and self._direct[name][1].is_packed
+        return (msgspec.json.encode(Buffer(data=value)) if packed else value).decode("utf-8", "replace")
+
+    def _pass_over(self, name: str, value: float | str, source: str, time: float) -> None:
+        """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""
+        before = self._passed_over.setdefault(name, time)
+        if before is not None and time != before:
+            self._passed_over[name] = None
+            text = "written by a clock that is far behind: is its MOOSTimeWarp ours? It is not obeyed"
+            self._tell(name, value, source, Fault("bad_argument", text, name))
+
+    def _is_state(self, name: str) -> bool:
+        return name in self._usm.names and name not in MOMENTARY
+
+    def _obey(self, name: str, value: float | str, source: str, commanded: dict[str, str]) -> None:
+        if name in self._mixer.names:
+            if isinstance(value, str):
+                raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
+            commanded.update(dict.fromkeys(self._mixer.take(name, value), source))
+        elif name in self._direct:
+            port, field = self._direct[name]
+            given = value if field.type == "str" else _given(value)
+            self._command(port.path, {field.name: given}, source, name)
+        elif name == CALL:
+            if self._table.services:
+                self._calls.take(str(value), source, self._reply)
+        elif self._table.usm and name in self._usm.names:
+            self._usm.take(name, value, source, lambda fault: self._tell(name, value, source, fault))
+
+    def _neutral(self) -> None:
+        for path in self._mixer.neutral():
+            self._command(path, self._mixer.command(path), self._peer.source)
+
+    def _command(self, path: str, value: dict[str, object] | dict[str, float | list[float]], source: str, name: str = "") -> None:  # fmt: skip
+        name = name or variable(path)
+
+        def on_answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                self._tell(name, "", source, reply.fault)
+
+        try:
+            # One source for all clients of a community: helm, autopilot and operator take turns there by MOOS's own rules.
+            self._peer.command(path, value, on_answer)
+        except Refused as refused:
+            self._tell(name, "", source, refused.fault)
+
+    def close(self) -> None:
+        """Cancel calls under way."""
+        self._calls.close()
+        self._peer.close()
+
+
+def _given(value: float | str) -> object:
+    """A field of a command: a number, or a JSON list in a text."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return msgspec.json.decode(value.encode("utf-8", "replace"))
+    except (msgspec.DecodeError, RecursionError):
+        raise ValueError(f'"{value[:40]}" is neither a number nor a JSON list') from None

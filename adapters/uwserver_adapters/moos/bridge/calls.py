@@ -1,0 +1,108 @@
+"""Services over MOOS: a call is written to one variable, its answer to another, both latched.
+
+``UWSERVER_CALL`` is ``[id] service [JSON arguments]`` or a JSON map ``{"id", "service", "args", "timeout_s"}``; ``UWSERVER_REPLY`` is a JSON map with
+the same `id`, and either `value` and `tick`, or `error`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from uwserver.adapter import AdapterContext, Conversation, Owed
+from uwserver.ports import Fault, Json, Refused, Reply
+
+TIMEOUT_S = 10.0
+OPEN = 64
+"""Calls that may be under way."""
+TEXT_LIMIT = 1 << 16
+
+Answer = dict[str, Json]
+"""`id`, `service`, `src`, and either `tick`, `t_ns` and `value`, or `error`."""
+
+
+class Request(Struct, frozen=True):
+    """A call as it was written."""
+
+    service: str
+    id: str | int | None = None
+    args: dict[str, Any] = {}
+    timeout_s: float = TIMEOUT_S
+
+
+def parse(text: str) -> Request:
+    """Read the variable.
+
+    Raises:
+        Refused: the text says what is wrong.
+    """
+    if len(text) > TEXT_LIMIT:
+        raise Refused("too_large", f"a call of {len(text)} characters: the longest has {TEXT_LIMIT}")
+    text = text.strip()
+    try:
+        if text.startswith("{"):
+            return msgspec.json.decode(text.encode("utf-8", "replace"), type=Request)
+        words = text.split(None, 1)
+        id: str | None = None
+        if words and "/" not in words[0]:
+            id, words = words[0], words[1].split(None, 1) if len(words) > 1 else []
+        if not words:
+            raise Refused("invalid_request", 'write [id] service [arguments], as in 7 world/step {"n": 10}')
+        args = msgspec.json.decode(words[1].encode("utf-8", "replace"), type=dict[str, Any]) if len(words) > 1 else {}
+        return Request(words[0], id, args)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise Refused("parse_error", f"the arguments are no JSON map: {error}") from None
+
+
+class Calls:
+    """Calls under way. Loop thread.
+
+    Args:
+        context: where they go.
+    """
+
+    def __init__(self, context: AdapterContext) -> None:
+        self._stats = context.stats
+        self._peer = Conversation(context, "", Owed(OPEN))
+
+    @property
+    def waiting(self) -> int:
+        """How many wait for their answer."""
+        return self._peer.owed.count
+
+    def take(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
+        """Begin a call, or say why not.
+
+        Args:
+            text: see `parse`.
+            source: client that wrote it.
+            answer: takes the one answer.
+        """
+        request = Request("")
+
+        def on_answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                fail(reply.fault)
+                return
+            said: Answer = {"id": request.id, "service": request.service, "src": source, "tick": reply.tick}
+            answer({**said, "t_ns": reply.t_ns, "value": reply.result})
+
+        def fail(fault: Fault) -> None:
+            self._stats.errors += 1
+            error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
+            answer({"id": request.id, "service": request.service, "src": source, "error": error})
+
+        try:
+            request = parse(text)
+            if not 0.0 < request.timeout_s < 1e6:
+                raise Refused("bad_argument", "timeout_s is a number of seconds above zero", "timeout_s")
+            self._peer.call(request.service, request.args, on_answer, timeout_s=request.timeout_s, source=source)
+        except Refused as refused:
+            fail(refused.fault)
+
+    def close(self) -> None:
+        """Cancel what is under way; nobody is answered any more."""
+        self._peer.close()

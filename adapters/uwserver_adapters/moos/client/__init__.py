@@ -1,0 +1,1 @@
+"""The adapter `moos`: a client of a MOOSDB."""

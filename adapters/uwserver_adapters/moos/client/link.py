@@ -1,0 +1,178 @@
+"""One connection to a MOOSDB: greeting, heartbeat, packets."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import cast
+
+from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.wire import Malformed, Message, Packet
+
+BEAT_S = 1.0
+"""Wall time between two heartbeats; a MOOSDB gives up after 5 s of silence."""
+WAITING = 4 << 20
+"""Bytes that may wait for a database that does not read; samples are dropped above."""
+
+
+class LinkLost(Exception):
+    """The connection is over; the text says why."""
+
+
+class Link(asyncio.Protocol):
+    """A client's side. Loop thread.
+
+    Args:
+        name: of the client.
+        clock: follows the database's.
+        take: called with the notifications of each packet.
+
+    Attributes:
+        is_joined: the database has welcomed us.
+        joined_at: MOOS time of that.
+        community: name of the database's community.
+        kinds: types of variables that were there when we asked, by name.
+    """
+
+    def __init__(self, name: str, clock: MoosClock, take: Callable[[Sequence[Message]], None]) -> None:
+        self.is_joined = False
+        self.joined_at = 0.0
+        self.community = ""
+        self.kinds: dict[str, str] = {}
+        self._name = name
+        self._clock = clock
+        self._take = take
+        self._decoder = wire.Decoder()
+        self._transport: asyncio.Transport
+        self._is_connected = False
+        self._loop = asyncio.get_running_loop()
+        self._joined: asyncio.Future[None] = self._loop.create_future()
+        self._lost: asyncio.Future[None] = self._loop.create_future()
+        self._heard = self._loop.time()
+        self._greeted = 0.0
+        self._last_id = 0
+
+    # -- asyncio --------------------------------------------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Greet."""
+        self._transport = cast(asyncio.Transport, transport)
+        self._is_connected = True
+        self._greeted = self._clock.now()
+        name = Message(wire.DATA, wire.ASYNCHRONOUS, data=self._name.encode(), kind=wire.STRING, time=self._greeted)
+        self._transport.write(wire.HELLO + wire.packet([wire.encode(name)]))
+
+    def data_received(self, data: bytes) -> None:
+        """Take packets in pieces of any size."""
+        self._heard = self._loop.time()
+        self._decoder.receive(data)
+        while (event := self._decoder.next_event()) is not None:
+            if isinstance(event, Malformed):
+                self._end(f"the peer is no MOOSDB: {event.text}")
+                return
+            assert isinstance(event, Packet)
+            if self.is_joined:
+                self._packet(event.messages)
+            elif not self._welcome(event.messages):
+                return
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """The database went, or we closed."""
+        self._end("the connection was closed" if error is None else f"the connection broke: {error}")
+
+    def _end(self, text: str) -> None:
+        self.is_joined = False
+        for future in (self._joined, self._lost):
+            if not future.done():
+                future.set_exception(LinkLost(text))
+                future.exception()  # whoever waits is told; nobody has to
+        self._transport.abort()
+
+    # -- in -------------------------------------------------------------------------------------------------------------------------
+
+    def _welcome(self, messages: Sequence[Message]) -> bool:
+        first = messages[0] if messages else Message(wire.NULL, "")
+        if first.type == wire.POISON:
+            self._end(f"the MOOSDB refuses us: {wire.readable(first.text)}")
+            return False
+        if first.type != wire.WELCOME:
+            self._end("the peer is no MOOSDB of version 10: it does not welcome us")
+            return False
+        # It tells its time less that of our greeting.
+        self._clock.observe(self._greeted, self._greeted + first.number, self._clock.now())
+        self.community = wire.readable(first.community)
+        self.joined_at = self._clock.now()
+        self.is_joined = True
+        if not self._joined.done():
+            self._joined.set_result(None)
+        return True
+
+    def _packet(self, messages: Sequence[Message]) -> None:
+        mail = []
+        for message in messages:
+            if message.type == wire.NOTIFY:
+                if message.id != wire.SERVER_REQUEST_ID:
+                    mail.append(message)
+                elif message.kind in wire.KINDS:  # else nobody has written it yet
+                    self.kinds[message.key] = message.kind
+            elif message.type == wire.TIMING:
+                self._clock.observe(message.time, message.number, self._clock.now())
+        if mail:
+            self._take(mail)
+
+    # -- out ------------------------------------------------------------------------------------------------------------------------
+
+    async def join(self) -> None:
+        """Wait for the welcome. Raises LinkLost when there is none."""
+        await self._joined
+
+    async def stay(self, timeout_s: float) -> None:
+        """Beat until the connection is over.
+
+        Raises:
+            LinkLost: it is, or the database said nothing for `timeout_s`.
+        """
+        while True:
+            beat = Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=self._clock.now())
+            self._transport.write(wire.packet([wire.encode(beat)]))
+            await asyncio.wait([self._lost], timeout=BEAT_S)
+            if self._lost.done():
+                self._lost.result()
+            if self._loop.time() - self._heard > timeout_s:
+                raise LinkLost(f"the MOOSDB said nothing for {timeout_s:g} s")
+
+    def register(self, names: Sequence[str]) -> None:
+        """Ask for all writes of some variables; their last values come at once."""
+        now = self._clock.now()
+        messages = [Message(wire.REGISTER, name, 0.0, src=self._name, time=now, id=self._next_id()) for name in names]
+        if messages:
+            self._transport.write(wire.packet([wire.encode(message) for message in messages]))
+
+    def ask_kinds(self) -> None:
+        """Ask for the types of all variables: a MOOSDB drops writes of another type without a word to the writer."""
+        request = Message(wire.SERVER_REQUEST, "ALL", time=self._clock.now(), id=wire.SERVER_REQUEST_ID)
+        self._transport.write(wire.packet([wire.encode(request)]))
+
+    def notify(self, pairs: Sequence[tuple[str, float | str]]) -> int:
+        """Write variables together.
+
+        Returns:
+            Bytes written; 0 when too much waits already.
+        """
+        if not self.is_joined or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
+            return 0
+        now = self._clock.now()
+        encoded = [wire.encode(wire.notify(name, value, now, self._name, self._next_id())) for name, value in pairs]
+        data = wire.packet(encoded)
+        self._transport.write(data)
+        return len(data)
+
+    def _next_id(self) -> int:
+        self._last_id = (self._last_id + 1) & 0x7FFFFFFF
+        return self._last_id
+
+    def abort(self) -> None:
+        """Close at once, if there is something to close."""
+        if self._is_connected:
+            self._transport.abort()

@@ -1,0 +1,1 @@
+"""The adapter `moosdb`: a MOOSDB of our own."""

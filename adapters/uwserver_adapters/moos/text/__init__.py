@@ -1,0 +1,1 @@
+"""The adapter `moos_text`: variables as lines of text."""

@@ -1,0 +1,285 @@
+"""Samples to clients: who gets what, encoded once an encoding and selection of fields, whatever the number of clients."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+import msgspec
+
+from uwserver.adapter import AdapterContext, SampleForm
+from uwserver.ports import Event, Json, Port, Sample, matches
+from uwserver_adapters.native.codec import Codec
+from uwserver_adapters.native.encoding import Encoding
+from uwserver_adapters.native.outbox import Delivery, Outgoing
+
+_log = logging.getLogger(__name__)
+
+CACHED_PATTERNS = 64
+"""Patterns whose ports or description are remembered; they are the clients' choice, so they are bounded."""
+_ROUNDING_NS = 1000
+_STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
+
+
+class Subscription:
+    """What one `subscribe` asked for.
+
+    Attributes:
+        serial: the client's name for it.
+        fields: those to send; None for all.
+        paths: ports that it covers now.
+    """
+
+    def __init__(
+        self, serial: int, pattern: str, rate_hz: float | None, fields: tuple[str, ...] | None, delivery: Delivery
+    ) -> None:
+        self.serial = serial
+        self.pattern = pattern
+        self.rate_hz = rate_hz
+        self.fields = fields
+        self.delivery = delivery
+        self.paths: tuple[str, ...] = ()
+
+
+class Subscriber(Protocol):
+    """A client, as its routes know it.
+
+    Attributes:
+        codec: what it speaks.
+        outbox: where its samples wait.
+        subscriptions: by serial.
+    """
+
+    codec: Codec
+    outbox: Outgoing
+    subscriptions: dict[int, Subscription]
+
+
+class Share:
+    """One subscription at one port: thins the samples out to its rate.
+
+    A sample passes when it is the first one in its slot of 1/rate_hz, counted from the first sample seen: slots are computed, not
+    accumulated, so they do not drift.
+    """
+
+    def __init__(self, subscription: Subscription) -> None:
+        self.subscription = subscription
+        # Times are whole nanoseconds: no rate above means more, and no product can overflow.
+        self._rate = None if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
+        self._start_ns: int | None = None
+        self._slot = 0
+
+    def passes(self, t_ns: int) -> bool:
+        """Whether the sample that was true at `t_ns` is sent."""
+        if self._rate is None:
+            return True
+        if self._start_ns is not None:
+            # Sample times are rounded to whole nanoseconds: one that belongs to a slot may seem to lie just before it.
+            slot = int((t_ns - self._start_ns + _ROUNDING_NS) * self._rate // 1e9)
+            if self._slot - self._rate - 1 <= slot <= self._slot:
+                return False
+            if slot > self._slot:
+                self._slot = slot
+                return True
+        self._start_ns, self._slot = t_ns, 0  # the first sample, or time was set back by more than a second
+        return True
+
+    def restart(self) -> None:
+        """Begin a new series of slots with the next sample."""
+        self._start_ns = None
+
+
+class _Route:
+    """All of one client's subscriptions to the same fields of one port: it gets a sample at most once."""
+
+    __slots__ = ("frame", "outbox", "shares")
+
+    def __init__(self, outbox: Outgoing, frame: Callable[[bytes], bytes]) -> None:
+        self.outbox = outbox
+        self.frame = frame
+        self.shares: list[Share] = []
+
+    def delivery(self, t_ns: int) -> Delivery | None:
+        """The strongest delivery that is due; None when none is."""
+        if len(self.shares) == 1:
+            share = self.shares[0]
+            return share.subscription.delivery if share.passes(t_ns) else None
+        due = [share.subscription.delivery for share in self.shares if share.passes(t_ns)]
+        return max(due, key=_STRENGTH.__getitem__, default=None)
+
+
+class _Selection:
+    """All clients of one encoding that take the same fields of one port."""
+
+    __slots__ = ("encoding", "form", "routes")
+
+    def __init__(self, encoding: Encoding, form: SampleForm) -> None:
+        self.encoding = encoding
+        self.form = form
+        self.routes: dict[Subscriber, _Route] = {}
+
+
+_Key = tuple[str, tuple[str, ...] | None]
+
+
+class Fanout:
+    """The adapter's `Subscriber`: holds the routes of all admitted clients.
+
+    Attributes:
+        context: the server.
+        sessions: admitted clients.
+    """
+
+    def __init__(self, context: AdapterContext) -> None:
+        self.context = context
+        self.sessions: dict[Subscriber, None] = {}
+        self._ports: dict[str, dict[_Key, _Selection]] = {}
+        self._covered: dict[str, tuple[str, ...]] = {}
+        self._described: dict[tuple[str, str], msgspec.Raw] = {}
+
+    # -- clients --------------------------------------------------------------------------------------------------------------------
+
+    def admit(self, session: Subscriber) -> None:
+        """A client may take part."""
+        self.sessions[session] = None
+
+    def dismiss(self, session: Subscriber) -> None:
+        """A client is gone."""
+        self.sessions.pop(session, None)
+        for subscription in session.subscriptions.values():
+            self.remove(session, subscription)
+
+    def add(self, session: Subscriber, subscription: Subscription) -> None:
+        """Route the samples of a subscription; sets its paths."""
+        subscription.paths = self._served(subscription)
+        key = (session.codec.encoding.name, subscription.fields)
+        for path in subscription.paths:
+            selections = self._ports.setdefault(path, {})
+            selection = selections.get(key)
+            if selection is None:
+                form = SampleForm(self.context.ports[path], subscription.fields)
+                selection = selections[key] = _Selection(session.codec.encoding, form)
+            route = selection.routes.setdefault(session, _Route(session.outbox, session.codec.frame))
+            route.shares.append(Share(subscription))
+
+    def remove(self, session: Subscriber, subscription: Subscription) -> None:
+        """End what `add` began."""
+        key = (session.codec.encoding.name, subscription.fields)
+        for path in subscription.paths:
+            selections = self._ports[path]
+            routes = selections[key].routes
+            route = routes[session]
+            route.shares = [share for share in route.shares if share.subscription is not subscription]
+            if not route.shares:
+                del routes[session]
+            if not routes:
+                del selections[key]
+            if not selections:
+                del self._ports[path]
+        subscription.paths = ()
+
+    # -- ports ----------------------------------------------------------------------------------------------------------------------
+
+    def covered(self, pattern: str) -> tuple[str, ...]:
+        """Sensors that fit a pattern."""
+        paths = self._covered.get(pattern)
+        if paths is None:
+            ports = self.context.ports.values()
+            paths = tuple(port.path for port in ports if port.direction == "sensor" and matches(pattern, port.path))
+            if len(self._covered) >= CACHED_PATTERNS:
+                self._covered.clear()
+            self._covered[pattern] = paths
+        return paths
+
+    def _served(self, subscription: Subscription) -> tuple[str, ...]:
+        paths = self.covered(subscription.pattern)
+        if subscription.fields is None:
+            return paths
+        return tuple(path for path in paths if has_any(self.context.ports[path], subscription.fields))
+
+    def described(self, pattern: str, codec: Codec) -> msgspec.Raw:
+        """The encoded result of `describe`; it is large, and the same until the ports change."""
+        key = (pattern, codec.encoding.name)
+        raw = self._described.get(key)
+        if raw is None:
+            result: dict[str, Json] = self.context.describe(pattern)
+            raw = codec.raw(result)
+            if len(self._described) >= CACHED_PATTERNS:
+                self._described.clear()
+            self._described[key] = raw
+        return raw
+
+    def _ports_changed(self) -> None:
+        self._covered.clear()
+        self._described.clear()
+        held = [(session, subscription) for session in self.sessions for subscription in session.subscriptions.values()]
+        # All are removed before the first is added: a port may have come back with other fields.
+        for session, subscription in held:
+            self.remove(session, subscription)
+        for session, subscription in held:
+            self.add(session, subscription)
+
+    # -- what the world says --------------------------------------------------------------------------------------------------------
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Queue the samples of one tick and write once a client."""
+        touched: set[Outgoing] = set()
+        for sample in samples:
+            selections = self._ports.get(sample.port)
+            if selections is None:
+                continue
+            for selection in selections.values():
+                try:
+                    self.context.stats.encoded += _distribute(sample, selection, touched)
+                except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
+                    self.context.stats.errors += 1
+                    _log.exception("a sample of %s could not be sent", sample.port)
+        for outbox in touched:
+            outbox.flush()
+
+    def put_event(self, event: Event) -> None:
+        """Tell every admitted client."""
+        if event.event == "ports_changed":
+            self._ports_changed()
+        if event.event == "reset":
+            self._restart_rates()
+        messages: dict[tuple[str, Callable[[bytes], bytes]], bytes] = {}
+        for session in self.sessions:
+            codec = session.codec
+            key = (codec.encoding.name, codec.frame)
+            if key not in messages:
+                messages[key] = codec.event(event)
+            session.outbox.put_reply(messages[key])
+            session.outbox.flush()
+
+    def _restart_rates(self) -> None:
+        for selections in self._ports.values():
+            for selection in selections.values():
+                for route in selection.routes.values():
+                    for share in route.shares:
+                        share.restart()
+
+
+def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
+    """Whether it was encoded: it was for anybody's turn."""
+    body: bytes | None = None
+    messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
+    # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
+    for route in selection.routes.values():
+        delivery = route.delivery(sample.t_ns)
+        if delivery is None:
+            continue
+        message = messages.get(route.frame)
+        if message is None:
+            if body is None:
+                body = selection.encoding.sample(selection.form, sample)
+            message = messages[route.frame] = route.frame(body)
+        route.outbox.put_sample((sample.port, selection), message, delivery)
+        touched.add(route.outbox)
+    return body is not None
+
+
+def has_any(port: Port, fields: Sequence[str]) -> bool:
+    """Whether a port has one of the fields."""
+    return any(field.name in fields for field in port.fields)

@@ -1,0 +1,221 @@
+"""The methods of docs/reference/protocol.md: each takes a session and a request and returns the result, or `LATER`."""
+
+from __future__ import annotations
+
+import hmac
+import logging
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import Final
+
+from uwserver.adapter import did_you_mean
+from uwserver.ports import Fault, Json, Refused, Reply
+from uwserver_adapters.native import params as read
+from uwserver_adapters.native.fanout import Subscription, has_any
+from uwserver_adapters.native.requests import Request
+from uwserver_adapters.native.session import Session
+
+_log = logging.getLogger(__name__)
+
+VERSION = 1
+
+
+class Later(Enum):
+    """The one value of `LATER`."""
+
+    LATER = "later"
+
+
+LATER: Final = Later.LATER
+"""The answer comes when the world has it."""
+
+
+class Rejected(Exception):
+    """The connection ends with this fault: wrong version or token."""
+
+    def __init__(self, fault: Fault) -> None:
+        super().__init__(fault.text)
+        self.fault = fault
+
+
+def take(session: Session, request: Request, token: str | None) -> None:
+    """Carry out a request and queue its answer. Never raises but for `Rejected`: a fault of ours is told as `internal` and logged."""
+    try:
+        result = _carry_out(session, request, token)
+    except Refused as refused:
+        session.refuse(request.id, refused.fault)
+    except Rejected:
+        raise
+    except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
+        _log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.conversation.source)
+        session.refuse(
+            request.id, Fault("internal", "the server failed to carry this out: please report it with the server's log")
+        )
+    else:
+        if result is not LATER:
+            session.reply(request.id, result)
+
+
+def _carry_out(session: Session, request: Request, token: str | None) -> object:
+    if request.method == "hello":
+        return _hello(session, request, token)
+    if not session.admitted:
+        raise Refused("denied", 'this server wants a token: send "hello" with "version" and "token" first', "token")
+    verb = _VERBS.get(request.method)
+    if verb is None:
+        known = ("hello", *_VERBS)
+        hint = did_you_mean(request.method, known)
+        raise Refused("unknown_method", f'no method "{request.method}"{hint}; there are: {", ".join(known)}', "method")
+    return verb(session, request)
+
+
+def _hello(session: Session, request: Request, token: str | None) -> object:
+    params = read.taken(request, ("version", "name", "token"))
+    version = params.get("version")
+    if "version" not in params:
+        raise Refused("bad_argument", f'"hello" needs "version": {VERSION}', "version")
+    if version != VERSION or isinstance(version, bool):
+        text = f"this server speaks version {VERSION} of the protocol, not {str(version)[:20]}: use a client of its release"
+        raise Rejected(Fault("version", text, "version"))
+    if token is not None:
+        given = params.get("token")
+        if not isinstance(given, str) or not hmac.compare_digest(given.encode("utf-8", "replace"), token.encode()):
+            text = "the token is missing or wrong: use the one that the server was given (UWSERVER_TOKEN) or printed when it started"
+            raise Rejected(Fault("denied", text, "token"))
+    if session.greeted:
+        raise Refused("invalid_request", '"hello" was said before: once is enough', "hello")
+    session.greet(read.optional_name(params, "name", "the client's name"))
+    common = session.context.hello()
+    return {"version": VERSION, **common, "session": session.serial, "encoding": session.codec.encoding.name}
+
+
+def _describe(session: Session, request: Request) -> object:
+    params = read.taken(request, ("pattern",))
+    pattern = read.optional_name(params, "pattern", "a pattern of paths") or "**"
+    return session.fanout.described(pattern, session.codec)
+
+
+def _subscribe(session: Session, request: Request) -> object:
+    params = read.taken(request, ("pattern", "rate_hz", "fields", "delivery"))
+    pattern = read.name(params, "pattern", "a path, or a pattern of paths with * and **")
+    rate_hz = read.positive(params, "rate_hz", "samples a second of simulation time")
+    fields = read.names(params, "fields", "names of fields")
+    delivery = params.get("delivery", "ring")
+    if delivery not in session.outbox.deliveries:
+        raise Refused("bad_argument", f'"delivery" is here one of {", ".join(session.outbox.deliveries)}', "delivery")
+    most = session.allowance.subscriptions
+    if len(session.subscriptions) >= most:
+        text = f"{most} subscriptions are the most a client can have: unsubscribe, or use one pattern for many"
+        raise Refused("overload", text, "pattern")
+    _check_coverage(session, pattern, fields)
+    session.subscribed += 1
+    subscription = Subscription(session.subscribed, pattern, rate_hz, fields, delivery)
+    session.fanout.add(session, subscription)
+    session.subscriptions[subscription.serial] = subscription
+    return {"subscription": subscription.serial, "ports": subscription.paths}
+
+
+def _check_coverage(session: Session, pattern: str, fields: tuple[str, ...] | None) -> None:
+    ports = session.context.ports
+    covered = session.fanout.covered(pattern)
+    if not covered and "*" not in pattern:
+        if pattern in ports:
+            raise Refused(
+                "bad_argument", f'"{pattern}" is an actuator: it gives no samples, send it a "command"', pattern
+            )
+        hint = did_you_mean(pattern, ports)
+        raise Refused("unknown_port", f'no port "{pattern}"{hint}; "describe" lists them all', pattern)
+    for field in fields or ():
+        if covered and not any(has_any(ports[path], (field,)) for path in covered):
+            there = list(dict.fromkeys(known.name for path in covered for known in ports[path].fields))
+            hint = did_you_mean(field, there)
+            text = (
+                f'no port of "{pattern}" has a field "{field[: read.NAME_LIMIT]}"{hint}; there are: {", ".join(there)}'
+            )
+            raise Refused("bad_argument", text, "fields")
+
+
+def _unsubscribe(session: Session, request: Request) -> object:
+    params = read.taken(request, ("subscription", "pattern"))
+    if ("subscription" in params) == ("pattern" in params):
+        raise Refused("bad_argument", '"unsubscribe" takes either "subscription" or "pattern"', "subscription")
+    wanted = params.get("subscription")
+    if "subscription" in params and (not isinstance(wanted, int) or isinstance(wanted, bool)):
+        raise Refused("bad_argument", '"subscription" must be the number that "subscribe" gave', "subscription")
+    pattern = read.name(params, "pattern", "a pattern as it was subscribed") if "pattern" in params else None
+    ended = [s for s in session.subscriptions.values() if s.serial == wanted or s.pattern == pattern]
+    for subscription in ended:
+        session.fanout.remove(session, subscription)
+        del session.subscriptions[subscription.serial]
+    return {"removed": len(ended)}
+
+
+def _command(session: Session, request: Request) -> object:
+    params = read.taken(request, ("port", "value"))
+    port = read.name(params, "port", "the path of an actuator")
+    value = params.get("value")
+    if not isinstance(value, dict):
+        raise Refused("bad_argument", '"value" must be a map from field to number or list', "value")
+
+    def answer(reply: Reply) -> None:
+        result: dict[str, Json] = {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}
+        session.answer(request.id, reply, result)
+
+    session.conversation.command(port, value, answer)
+    return LATER
+
+
+def _call(session: Session, request: Request) -> object:
+    params = read.taken(request, ("service", "args"))
+    service = read.name(params, "service", "the path of a service")
+    args = params.get("args")
+    if args is not None and not isinstance(args, dict):
+        raise Refused("bad_argument", '"args" must be a map from argument to value', "args")
+
+    def answer(reply: Reply) -> None:
+        session.answer(request.id, reply, {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result})
+
+    return _start(session, request, service, args or {}, answer)
+
+
+def _step(session: Session, request: Request) -> object:
+    params = read.taken(request, ("n",))
+
+    def answer(reply: Reply) -> None:
+        session.answer(request.id, reply, {"tick": reply.tick, "t_ns": reply.t_ns})
+
+    return _start(session, request, "world/step", params, answer)
+
+
+def _start(
+    session: Session, request: Request, service: str, args: Mapping[str, object], answer: Callable[[Reply], None]
+) -> object:
+    key, conversation = request.id, session.conversation
+    if key is not None and conversation.is_running(key):
+        raise Refused("invalid_request", f'the id "{key}" belongs to an unfinished request: use another one', "id")
+    conversation.call(service, args, answer, key=key, progress=lambda progress: session.progress(key, progress))
+    return LATER
+
+
+def _cancel(session: Session, request: Request) -> object:
+    identity = read.taken(request, ("id",)).get("id")
+    is_id = isinstance(identity, int | str) and not isinstance(identity, bool)
+    if not is_id or not session.conversation.is_running(identity):
+        raise Refused("bad_argument", '"id" is not that of an unfinished call or step of this connection', "id")
+    return {"cancelled": session.conversation.cancel(identity)}
+
+
+def _ping(session: Session, request: Request) -> object:
+    return request.params
+
+
+_VERBS: Mapping[str, Callable[[Session, Request], object]] = {
+    "describe": _describe,
+    "subscribe": _subscribe,
+    "unsubscribe": _unsubscribe,
+    "command": _command,
+    "call": _call,
+    "cancel": _cancel,
+    "step": _step,
+    "ping": _ping,
+}

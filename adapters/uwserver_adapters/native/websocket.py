@@ -1,0 +1,245 @@
+"""WebSocket (RFC 6455) as one more framing of the same requests: the handshake, and messages to requests and back, without a socket.
+
+Text messages carry JSON, binary messages carry msgpack; the server speaks in the encoding of the first message.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from websockets.frames import Close, Frame, Opcode
+from websockets.http11 import Request as HttpRequest
+from websockets.http11 import Response
+from websockets.server import ServerProtocol
+
+from uwserver.ports import ErrorCode, Fault
+from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
+from uwserver_adapters.native.encoding import JSON, MSGPACK
+from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, parse_json, parse_msgpack
+
+LOCAL_ORIGINS = ("http://localhost", "http://localhost:*", "http://127.0.0.1", "http://127.0.0.1:*")
+"""Pages that may connect unless the configuration says otherwise: those of this machine."""
+HTTP_ANSWER = (
+    b"HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nContent-Type: text/plain; charset=utf-8\r\nConnection: close\r\n\r\n"
+    b"This is uwserver: it speaks JSON lines, msgpack frames and WebSocket here, it serves no pages.\n"
+    b"In a browser: new WebSocket('ws://HOST:PORT'). In a shell:\n"
+    b"printf '" + EXAMPLE.encode() + b"\\n' | nc HOST PORT\n"
+)
+
+SLICE = 2048
+"""Bytes parsed at once: a slice full of the smallest frames must not take the loop's time from others."""
+_OVERHEAD = 1 << 10
+_END_OF_REQUEST = b"\r\n\r\n"
+_CLOSE_REASON_LIMIT = 123
+_CLOSE_CODES: Mapping[ErrorCode, int] = {
+    "too_large": 1009, "parse_error": 1007, "invalid_request": 1002, "denied": 1008, "version": 1008, "overload": 1013, "shutdown": 1001,
+}  # fmt: skip
+_INTERNAL = 1011
+_GOING_AWAY = 1001
+
+# The library tells of every connection at level info.
+_quiet: Final = logging.getLogger(f"{__name__}.frames")
+_quiet.setLevel(logging.WARNING)
+
+
+class Handshake:
+    """The opening of a connection that began with ``GET ``.
+
+    Args:
+        origins: those of pages that may connect, see `allows`.
+
+    Attributes:
+        answer: what the peer gets once its request was complete; None before.
+        codec: set when the peer was let in.
+        fault: why it was not, unless it only asked for a page.
+    """
+
+    def __init__(self, origins: Sequence[str]) -> None:
+        self.answer: bytes | None = None
+        self.codec: WebSocketCodec | None = None
+        self.fault: Fault | None = None
+        self._origins = origins
+        self._tail = b""
+        self._protocol = ServerProtocol(max_size=FRAME_LIMIT, logger=_quiet)
+
+    def receive(self, data: bytes) -> bytes:
+        """Take bytes in pieces of any size, until there is an answer. Returns those after the request, which are the codec's."""
+        end = (self._tail + data).find(_END_OF_REQUEST)
+        taken = len(data) if end < 0 else end + len(_END_OF_REQUEST) - len(self._tail)
+        self._tail = (self._tail + data)[1 - len(_END_OF_REQUEST) :]
+        self._protocol.receive_data(data[:taken])
+        for event in self._protocol.events_received():
+            if isinstance(event, HttpRequest):
+                self.answer = self._respond(event)
+        if self.answer is None and self._protocol.handshake_exc is not None:
+            self.fault = Fault(
+                "invalid_request", f"no valid HTTP request ({self._protocol.handshake_exc})", "handshake"
+            )
+            self.answer = b"".join(self._protocol.data_to_send()) or HTTP_ANSWER
+        return data[taken:]
+
+    def _respond(self, request: HttpRequest) -> bytes:
+        if "Upgrade" not in request.headers:
+            return HTTP_ANSWER
+        origins = request.headers.get_all("Origin")
+        if not all(allows(self._origins, origin) for origin in origins):
+            text = (
+                f"pages of {origins[0][:200]} may not connect to this server: "
+                "name that origin in allowed_origins of the adapter, or open the page from http://localhost"
+            )
+            self.fault = Fault("denied", text, "allowed_origins")
+            return self._send(self._protocol.reject(403, text + "\n"))
+        response = self._protocol.accept(request)
+        if response.status_code != 101:
+            self.fault = Fault("invalid_request", (response.body or b"").decode().strip(), "handshake")
+        answer = self._send(response)
+        if self.fault is None:
+            self.codec = WebSocketCodec(self._protocol)
+        return answer
+
+    def _send(self, response: Response) -> bytes:
+        self._protocol.send_response(response)
+        return b"".join(self._protocol.data_to_send())
+
+
+def allows(patterns: Sequence[str], origin: str) -> bool:
+    """Whether a page of an origin may connect. A pattern is an origin, an origin with ``:*`` for any port, or ``*`` for every page."""
+    for pattern in patterns:
+        if pattern in ("*", origin):
+            return True
+        if pattern.endswith(":*") and re.fullmatch(re.escape(pattern[:-1]) + r"\d{1,5}", origin):
+            return True
+    return False
+
+
+def _text_frame(body: bytes) -> bytes:
+    return Frame(Opcode.TEXT, body).serialize(mask=False)
+
+
+def _binary_frame(body: bytes) -> bytes:
+    return Frame(Opcode.BINARY, body).serialize(mask=False)
+
+
+class WebSocketCodec(Codec):
+    """One connection after its handshake.
+
+    Args:
+        protocol: in its state after the handshake.
+    """
+
+    def __init__(self, protocol: ServerProtocol) -> None:
+        super().__init__(JSON, _text_frame)
+        self.limit = FRAME_LIMIT
+        self._protocol = protocol
+        self._buffer = bytearray()
+        self._events: deque[Request | Malformed | Control] = deque()
+        self._opcode: Opcode | None = None
+        self._message = bytearray()
+        self._unfinished = 0
+        self._has_heard = False
+        self._lost = False
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes; after a fault or the peer's end nothing is taken any more."""
+        if not self._lost:
+            self._buffer += data
+
+    def next_event(self) -> Request | Malformed | Control | Waiting:
+        """The next message, or pongs and the like that are due."""
+        while not self._events:
+            if not self._buffer or self._lost:
+                return NEED_DATA
+            piece = bytes(self._buffer[:SLICE])
+            del self._buffer[:SLICE]
+            self._feed(piece)
+        return self._events.popleft()
+
+    def ending(self, fault: Fault | None) -> bytes:
+        """A close frame; its reason is as much of the fault's text as fits."""
+        if self._protocol.close_rcvd is not None:
+            return b""
+        code = _GOING_AWAY if fault is None else _CLOSE_CODES.get(fault.code, _INTERNAL)
+        text = "" if fault is None else fault.text
+        reason = text.encode()[:_CLOSE_REASON_LIMIT].decode(errors="ignore")
+        return Frame(Opcode.CLOSE, Close(code, reason).serialize()).serialize(mask=False)
+
+    def _feed(self, piece: bytes) -> None:
+        self._unfinished += len(piece)
+        self._protocol.receive_data(piece)
+        ended = False
+        for frame in self._protocol.events_received():
+            if isinstance(frame, Frame) and not self._lost:
+                self._unfinished = 0
+                ended = ended or frame.opcode is Opcode.CLOSE
+                self._take(frame)
+        owed = b"".join(self._protocol.data_to_send())
+        if self._lost:
+            return
+        if self._protocol.close_sent is not None and not ended:
+            self._fail(self._protocol.close_sent)
+        elif ended:
+            self._end(Control(owed, True))
+        elif self._unfinished + len(self._message) > self.limit + _OVERHEAD:
+            self._end(Malformed(self._too_large(self.limit), fatal=True))
+        elif owed:
+            self._events.append(Control(owed, False))
+
+    def _take(self, frame: Frame) -> None:
+        if frame.opcode in (Opcode.TEXT, Opcode.BINARY):
+            self._opcode = frame.opcode
+            self._message = bytearray(frame.data)
+        elif frame.opcode is Opcode.CONT:
+            self._message += frame.data
+        else:
+            return
+        if len(self._message) > self.limit:
+            self._end(Malformed(self._too_large(self.limit), fatal=True))
+        elif frame.fin:
+            body, self._message = bytes(self._message), bytearray()
+            self._complete(body, self._opcode is Opcode.TEXT)
+
+    def _complete(self, body: bytes, is_text: bool) -> None:
+        if not self._has_heard:
+            self._has_heard = True
+            if not is_text:
+                self.encoding, self.frame = MSGPACK, _binary_frame
+        if not is_text:
+            self._events.append(parse_msgpack(body))
+        elif len(body) > LINE_LIMIT:
+            self._events.append(Malformed(self._too_large(LINE_LIMIT)))
+        elif _is_utf8(body):
+            self._events.append(parse_json(body))
+        else:
+            self._end(
+                Malformed(
+                    Fault("parse_error", "a text message must be UTF-8; msgpack goes into a binary one"), fatal=True
+                )
+            )
+
+    def _too_large(self, limit: int) -> Fault:
+        return Fault("too_large", f"a message holds at most {limit} bytes")
+
+    def _fail(self, close: Close) -> None:
+        code: ErrorCode = "too_large" if close.code == 1009 else "invalid_request"
+        reason = f"at most {self.limit} bytes a message" if close.code == 1009 else close.reason
+        self._end(
+            Malformed(Fault(code, f"not as RFC 6455 has it: {reason}" if code != "too_large" else reason), fatal=True)
+        )
+
+    def _end(self, last: Malformed | Control) -> None:
+        self._lost = True
+        self._buffer.clear()
+        self._message.clear()
+        self._events.append(last)
+
+
+def _is_utf8(body: bytes) -> bool:
+    try:
+        body.decode()
+    except UnicodeDecodeError:
+        return False
+    return True

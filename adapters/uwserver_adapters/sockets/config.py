@@ -1,0 +1,54 @@
+"""The adapter's table in a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.adapter import UNANSWERED, AdapterTable
+from uwserver.table import Name, Positive
+from uwserver_adapters.native.outbox import QUEUE_BYTES
+from uwserver_adapters.native.session import SUBSCRIPTIONS
+from uwserver_adapters.native.websocket import LOCAL_ORIGINS
+
+_Count = Annotated[int, Meta(ge=1)]
+
+
+class SocketsConfig(AdapterTable, tag="sockets", kw_only=True, frozen=True):
+    """Attributes:
+    bind: address to listen at; anything but loopback needs a token.
+    port: TCP port; 0 takes a free one.
+    token: clients must show it; default: the environment's UWSERVER_TOKEN; generated and printed when bind is not loopback and there is none.
+    udp_port: UDP port; 0 takes a free one; none by default.
+    udp_lease_s: wall time after which a UDP client that says nothing is forgotten.
+    allowed_origins: pages of browsers that may connect by WebSocket: an origin, one with ":*" for any port, or "*" for all.
+    tls_cert: certificate (PEM); with it, TCP and WebSocket are served over TLS only. A relative path starts from the folder in which the
+        server was started, as do the next two.
+    tls_key: its key (PEM); default: in the file of the certificate.
+    tls_client_ca: authorities (PEM) of client certificates, which are then required.
+    queue_samples: samples that wait for a slow client before the oldest is dropped.
+    queue_bytes: of samples, and of replies, that wait for a slow client.
+    max_requests_per_s: of one client; more are refused.
+    max_subscriptions: of one client.
+    max_unanswered: commands and calls of one client that wait for the world.
+    max_clients: connected at once.
+    hello_timeout_s: wall time in which a client must have shown the token, and ended a TLS or WebSocket handshake.
+    """
+
+    bind: Name = "127.0.0.1"
+    port: Annotated[int, Meta(ge=0, le=65535)] = 7600
+    token: Name | None = None
+    udp_port: Annotated[int, Meta(ge=0, le=65535)] | None = None
+    udp_lease_s: Positive = 10.0
+    allowed_origins: tuple[Name, ...] = LOCAL_ORIGINS
+    tls_cert: Name | None = None
+    tls_key: Name | None = None
+    tls_client_ca: Name | None = None
+    queue_samples: _Count = 1024
+    queue_bytes: _Count = QUEUE_BYTES
+    max_requests_per_s: _Count = 50_000
+    max_subscriptions: _Count = SUBSCRIPTIONS
+    max_unanswered: _Count = UNANSWERED
+    max_clients: _Count = 256
+    hello_timeout_s: Positive = 10.0

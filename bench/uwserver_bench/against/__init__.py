@@ -1,0 +1,1 @@
+"""`uwserver bench --against VENV`: this version beside another one, measured in pairs."""

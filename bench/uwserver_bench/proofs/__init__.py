@@ -1,0 +1,1 @@
+"""Motions and contacts with a known answer, run through the kernel: what tests of physics and docs/validation.md compare with."""

@@ -1,0 +1,212 @@
+"""A connection of the kit: turns, floods, half-open peers, last texts, and the registry of all peers."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+
+from uwserver.adapter import AdapterStats, Connection, Lines, Peers, connection
+from uwserver.testing import Loopback
+
+
+class Echo(Connection):
+    """Gives back each line; "boom" is a fault of ours, "later" is owed until `pay`."""
+
+    def __init__(self, peers: Peers) -> None:
+        super().__init__(peers)
+        self.lines = Lines(100)
+        self.life: list[str] = []
+        self.owes = 0
+        self.quiet = 0.0
+
+    def opened(self) -> None:
+        self.life.append("opened")
+
+    def receive(self, data: bytes) -> None:
+        self.lines.receive(data)
+
+    def step(self) -> bool:
+        line = self.lines.next_line()
+        if line == b"boom":
+            raise RuntimeError("our own fault")
+        if line == b"later":
+            self.owes += 1
+        elif line == b"bye":
+            self.farewell(b"good bye\n")
+        elif line is not None:
+            self.write(line + b"\n")
+        return line is not None
+
+    @property
+    def is_owed(self) -> bool:
+        return self.owes > 0
+
+    def quiet_until(self) -> float:
+        quiet, self.quiet = self.quiet, 0.0
+        return quiet
+
+    def half_closed(self) -> None:
+        self.life.append("half closed")
+
+    def stop(self) -> None:
+        self.life.append("stop")
+
+    def closed(self) -> None:
+        self.life.append("closed")
+
+
+class Room:
+    def __init__(self, most: int = 2) -> None:
+        self.stats = AdapterStats()
+        self.peers = Peers(most, self.stats)
+
+    def enter(self) -> tuple[Echo, Loopback]:
+        echo = Echo(self.peers)
+        return echo, Loopback(echo)
+
+
+def within_loop(scene: Callable[[Room], Coroutine[Any, Any, None]]) -> None:
+    async def bounded() -> None:
+        await asyncio.wait_for(scene(Room()), 10)
+
+    asyncio.run(bounded())
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection, "LINGER_S", 0.02)
+    monkeypatch.setattr(connection, "CLOSING_S", 0.02)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    while not condition():
+        await asyncio.sleep(0.001)
+
+
+def test_lines_come_back():
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        wire.feed(b"one\ntw")
+        wire.feed(b"o\n")
+        assert wire.take() == b"one\ntwo\n"
+        assert room.stats.peers == 1
+        wire.die()
+        await until(lambda: not len(room.peers))
+        assert echo.life == ["opened", "closed"]
+        assert room.stats.peers == 0
+        echo.write(b"nobody")
+        assert wire.take() == b""
+
+    within_loop(scene)
+
+
+def test_much_at_once_is_worked_off_in_turns(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(connection, "TURN_S", -1.0)
+
+    async def scene(room: Room) -> None:
+        _, busy = room.enter()
+        _, other = room.enter()
+        busy.feed(b"line\n" * 50)
+        assert busy.take() == b"line\n"
+        assert not busy.is_reading()
+        other.feed(b"me too\n")
+        assert other.take() == b"me too\n", "another peer has its turn between"
+        await until(busy.is_reading)
+        assert busy.take() == b"line\n" * 49
+
+    within_loop(scene)
+
+
+def test_a_peer_that_floods_is_not_read_for_a_while():
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        echo.quiet = asyncio.get_running_loop().time() + 0.02
+        wire.feed(b"one\n")
+        wire.feed(b"two\n")
+        assert wire.take() == b"one\n"
+        assert not wire.is_reading()
+        await until(wire.is_reading)
+        assert wire.take() == b"two\n"
+
+    within_loop(scene)
+
+
+def test_who_only_listens_on_stays_until_it_is_owed_nothing():
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        wire.feed(b"later\n")
+        wire.feed_eof()
+        assert echo.life == ["opened", "half closed"]
+        assert not wire.is_closing()
+        echo.owes = 0
+        echo.finish_if_done()
+        await until(lambda: "closed" in echo.life)
+        _, done = room.enter()
+        done.feed_eof()
+        assert done.is_closing()
+
+    within_loop(scene)
+
+
+def test_a_last_text_can_be_read_though_the_peer_still_sends():
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        wire.feed(b"bye\nignored\n")
+        wire.feed(b"ignored, too\n")
+        assert wire.take() == b"good bye\n"
+        assert wire.eof_written
+        assert echo.life == ["opened", "stop"]
+        await until(lambda: "closed" in echo.life)
+        echo.farewell(b"twice")
+        echo.close()
+
+    within_loop(scene)
+
+
+def test_one_too_many_is_told_and_one_that_only_listens_makes_way():
+    async def scene(room: Room) -> None:
+        first, wire = room.enter()
+        room.enter()
+        third, refused = room.enter()
+        assert refused.take() == b"2 clients are connected: close some, or raise max_clients of the adapter\n"
+        assert "opened" not in third.life
+        await until(lambda: "closed" in third.life)
+        wire.feed(b"later\n")
+        wire.feed_eof()
+        fourth, _ = room.enter()
+        assert "opened" in fourth.life
+        await until(lambda: "closed" in first.life)
+        assert len(room.peers) == 2
+
+    within_loop(scene)
+
+
+def test_a_fault_of_ours_ends_the_connection_and_is_logged(caplog: pytest.LogCaptureFixture):
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        _, other = room.enter()
+        wire.feed(b"boom\n")
+        await until(lambda: "closed" in echo.life)
+        other.feed(b"still here\n")
+        assert other.take() == b"still here\n"
+
+    within_loop(scene)
+    assert "our own fault" in caplog.text
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_the_end_waits_for_peers_but_not_for_those_who_do_not_read(reads: bool):
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        if not reads:
+            wire.stall()
+        echo.write(b"x" * 100)
+        await room.peers.close()
+        assert echo.life == ["opened", "stop", "closed"]
+        assert len(room.peers) == 0
+        await room.peers.close()
+
+    within_loop(scene)

@@ -1,0 +1,85 @@
+"""What crosses between the loop and the threads of a library: bounded, in order, and nothing is left behind."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+
+from uwserver.adapter import AdapterStats, Inbox, Worker, threads
+
+
+async def until(condition) -> None:
+    while not condition():
+        await asyncio.sleep(0.001)
+
+
+def test_an_inbox_keeps_the_order_and_refuses_what_is_too_much():
+    async def scene() -> None:
+        taken: list[int] = []
+        refused: list[int] = []
+        inbox = Inbox(taken.append, 3, refused.append)
+        foreign = threading.Thread(target=lambda: [inbox.put(number) for number in range(5)])
+        foreign.start()
+        foreign.join()
+        assert taken == [], "only the loop takes"
+        await until(lambda: taken)
+        inbox.put(9)
+        await until(lambda: 9 in taken)
+        assert taken == [0, 1, 2, 9]
+        assert refused == [3, 4]
+
+    asyncio.run(scene())
+
+
+def test_an_inbox_outlives_its_loop():
+    async def scene() -> Inbox[int]:
+        return Inbox(lambda _: None, 3, lambda _: None)
+
+    asyncio.run(scene()).put(1)
+
+
+def test_a_worker_works_in_order_and_counts_what_fails_or_is_too_much(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(threads, "WAITING", 2)
+
+    async def scene() -> None:
+        stats, done = AdapterStats(), []
+        gate = threading.Event()
+        worker = Worker("a test's worker", stats)
+        assert worker.send(gate.wait)
+        assert worker.send(lambda: done.append(threading.current_thread().name))
+        assert not worker.send(lambda: done.append("too much"))
+        assert stats.dropped == 1
+        gate.set()
+        await until(lambda: done)
+        assert done[0].startswith("a test's worker")
+        assert worker.send(lambda: 1 / 0)
+        assert await worker.run(lambda: 7) == 7
+        assert stats.errors == 1
+        await worker.close(lambda: done.append("closed"))
+        assert done[-1] == "closed"
+
+    asyncio.run(scene())
+
+
+def test_cancelled_work_still_ends_first():
+    async def scene() -> None:
+        worker, gate, done = Worker("worker", AdapterStats()), threading.Event(), []
+
+        def work() -> None:
+            gate.wait(5)
+            done.append(True)
+
+        task = asyncio.create_task(worker.run(work))
+        await asyncio.sleep(0.01)
+        task.cancel()
+        await asyncio.sleep(0.01)
+        assert not task.done()
+        gate.set()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert done
+        await worker.close(lambda: None)
+
+    asyncio.run(scene())

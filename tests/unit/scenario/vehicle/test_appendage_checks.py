@@ -1,0 +1,56 @@
+"""Faults in the tables of fins, propellers, ballast, moving masses and hull are told with their place."""
+
+from __future__ import annotations
+
+import pytest
+
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+
+
+def faults(override, model="tethys"):
+    with pytest.raises(ScenarioError) as caught:
+        load(Scenario(schema=1, vehicles={"auv": VehicleEntry(model=model, override=override)}), adapters={})
+    return str(caught.value)
+
+
+FOIL = {"source": "x", "status": "guess", "position_frd_m": [0, 0, 0], "hinge_frd": [0, 1, 0]}
+FIN = {**FOIL, "limit_deg": 10}
+
+
+@pytest.mark.parametrize(
+    ("override", "text"),
+    [
+        ({"fins": {"rudder": {"hinge_frd": [0, 0, 0]}}}, "fins.rudder.hinge_frd: the hinge has no direction"),
+        ({"fins": {"rudder": {"chord_frd": [0, 0, 0]}}}, "fins.rudder.chord_frd: the chord has no direction"),
+        ({"fins": {"rudder": {"chord_frd": [0, 0, 2]}}}, "fins.rudder.chord_frd: the chord is parallel to the hinge"),
+        ({"fins": {"new": {**FIN, "area_m2": 0.01}}}, "fins.new: give lift_slope_prad, aspect_ratio, or both"),
+        ({"foils": {"new": {**FOIL, "area_m2": 1.0}}}, "foils.new: give"),
+        ({"fins": {"rudder": {"derivatives": {"Yuu": 1.0}}}}, '"Yuu" is no derivative: name an axis of XYZKMN and two velocities of uvwpqr, then d'),
+        ({"hull": {"derivatives": {"source": "x", "status": "guess", "terms": {"Yuud": 1.0}}}}, '"Yuud" is no derivative'),
+        ({"propellers": {"main": {"axis_frd": [0, 0, 0]}}}, "propellers.main.axis_frd: the axis has no direction"),
+        ({"propellers": {"main": {"curve": [[0.5, 1, 1], [0.1, 1, 1]]}}}, "propellers.main.curve: the advance numbers J"),
+        ({"propellers": {"main": {"curve": [[0.5, 1, 1]]}}}, "propellers.main.curve"),
+        ({"ballasts": {"buoyancy_engine": {"neutral_volume_m3": 1.0}}}, "neutral_volume_m3: must lie between"),
+        ({"moving_masses": {"battery": {"min_position_m": 0.01}}}, "moving_masses.battery: position 0 must lie between"),
+        ({"moving_masses": {"battery": {"mass_kg": 500.0}}}, "moving_masses.battery.mass_kg: is part of the vehicle's mass_kg"),
+        ({"moving_masses": {"battery": {"axis_frd": [0, 0, 0]}}}, "moving_masses.battery.axis_frd: the axis has no direction"),
+        ({"actuators": {"rudder": {"member": "rudde"}}}, 'no fin "rudde" (did you mean "rudder"?)'),
+        ({"actuators": {"propeller": {"member": "aft"}}}, 'no propeller "aft"'),
+        ({"actuators": {"all": {"kind": "fins", "members": ["rudder", "rudder"]}}}, '"rudder" is named twice'),
+    ],
+)  # fmt: skip
+def test_a_fault_is_told_with_its_place(override, text):
+    assert text in faults(override)
+
+
+def test_a_vehicle_without_fins_has_none_to_command():
+    assert "the vehicle has no fins to command" in faults({"actuators": {"f": {"kind": "fins"}}}, "bluerov2")
+
+
+def test_all_faults_are_told_at_once():
+    told = faults({"fins": {"rudder": {"hinge_frd": [0, 0, 0]}}, "propellers": {"main": {"axis_frd": [0, 0, 0]}}})
+    assert "fins.rudder" in told
+    assert "propellers.main" in told

@@ -1,0 +1,300 @@
+"""One TCP peer of many: its input is worked off in turns, its end is told to it, and what it does costs a bounded amount of memory.
+
+Nothing a peer sends takes more than `TURN_S` of the loop before others have their turn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Iterator
+from typing import Any, Generic, Protocol, TypeVar, cast
+
+from uwserver.adapter.contract import AdapterStats
+from uwserver.ports import Fault
+
+log = logging.getLogger(__name__)
+
+TURN_S = 0.002
+"""Wall time after which the other peers have their turn."""
+LINGER_S = 1.0
+"""Wall time that a peer has to read the last text."""
+CLOSING_S = 0.2
+"""Wall time in which peers may take what was written before the adapter ends."""
+HIGH_WATER = 1 << 16
+"""Bytes in the transport above which `pause_writing` is called."""
+
+
+class Peer(Protocol):
+    """A client of any transport, as an adapter counts and ends it.
+
+    Attributes:
+        is_half_open: it only listens on, and may be long dead.
+    """
+
+    is_half_open: bool
+
+    def close(self) -> None:
+        """Send what it still takes, then end it."""
+
+    def abort(self) -> None:
+        """End it at once."""
+
+
+P = TypeVar("P", bound=Peer)
+
+
+class Peers(Generic[P]):
+    """All peers of one adapter, at most so many at once.
+
+    Args:
+        most: that may be there.
+        stats: whose `peers` is kept; None where the adapter counts otherwise.
+
+    Attributes:
+        most: as given.
+    """
+
+    def __init__(self, most: int, stats: AdapterStats | None = None) -> None:
+        self.most = most
+        self._stats = stats
+        self._peers: dict[P, None] = {}
+        self._all_gone = asyncio.Event()
+
+    def __iter__(self) -> Iterator[P]:
+        return iter(list(self._peers))
+
+    def __len__(self) -> int:
+        return len(self._peers)
+
+    @property
+    def too_many(self) -> Fault:
+        """What one peer too many is told."""
+        return Fault("overload", f"{self.most} clients are connected: close some, or raise max_clients of the adapter")
+
+    def enter(self, peer: P) -> bool:
+        """Whether there is room for a peer. One that only listens on, and may be long dead, makes way."""
+        room = len(self._peers) < self.most
+        if not room:
+            idle = next((other for other in self._peers if other.is_half_open), None)
+            if idle is not None:
+                idle.abort()
+                room = True
+        self._peers[peer] = None
+        self._count()
+        return room
+
+    def leave(self, peer: P) -> None:
+        """A peer is gone."""
+        self._peers.pop(peer, None)
+        self._count()
+        if not self._peers:
+            self._all_gone.set()
+
+    def _count(self) -> None:
+        if self._stats is not None:
+            self._stats.peers = len(self._peers)
+
+    async def close(self) -> None:
+        """End all; returns when they are gone."""
+        for peer in self:
+            peer.close()
+        try:
+            if self._peers:
+                self._all_gone.clear()
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(self._all_gone.wait(), CLOSING_S)
+        finally:
+            for peer in self:
+                peer.abort()
+        if self._peers:
+            self._all_gone.clear()
+            await self._all_gone.wait()  # an aborted transport is gone with the next turn of the loop
+
+
+class Connection(asyncio.Protocol):
+    """A TCP peer. A derived class says what bytes mean: `receive` and `step`; and may say what happens at `opened` and `closed`.
+
+    Args:
+        peers: of the adapter.
+
+    Attributes:
+        is_half_open: the peer sends nothing more, but may still read (``echo ... | nc -N``).
+        peers, loop, transport: as given, as running, as connected.
+        is_closing: it ends; nothing is read or written any more.
+        is_working: a turn of this peer is under way.
+    """
+
+    def __init__(self, peers: Peers[Any]) -> None:
+        self.is_half_open = False
+        self.is_closing = False
+        self.is_working = False
+        self.peers = peers
+        self.loop = asyncio.get_running_loop()
+        self.transport: asyncio.Transport
+        self._turn: asyncio.Handle | None = None
+        self._linger: asyncio.TimerHandle | None = None
+
+    # -- for derived classes --------------------------------------------------------------------------------------------------------
+
+    def opened(self) -> None:
+        """The peer is there, and there is room for it."""
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes, in pieces of any size."""
+        raise NotImplementedError
+
+    def step(self) -> bool:
+        """Take the next message of what was stored; False when there is none."""
+        raise NotImplementedError
+
+    def quiet_until(self) -> float:
+        """All that was stored is taken. Loop time until which nothing more is read of a peer that floods; 0.0 to read on."""
+        return 0.0
+
+    def after_turn(self) -> None:
+        """A turn is over: what was written meanwhile may be sent together."""
+
+    def half_closed(self) -> None:
+        """The peer sends nothing more."""
+
+    @property
+    def is_owed(self) -> bool:
+        """Whether anything may still come for the peer though it asks for nothing more."""
+        return False
+
+    def refused(self, fault: Fault) -> bytes:
+        """The text that one peer too many gets."""
+        return f"{fault.text}\n".encode()
+
+    def stop(self) -> None:
+        """It begins to end: nothing more is taken of the peer, or sent to it."""
+
+    def closed(self) -> None:
+        """The peer is gone."""
+
+    # -- writing and ending ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that the peer has not taken yet."""
+        return self.transport.get_write_buffer_size()
+
+    def write(self, data: bytes) -> None:
+        """Send, unless it ends already."""
+        if not self.is_closing:
+            self.transport.write(data)
+
+    def close(self) -> None:
+        """Send what the peer still takes, then close."""
+        if not self.is_closing:
+            self._begin_closing()
+            self.transport.close()
+
+    def farewell(self, last: bytes) -> None:
+        """End the connection with a last text, and leave the peer a moment to read it: closing at once would destroy it on its way, as soon
+        as one more byte comes from the peer."""
+        if self.is_closing:
+            return
+        self.transport.write(last)
+        self._begin_closing()
+        if not self.transport.can_write_eof():  # TLS
+            self.transport.close()
+            return
+        self.transport.write_eof()
+        self.transport.resume_reading()  # to see the peer's end; what it sends is thrown away
+
+    def abort(self) -> None:
+        """Close at once."""
+        self.is_closing = True
+        self.transport.abort()
+
+    def finish_if_done(self) -> None:
+        """Close when the peer asks for nothing more and is owed nothing."""
+        if self.is_half_open and not self.is_closing and self._turn is None and not self.is_owed:
+            self.close()
+
+    def _begin_closing(self) -> None:
+        self.is_closing = True
+        self._stop_turns()
+        self.stop()
+        # A peer that reads nothing would keep its connection, and our memory, for ever.
+        self._linger = self.loop.call_later(LINGER_S, self.transport.abort)
+
+    def _stop_turns(self) -> None:
+        if self._turn is not None:
+            self._turn.cancel()
+            self._turn = None
+
+    # -- asyncio --------------------------------------------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin; a peer too many is told and sent away."""
+        self.transport = cast(asyncio.Transport, transport)
+        self.transport.set_write_buffer_limits(HIGH_WATER)
+        if self.peers.enter(self):
+            self.opened()
+        else:
+            self.farewell(self.refused(self.peers.too_many))
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """End; the peer died, or we closed."""
+        self.is_closing = True
+        self._stop_turns()
+        if self._linger is not None:
+            self._linger.cancel()
+        self.closed()
+        self.peers.leave(self)
+
+    def eof_received(self) -> bool:
+        """The peer sends nothing more. Returns whether the connection stays open."""
+        if self.is_closing:
+            return False
+        self.is_half_open = True
+        self.half_closed()
+        self.finish_if_done()
+        return True
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes in pieces of any size."""
+        if not self.is_closing:
+            self.receive(data)
+            if self._turn is None:
+                self._work()
+
+    def _work(self) -> None:
+        """Take what is there, for one turn."""
+        self._turn = None
+        self.is_working = True
+        try:
+            self._take_turn()
+        except Exception:  # a fault of ours must not end the adapter, nor leave a peer that is never read again
+            log.exception("a connection ends by a fault of the adapter")
+            self.abort()
+        finally:
+            self.is_working = False
+        self.after_turn()
+        self.finish_if_done()
+
+    def _take_turn(self) -> None:
+        step, now = self.step, self.loop.time
+        end = now() + TURN_S
+        while not self.is_closing:
+            if not step():
+                self._read_on()
+                return
+            if now() >= end and not self.is_closing:
+                self.transport.pause_reading()
+                self._turn = self.loop.call_soon(self._work)
+                return
+
+    def _read_on(self) -> None:
+        if self.is_closing:
+            return
+        until = self.quiet_until()
+        if until:
+            self.transport.pause_reading()
+            self._turn = self.loop.call_at(until, self._work)
+        elif not self.is_half_open:
+            self.transport.resume_reading()

@@ -1,0 +1,144 @@
+"""Where an adapter listens: addresses as users write them, and why one cannot be had, in words that say what to do."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import ipaddress
+import socket
+from collections.abc import AsyncIterator, Callable, Iterator
+from typing import Any, Literal
+
+from uwserver.adapter.connection import Peers
+from uwserver.adapter.contract import AdapterContext, Subscriber
+from uwserver.adapter.refusals import CannotServe
+
+BACKLOG = 256
+ANOTHER = "another uwserver"
+"""Who most likely holds an address that is in use."""
+
+Kind = Literal["tcp", "udp"]
+
+
+class CannotListen(CannotServe):
+    """The address or the certificate cannot be had; the text says why and what to do."""
+
+
+def is_loopback(bind: str) -> bool:
+    """Whether only this machine reaches an address."""
+    try:
+        return ipaddress.ip_address(bind).is_loopback
+    except ValueError:
+        return bind == "localhost"
+
+
+def address_text(bind: str, port: int) -> str:
+    """``host:port`` as a user would type it."""
+    return f"[{bind}]:{port}" if ":" in bind else f"{bind}:{port}"
+
+
+def cannot_listen(
+    error: OSError, bind: str, port: int, kind: Kind = "tcp", *, key: str = "port", rival: str = ANOTHER
+) -> CannotListen:
+    """What is wrong with an address.
+
+    Args:
+        error: of the operating system.
+        bind, port: the address.
+        kind: of the port.
+        key: of the adapter's table that gives the port.
+        rival: who most likely holds it when it is in use.
+    """
+    where = f"{bind} {kind.upper()} port {port}"
+    if error.errno == errno.EADDRINUSE:
+        options = "ltnp" if kind == "tcp" else "lunp"
+        return CannotListen(
+            f"{where} is in use, perhaps by {rival}: stop it (`ss -{options} 'sport = :{port}'` names it), or give this adapter "
+            f"another port ({key} = 0 takes a free one)"
+        )
+    if error.errno == errno.EACCES:
+        return CannotListen(f"{where} needs rights that this process has not: take a port above 1023")
+    if error.errno == errno.EADDRNOTAVAIL:
+        return CannotListen(
+            f"{where}: this machine has no such address; bind = 127.0.0.1 is always there, 0.0.0.0 means all"
+        )
+    return CannotListen(f"cannot listen at {where}: {error}")
+
+
+def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> socket.socket:
+    """A non-blocking socket at an address, for datagrams or to accept connections, of a `Driver` say.
+
+    Raises:
+        CannotListen: the address cannot be had.
+    """
+    stream = socket.SOCK_STREAM if kind == "tcp" else socket.SOCK_DGRAM
+    try:
+        family, _, _, _, address = socket.getaddrinfo(bind, port, type=stream)[0]
+        endpoint = socket.socket(family, stream)
+        try:
+            endpoint.setblocking(False)
+            if kind == "tcp":
+                endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            endpoint.bind(address)
+            if kind == "tcp":
+                endpoint.listen(8)
+        except OSError:
+            endpoint.close()
+            raise
+    except OSError as error:
+        raise cannot_listen(error, bind, port, kind, rival=rival) from error
+    return endpoint
+
+
+@contextlib.asynccontextmanager
+async def serve_tcp(
+    make: Callable[[], asyncio.Protocol], peers: Peers[Any], bind: str, port: int, *, rival: str = ANOTHER
+) -> AsyncIterator[asyncio.Server]:
+    """A TCP server while the context is open; then all peers are closed, those that do not go are cut off.
+
+    Args:
+        make: a protocol for each that connects, usually a `Connection`.
+        peers: those that have connected.
+        bind, port: the address; port 0 takes a free one.
+        rival: who most likely holds it when it is in use.
+
+    Raises:
+        CannotListen: the address cannot be had.
+    """
+    try:
+        server = await asyncio.get_running_loop().create_server(make, bind, port, backlog=BACKLOG)
+    except OSError as error:
+        raise cannot_listen(error, bind, port, rival=rival) from error
+    try:
+        yield server
+    finally:
+        server.close()
+        await peers.close()
+
+
+def port_of_server(server: asyncio.Server) -> int:
+    """The port that a server has really got."""
+    return int(server.sockets[0].getsockname()[1])
+
+
+@contextlib.contextmanager
+def serving(context: AdapterContext, subscriber: Subscriber, address: str, ready: asyncio.Event) -> Iterator[None]:
+    """What every adapter says of itself: that it runs, and where; it hears samples and events while the context is open.
+
+    Args:
+        context: as the adapter got it.
+        subscriber: takes in samples and events.
+        address: where a peer finds it, as a user would type it.
+        ready: as `Adapter.run` got it.
+    """
+    stats = context.stats
+    detach = context.attach(subscriber)
+    try:
+        stats.address = address
+        stats.state = "running"
+        ready.set()
+        yield
+    finally:
+        detach()
+        stats.state = "stopped"

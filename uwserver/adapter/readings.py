@@ -1,0 +1,92 @@
+"""The newest good readings of the ports that an adapter's table names. Loop thread, or all of it on a driver's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from uwserver.adapter.refusals import CannotServe
+from uwserver.adapter.roles import port_of
+from uwserver.ports import Port, Sample, Value
+
+
+class Reading:
+    """Some fields of one sensor.
+
+    Attributes:
+        path: of the port.
+        rate_hz: of the port.
+        values: of the newest good sample, one entry for each field; None before the first, and (unless it keeps) after a bad one.
+        t_ns: simulation time at which they were true.
+        count: good samples so far.
+    """
+
+    def __init__(self, port: Port, fields: Sequence[str], keeps: bool) -> None:
+        names = [field.name for field in port.fields]
+        self.path = port.path
+        self.rate_hz = port.rate_hz or 0.0
+        self.values: tuple[Value, ...] | None = None
+        self.t_ns = 0
+        self.count = 0
+        self._indices = [names.index(name) for name in fields]
+        self._keeps = keeps
+
+    def take(self, sample: Sample) -> None:
+        """A newer sample."""
+        picked = [sample.value[i] for i in self._indices]
+        if sample.valid and all(map(_is_finite, picked)):
+            self.values, self.t_ns = tuple(picked), sample.t_ns
+            self.count += 1
+        elif not self._keeps:
+            self.values = None
+
+
+def _is_finite(value: Value) -> bool:
+    try:
+        # A sum is not finite as soon as one of its terms is not; terms of a size that a sum cannot hold are no readings either.
+        return math.isfinite(sum(value) if isinstance(value, tuple) else value)  # type: ignore[arg-type]  # None: see below
+    except TypeError:  # without a value
+        return False
+
+
+class Readings:
+    """All ports that were asked for.
+
+    Args:
+        ports: those of the context.
+        vehicle: below which names are looked for.
+    """
+
+    def __init__(self, ports: Mapping[str, Port], vehicle: str) -> None:
+        self._ports = ports
+        self._vehicle = vehicle
+        self._wanted: dict[str, list[Reading]] = {}
+
+    def want(self, role: str, name: str, choices: Sequence[Sequence[str]], keeps: bool = True) -> Reading:
+        """Follow a port.
+
+        Args:
+            role: key of the adapter's table, for errors.
+            name: the port, below the vehicle or its whole path.
+            choices: sets of fields; the first of which the port has all is read.
+            keeps: hold the last good values when a bad sample comes.
+
+        Raises:
+            CannotServe: no such sensor, or without these fields.
+        """
+        port = port_of(role, name, self._ports, self._vehicle, "sensor")
+        has = {field.name for field in port.fields}
+        fields = next((fields for fields in choices if has.issuperset(fields)), None)
+        if fields is None:
+            needs = " or ".join(" and ".join(fields) for fields in choices)
+            raise CannotServe(f'{role}: "{port.path}" has the fields {", ".join(sorted(has))}; needed is {needs}')
+        reading = Reading(port, fields, keeps)
+        self._wanted.setdefault(port.path, []).append(reading)
+        return reading
+
+    def see(self, samples: Iterable[Sample]) -> None:
+        """The samples of a tick."""
+        wanted = self._wanted
+        for sample in samples:
+            for reading in wanted.get(sample.port, ()):
+                reading.take(sample)

@@ -1,0 +1,54 @@
+"""How an adapter says no: to a scenario that it cannot serve, and to peers, once a cause in the log and counted in the status."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+from collections.abc import Iterable
+
+from uwserver.adapter.contract import AdapterStats
+from uwserver.ports import Json
+
+log = logging.getLogger(__name__)
+
+WORD_LIMIT = 256
+"""Longest word for which a similar one is looked for, characters: the search costs time."""
+CAUSES = 256
+"""Causes that are told apart; all further ones are "other"."""
+
+
+class CannotServe(Exception):
+    """Raised by `Adapter.run` where the adapter's table, the world and this machine do not fit; the text says what to change."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`` (did you mean "x"?)`` or nothing."""
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6) if len(word) <= WORD_LIMIT else []
+    return f' (did you mean "{near[0]}"?)' if near else ""
+
+
+class Refusals:
+    """Counts what was refused by cause; the first of each cause is logged.
+
+    Args:
+        name: of the adapter, for the log.
+        stats: ``details["refused"]`` maps each cause to its count.
+    """
+
+    def __init__(self, name: str, stats: AdapterStats) -> None:
+        self._name = name
+        self._stats = stats
+        self._counts: dict[str, Json] = {}
+
+    def note(self, cause: str, text: str) -> None:
+        """One more. `cause` is one of few fixed texts, never what a peer said."""
+        if cause not in self._counts and len(self._counts) >= CAUSES:
+            cause = "other"
+        known = self._counts.get(cause, 0)
+        assert isinstance(known, int)
+        self._counts[cause] = known + 1
+        self._stats.details["refused"] = self._counts
+        if not known:
+            log.warning(
+                "%s refused (%s): %s. Further ones are only counted, in world/status", self._name, cause, text[:500]
+            )

@@ -1,0 +1,65 @@
+"""TLS of an adapter that listens, from the files that its table names; errors say what to do."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+
+from uwserver.adapter.listening import CannotListen
+
+
+def tls_context(cert: str | None, key: str | None, client_ca: str | None) -> ssl.SSLContext | None:
+    """What TLS needs, at least version 1.2; None where no certificate is configured.
+
+    Args:
+        cert, key: PEM files; a relative path starts from the folder in which the server was started.
+        client_ca: PEM file with the authorities of client certificates, which are then required.
+
+    Raises:
+        CannotListen: a file is missing, unreadable or wrong.
+    """
+    if cert is None:
+        if key is not None or client_ca is not None:
+            raise CannotListen(
+                "tls_key and tls_client_ca need tls_cert: name the certificate (PEM), or leave all three out"
+            )
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    for setting, file in (("tls_cert", cert), ("tls_key", key), ("tls_client_ca", client_ca)):
+        _check_readable(setting, file)
+    try:
+        # The empty password keeps OpenSSL from asking for one at the terminal.
+        context.load_cert_chain(cert, key, password="")
+    except (ssl.SSLError, OSError) as error:
+        both = f'tls_cert "{cert}"' + (
+            f' and tls_key "{key}"' if key else " (which must hold the key too: tls_key is not set)"
+        )
+        text = f"{both} are no pair of certificate and key in PEM, or the key has a passphrase ({_reason(error)}): make both anew, or remove it"
+        raise CannotListen(text) from error
+    if client_ca is not None:
+        try:
+            context.load_verify_locations(client_ca)
+        except (ssl.SSLError, OSError) as error:
+            text = f'tls_client_ca "{client_ca}" holds no certificates in PEM ({_reason(error)})'
+            raise CannotListen(
+                f"{text}: give the file of the authority that signed the clients' certificates"
+            ) from error
+        context.verify_mode = ssl.CERT_REQUIRED
+    return context
+
+
+def _check_readable(setting: str, file: str | None) -> None:
+    if file is None:
+        return
+    path = Path(file)
+    try:
+        with path.open("rb"):
+            return
+    except OSError as error:
+        text = f'{setting}: cannot read "{path.absolute()}" ({error.strerror})'
+        raise CannotListen(f"{text}; a relative path starts from the folder in which the server was started") from error
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "reason", None) or error)

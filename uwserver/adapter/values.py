@@ -1,0 +1,73 @@
+"""Samples as the maps that any self-describing encoding (JSON, msgpack) can write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from uwserver.ports import Field, Port, Sample, Value, binary_form
+
+LONG = 2048
+"""Numbers of a field that are encoded in one call."""
+
+
+def raw_field(port: Port) -> Field | None:
+    """The field of a port that has no other, where it holds bytes or a buffer."""
+    return port.fields[0] if len(port.fields) == 1 and port.fields[0].is_packed else None
+
+
+class SampleForm:
+    """How the samples of a port become a map: all its fields, or those selected.
+
+    Attributes:
+        is_long: a field may hold more than `LONG` numbers.
+        raw: the field of a port that has no other, and that holds bytes or a buffer: a wire may carry these as they are.
+    """
+
+    def __init__(self, port: Port, selected: Sequence[str] | None = None) -> None:
+        picked = [(i, field) for i, field in enumerate(port.fields) if selected is None or field.name in selected]
+        self._plain = len(picked) == len(port.fields) and all(
+            len(field.shape) < 2 and not field.is_packed for field in port.fields
+        )
+        self._names = [field.name for field in port.fields]
+        self._picked = picked
+        self.is_long = any(field.size > LONG for _, field in picked)
+        self.raw = raw_field(port)
+
+    def value(self, sample: Sample, binary: bool = False) -> dict[str, object]:
+        """Field name -> number, list, or lists in lists where the field has more than one dimension; buffers in the form of
+        binary encodings where that is asked for."""
+        if self._plain:
+            return dict(zip(self._names, sample.value, strict=True))
+        shaped = {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
+        return {name: binary_form(value) for name, value in shaped.items()} if binary else shaped
+
+
+def _nested(field: Field, value: Value) -> object:
+    if not isinstance(value, tuple):
+        return value
+    rows: list[object] = list(value)
+    for extent in reversed(field.shape[1:]):
+        rows = [rows[i : i + extent] for i in range(0, len(rows), extent)]
+    return rows
+
+
+def in_pieces(value: dict[str, object], encode: Callable[[object], bytes]) -> dict[str, object]:
+    """The same map for a JSON encoder, its long lists encoded already, piece by piece.
+
+    An encoder keeps all other threads waiting until it is done. A megabyte of numbers takes it 5 ms, more than a tick; so it gets a few
+    thousand at a time.
+    """
+    return {name: _joined(entry, encode) if isinstance(entry, list | tuple) else entry for name, entry in value.items()}
+
+
+def _joined(entry: Sequence[object], encode: Callable[[object], bytes]) -> object:
+    row = entry[0] if entry else None
+    if isinstance(row, list):
+        parts = [encode(_joined(item, encode) if isinstance(item, list) else item) for item in entry]
+    elif len(entry) > LONG:
+        parts = [encode(entry[i : i + LONG])[1:-1] for i in range(0, len(entry), LONG)]
+    else:
+        return entry
+    return msgspec.Raw(b"[" + b",".join(parts) + b"]")

@@ -1,0 +1,47 @@
+"""What an adapter may know of the world before it asks anything: typed facts, instead of digging in answers meant for peers."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from typing import Literal
+
+from msgspec import Struct
+
+from uwserver.units import NANOSECONDS
+
+
+class VehicleFacts(Struct, frozen=True):
+    """A vehicle of the scenario: its name, and the name that its vehicle file gives to the model (``BlueROV2 Heavy``)."""
+
+    name: str
+    model: str
+
+
+class WorldFacts(Struct, frozen=True, kw_only=True):
+    """The world as it is when asked.
+
+    Attributes:
+        server: name of the server.
+        scenario: name of the scenario.
+        rate_hz: ticks of the physics in a simulated second.
+        epoch_utc: UTC of simulation time zero, ISO 8601.
+        mode: who sets the pace.
+        speed: simulated seconds in a second of wall time; it means something in mode realtime only.
+        vehicles: in the order of the scenario; spawned ones last.
+    """
+
+    server: str
+    scenario: str
+    rate_hz: float
+    epoch_utc: str
+    mode: Literal["realtime", "freerun", "lockstep"]
+    speed: float
+    vehicles: tuple[VehicleFacts, ...]
+
+    @property
+    def epoch_ns(self) -> int:
+        """UTC of simulation time zero, ns since 1970."""
+        epoch = datetime.fromisoformat(self.epoch_utc.replace("Z", "+00:00"))
+        if epoch.tzinfo is None:
+            epoch = epoch.replace(tzinfo=timezone.utc)
+        return round(epoch.timestamp()) * NANOSECONDS

@@ -1,0 +1,46 @@
+"""Checks of actuators of an extension: they are built once on a body of their own, as code of the user may fail in any way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msgspec import Struct, msgpack
+
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.scenario.files.convert import Report
+from uwserver.scenario.files.wording import not_built
+from uwserver.scenario.vehicle.body import add_body, body_params, own_actuators
+from uwserver.scenario.vehicle.sensor_checks import check_fields
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+from uwserver.scenario.water.tables import Environment
+
+
+def check_actuators(
+    vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment, report: Report
+) -> None:
+    """That they can be built, go to neutral, and can be saved.
+
+    Args:
+        vehicle, devices, environment: without faults.
+        report: takes in faults.
+    """
+    own = own_actuators(vehicle)
+    if not own:
+        return
+    bodies = add_body(Hydrodynamics((), 1.0), vehicle, body_params(vehicle, devices, environment))
+    for name, config in own.items():
+        try:
+            actuator = config.build(bodies[name])
+            check_fields(actuator.fields)
+            check_memory(getattr(actuator, "memory", None))
+            actuator.neutral()
+        except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+            report(("actuators", name), not_built(config, error))
+
+
+def check_memory(memory: object) -> None:
+    """ValueError unless it is None or can be saved: a Struct that comes back from its bytes."""
+    if memory is None:
+        return
+    if not isinstance(memory, Struct) or msgpack.decode(msgpack.encode(memory), type=type(memory)) != memory:
+        raise ValueError(f"its memory must be a msgspec Struct of plain typed values, not {memory!r}")

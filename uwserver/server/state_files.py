@@ -1,0 +1,142 @@
+"""Saved states as files of the server's state folder. Files are written and read beside the loop, and never by the simulation thread."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import re
+import stat
+from collections.abc import Callable, Coroutine, Mapping
+from pathlib import Path
+
+from uwserver.ports import Call, Json, OnReply, Refused, Reply
+from uwserver.simulation.bus import Mailbox
+from uwserver.simulation.thread import Simulation
+from uwserver.world import snapshot
+from uwserver.world.saving import in_one_piece
+from uwserver.world.snapshot import MAX_BYTES, Snapshot
+
+log = logging.getLogger(__name__)
+
+SUFFIX = ".uwstate"
+"""Added to every name, so that a client can reach no other file."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+def read_state(path: Path) -> bytes:
+    """A saved state; what is longer than one can be is cut, and refused when it is loaded.
+
+    Raises:
+        OSError: it cannot be read, or is no file.
+    """
+    # A link could lead out of the folder, and a pipe would never end.
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(f"{path} is no file")
+        return file.read(MAX_BYTES + 1)
+
+
+def write_state(path: Path, data: bytes) -> None:
+    """Write a state whole or not at all: a server that is killed half-way leaves the old one.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+class StateFiles:
+    """Answers ``world/save`` and ``world/load`` with a file name. Loop thread.
+
+    Args:
+        folder: where the files are; None for a server that has none.
+        simulation, mailbox: of the server.
+        call_soon: lets the loop call a function, from any thread.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None,
+        simulation: Simulation,
+        mailbox: Mailbox,
+        call_soon: Callable[[Callable[[], None]], None],
+    ) -> None:
+        self._folder = folder
+        self._simulation = simulation
+        self._mailbox = mailbox
+        self._call_soon = call_soon
+        self._running: set[asyncio.Task[None]] = set()
+
+    def call(self, service: str, args: Mapping[str, Json], source: str, on_reply: OnReply) -> None:
+        """Begin to save or load a file.
+
+        Raises:
+            Refused: there is no folder, or the name cannot be one.
+        """
+        path = self._path(str(args["name"]))
+        if service == "world/load":
+            self._begin(self._load(path, source, on_reply))
+        else:
+            self._simulation.steer(lambda: self.save_now(path, on_reply))
+
+    def save_now(self, path: Path, on_reply: OnReply) -> None:
+        """Take the state between two ticks, on the simulation thread, and write it from the loop's side."""
+        kept = snapshot.take(self._simulation.world)
+        self._call_soon(lambda: self._begin(self._save(path, kept, on_reply)))
+
+    async def finish(self) -> None:
+        """Wait for what is being written."""
+        while self._running:
+            await asyncio.wait(self._running)
+
+    def _begin(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._running.add(task)
+        task.add_done_callback(self._running.discard)
+
+    def _path(self, name: str) -> Path:
+        if self._folder is None:
+            text = "this server keeps no files: set [server] state_folder in its scenario, or leave the name out"
+            raise Refused("denied", text, "name")
+        if not _NAME.fullmatch(name):
+            text = f'"{name[:80]}" cannot name a state: letters, digits, ., _ and -, no folders, at most 100'
+            raise Refused("bad_argument", text, "name")
+        return self._folder / f"{name.removesuffix(SUFFIX)}{SUFFIX}"
+
+    async def _save(self, path: Path, kept: Snapshot, on_reply: OnReply) -> None:
+        world = self._simulation.world
+
+        def write() -> int:
+            data = snapshot.to_bytes(world, kept)
+            path.parent.mkdir(exist_ok=True)
+            write_state(path, data)
+            return len(data)
+
+        t_ns = world.time_of(kept.tick)
+        try:
+            size = await asyncio.get_running_loop().run_in_executor(None, write)
+        except OSError as error:
+            on_reply(Reply(kept.tick, t_ns, fault=_not(f"the state was not saved to {path}", error).fault))
+            return
+        log.info("saved the state of tick %d to %s", kept.tick, path)
+        on_reply(Reply(kept.tick, t_ns, {"tick": kept.tick, "t_ns": t_ns, "bytes": size, "name": path.name}))
+
+    async def _load(self, path: Path, source: str, on_reply: OnReply) -> None:
+        world = self._simulation.world
+        try:
+            data = await asyncio.get_running_loop().run_in_executor(None, read_state, path)
+            self._mailbox.post(Call("world/load", in_one_piece(data[: MAX_BYTES + 1]), source), on_reply)
+        except OSError as error:
+            on_reply(Reply(world.tick, world.t_ns, fault=_not(f"{path.name} cannot be read", error).fault))
+        except Refused as refused:
+            on_reply(Reply(world.tick, world.t_ns, fault=refused.fault))
+
+
+def _not(what: str, error: OSError) -> Refused:
+    return Refused("bad_argument", f"{what}: {error.strerror or error}", "name")

@@ -1,0 +1,73 @@
+"""What was posted from outside, carried out at the start of a tick; each request gets its one reply."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+
+from uwserver.ports import Call, Command, OnReply, Refused, Reply
+from uwserver.ports.crossing import Posted, TickOutput
+from uwserver.ports.later import Later
+from uwserver.world.commands import Commands
+from uwserver.world.part import Carry
+
+log = logging.getLogger(__name__)
+
+
+class Requests:
+    """Commands and calls that wait for the next tick.
+
+    Attributes:
+        posted: in the order in which they came.
+    """
+
+    def __init__(self, commands: Commands, carry: Mapping[str, Carry], now: Callable[[], tuple[int, int]]) -> None:
+        """Of a world.
+
+        Args:
+            commands: where accepted commands go.
+            carry: what each service does; may change.
+            now: tick and simulation time (ns).
+        """
+        self._commands = commands
+        self._carry = carry
+        self._now = now
+        self.posted: list[Posted] = []
+
+    def carry_out(self, output: TickOutput) -> None:
+        """Carry out what was posted; replies go to the output. A call may put the world to another tick."""
+        posted, self.posted = self.posted, []
+        for entry in posted:
+            if isinstance(entry.item, Call):
+                # A call may depend on the commands before it.
+                self._commands.apply(self._now()[0])
+                reply = self._run(entry.item, entry.on_reply)
+            else:
+                reply = self._accept(entry.item)
+            if reply is not None and entry.on_reply is not None:
+                output.replies.append((entry.on_reply, reply))
+        self._commands.apply(self._now()[0])
+
+    def _accept(self, command: Command) -> Reply:
+        tick, t_ns = self._now()
+        try:
+            return Reply(tick, t_ns, conflict=self._commands.accept(command, tick))
+        except Refused as refused:
+            return Reply(tick, t_ns, fault=refused.fault)
+
+    def _run(self, call: Call, on_reply: OnReply | None) -> Reply | None:
+        tick, t_ns = self._now()
+        try:
+            if call.service not in self._carry:
+                raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
+            result = self._carry[call.service](call.args)
+            if isinstance(result, Later):
+                result.on_reply = on_reply
+                return None
+            return Reply(tick, t_ns, result)
+        except Refused as refused:
+            return Reply(tick, t_ns, fault=refused.fault)
+        except Exception as error:  # a fault of one service must not end the simulation
+            log.exception("%s failed in tick %d", call.service, tick)
+            text = f"{call.service} failed by a fault of the server ({type(error).__name__}): please report it with the server's log"
+            return Reply(tick, t_ns, fault=Refused("internal", text, call.service).fault)

@@ -1,0 +1,93 @@
+"""Bodies and water of a world as parts of it: what is kept of them, and what moves with the ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+
+from uwserver.environment.water import Water
+from uwserver.frames import Vec3
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.ports import Sample
+from uwserver.world.part import Part, Stage, State, check_stream, set_stream, stream_state
+
+
+class BodiesState(State, frozen=True):
+    """The arrays of all bodies that change in a run."""
+
+    arrays: dict[str, bytes]
+
+
+class Bodies(Part):
+    """The arrays of the kernel, which moves the bodies between the stages."""
+
+    path = "world/bodies"
+    state_type = BodiesState
+
+    def __init__(self, hydro: Hydrodynamics) -> None:
+        self._hydro = hydro
+
+    def save(self) -> BodiesState:
+        """Copies of the arrays."""
+        return BodiesState(self._hydro.save())
+
+    def check(self, state: Any) -> None:
+        """See `Hydrodynamics.check`."""
+        self._hydro.check(state.arrays)
+
+    def load(self, state: BodiesState) -> None:
+        """Put them back."""
+        self._hydro.load(state.arrays)
+
+
+class WaterState(State, frozen=True):
+    """The steady current (m/s, N), and of each drifting current its random stream and its velocities at both ends of a draw."""
+
+    current: Vec3
+    drifts: tuple[tuple[bytes, tuple[float, ...]], ...]
+
+
+class Flowing(Part):
+    """The water: its uniform part drifts from tick to tick."""
+
+    path = "world/water"
+    state_type = WaterState
+    stage: ClassVar[Stage] = Stage.WATER
+
+    def __init__(self, water: Water, seconds: Callable[[], float], set_current: Callable[[Vec3], None]) -> None:
+        """seconds, set_current: time and method of the world."""
+        self._water = water
+        self._seconds = seconds
+        self._set_current = set_current
+        self._drifts = () if water.sea is None else water.sea.drifts
+
+    def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
+        """Carry the sea to the tick."""
+        if self._water.sea is not None:
+            self._water.sea.move(tick, self._seconds(), self._water.current)
+
+    def save(self) -> WaterState:
+        """What drifts."""
+        drifts = tuple((stream_state(drift.rng), tuple(drift.ends.ravel().tolist())) for drift in self._drifts)
+        return WaterState(self._water.current, drifts)
+
+    def check(self, state: Any) -> None:
+        """As many drifting currents, and velocities of water."""
+        if len(state.drifts) != len(self._drifts):
+            raise ValueError(f"{len(state.drifts)} drifting currents, not {len(self._drifts)}")
+        for drift, (stream, ends) in zip(self._drifts, state.drifts, strict=True):
+            check_stream(stream)
+            if len(ends) != drift.ends.size:
+                raise ValueError("a drifting current has two velocities")
+        speeds = [*state.current, *(end for _, ends in state.drifts for end in ends)]
+        if not all(abs(speed) < 1e3 for speed in speeds):
+            raise ValueError("a current faster than any water")
+
+    def load(self, state: WaterState) -> None:
+        """Put it back; the world stands at its tick already."""
+        for drift, (stream, ends) in zip(self._drifts, state.drifts, strict=True):
+            set_stream(drift.rng, stream)
+            drift.ends[...] = np.reshape(ends, drift.ends.shape)
+        self._set_current(state.current)
