@@ -32,7 +32,7 @@ def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
 
 
 def rpy_from_quat(q: Sequence[float]) -> Vec3:
-    """Roll, pitch, yaw (rad) of a unit quaternion. At pitch +-pi/2 only one turn about the vertical is left: yaw tells it, roll is zero."""
+    """Roll, pitch, yaw (rad) of a unit quaternion. At pitch +-pi/2 only one turn about the vertical is left: it is yaw, and roll is zero."""
     w, x, y, z = q
     sine = 2 * (w * y - z * x)
     if abs(sine) > _VERTICAL:  # roll and yaw would be two angles of rounding errors

@@ -130,8 +130,8 @@ def solid_kernels() -> tuple[Any, ...]:
         if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
             raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
     return (
-        broad_phase.find_pairs, broad_phase.place, broad_phase.bound, narrow_phase.find_contacts, mesh.fill_cells, hits.intersect_few,
-        hits.enter_box, hits.refine,
+        broad_phase.find_pairs, broad_phase.place, broad_phase.bound, narrow_phase.find_contacts, mesh.fill_cells, hits.intersect_simple,
+        hits.select_rays, hits.refine,
     )  # fmt: skip
 
 

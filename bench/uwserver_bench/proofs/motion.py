@@ -55,7 +55,7 @@ def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int
     Bodies deep in still water, from rest, under `random_wrenches` and random commands to all fins, propellers, ballasts and moving masses, each
     held over half a second. A stable integrator stays below 1e-6. Work of the wrench, of what servos move and of hull derivatives: Simpson's rule,
     with the middle of the step from a second world of half the step; work of weight and buoyancy: difference of the potential energy. Damping and
-    the drag of foils and strips only take energy, so they are left out.
+    the drag of foils and strips only dissipate, so they are left out.
 
     Raises:
         FloatingPointError: a state diverged.

@@ -21,7 +21,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import Q, addresses
 from uwserver.physics.rays import hits
 from uwserver.physics.rays.raycast import Hits
-from uwserver.physics.rays.rows import CARRIED, SIDE, Few, middle, planes, sides
+from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
 
 FEW = 96
 """Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
@@ -65,7 +65,7 @@ class _Scene:
         """Add the hits of rays (n, 3) to the answer; the state x (13) places the frame."""
         work = self._works.get(len(origin)) or self._buffers(len(origin))
         batch = work.batch
-        count = hits.enter_box(work.table, origin, direction, limit, x, answer.distance)
+        count = hits.select_rays(work.table, origin, direction, limit, x, answer.distance)
         if count == 0:
             return
         engine = batch.engine[:count]
@@ -108,14 +108,14 @@ class Rays:
         self._static: dict[int, Solid] = {}
         self._moving: dict[int, _Carried] = {}
         self._still: _Scene | None = None
-        self._few: tuple[Few, IntArray] | None = None
+        self._simple: tuple[Simple, IntArray] | None = None
 
     def add_static(self, body: int, solid: Solid) -> None:
         """Add something that never moves. Raises BadSolid."""
         for placed in solid.shapes:
             check_shape(placed.shape)
         self._static[body] = solid
-        self._still = self._few = None
+        self._still = self._simple = None
 
     def add_moving(self, body: int, solid: Solid, row: int) -> None:
         """Add what the body in `row` of the state array carries. Raises BadSolid."""
@@ -125,11 +125,11 @@ class Rays:
         if scene is None and len(facets(solid).corners) > FEW:
             scene = _Scene({body: solid})
         self._moving[body] = _Carried(solid, row, scene)
-        self._few = None
+        self._simple = None
 
     def remove(self, body: int) -> None:
         """Take a solid away; KeyError if there is none of this id."""
-        self._few = None
+        self._simple = None
         if body in self._moving:
             del self._moving[body]
             return
@@ -145,8 +145,8 @@ class Rays:
         origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
         n, limit = len(origin), float(max_range)
         answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
-        _, table = self._few or self._gather()
-        hits.intersect_few(table, origin, direction, limit, state, *answer)
+        _, table = self._simple or self._gather()
+        hits.intersect_simple(table, origin, direction, limit, state, *answer)
         if self._still is not None:
             self._still.cast(_STILL, -1, origin, direction, limit, answer)
         for body, carried in self._moving.items():
@@ -154,7 +154,7 @@ class Rays:
                 carried.scene.cast(state[carried.row], body, origin, direction, limit, answer)
         return answer
 
-    def _gather(self) -> tuple[Few, IntArray]:
+    def _gather(self) -> tuple[Simple, IntArray]:
         """What the first rays after a change need; the rows stay alive beside their table."""
         meshed = {b: s for b, s in self._static.items() if any(not isinstance(x.shape, HalfSpace) for x in s.shapes)}
         if self._still is None and meshed:
@@ -171,9 +171,9 @@ class Rays:
                 places[id(solid)] = first, len(each[-1]), centre, float(np.linalg.norm(half))
                 first += len(each[-1])
             rows.append((body, row, *places[id(solid)]))
-        few = Few(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
-        self._few = few, addresses(hits.FEW, few._asdict())
-        return self._few
+        simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
+        self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
+        return self._simple
 
 
 class Instant:

@@ -17,40 +17,40 @@ from uwserver.physics.kernel.layout import Forms, P, Q, columns
 from uwserver.physics.kernel.linear import dot
 from uwserver.physics.kernel.rotation import rotation
 from uwserver.physics.rays.raycast import Hits
-from uwserver.physics.rays.rows import CARRIED, PLANE, SIDE, Few
+from uwserver.physics.rays.rows import CARRIED, PLANE, SIDE, Simple
 
 _FARTHEST = 1e30
 """m; the engine's numbers are float32."""
 ROUNDING = 1e-6
-"""What float32 cannot tell apart, as a part of the coordinates."""
+"""Of float32, as a part of the coordinates."""
 
 
-FEW: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
+SIMPLE: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
 """Of the table of what is intersected one by one."""
 
-_few_at = arrays_at(Few, FEW)
+_simple_at = arrays_at(Simple, SIMPLE)
 
 
 @compiled
-def intersect_few(
+def intersect_simple(
     table: Array, origin: Array, direction: Array, limit: float, state: Array, distance: Array, normal: Array, body: Array, material: Array
 ) -> None:  # fmt: skip
     """Begin an answer: half-spaces and moving solids of few triangles, one by one.
 
     Args:
-        table: made by `FEW`.
+        table: made by `SIMPLE`.
         origin, direction: (n, 3) of the rays in N.
         limit: m; farther things are not hit.
         state: (m, 13) of the bodies.
         distance, normal, body, material: of `Hits`, receive the answer.
     """
-    few, hits = _few_at(table), Hits(distance, normal, body, material)
+    simple, hits = _simple_at(table), Hits(distance, normal, body, material)
     for i in range(len(distance)):
         distance[i] = math.inf
         normal[i, 0] = normal[i, 1] = normal[i, 2] = 0.0
         body[i] = material[i] = -1
-    _intersect_planes(origin, direction, limit, few.planes, hits)
-    _intersect_carried(origin, direction, limit, few, state, hits)
+    _intersect_planes(origin, direction, limit, simple.planes, hits)
+    _intersect_carried(origin, direction, limit, simple, state, hits)
 
 
 @compiled
@@ -121,10 +121,10 @@ def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) 
 
 
 @compiled
-def _intersect_carried(origin: Array, direction: Array, limit: float, few: Few, state: Array, hits: Hits) -> None:
+def _intersect_carried(origin: Array, direction: Array, limit: float, simple: Simple, state: Array, hits: Hits) -> None:
     """Hits on moving solids of few triangles, one by one; what does not face the start of a ray is left out once for all rays that start
     there."""
-    carried, sides, distance, normal = few.carried, few.sides, hits.distance, hits.normal
+    carried, sides, distance, normal = simple.carried, simple.sides, hits.distance, hits.normal
     R, away, start, d = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     facing = np.empty((len(sides), 15))
     for solid in carried:
@@ -225,7 +225,7 @@ _batch_at = arrays_at(Batch, BATCH)
 
 
 @compiled
-def enter_box(table: Array, origin: Array, direction: Array, limit: float, x: Array, distance: Array) -> int:
+def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: Array, distance: Array) -> int:
     """Bring rays that pass a box, before what they have hit so far, into its frame (the slab test).
 
     Args:

@@ -23,7 +23,7 @@ CARRIED = np.dtype(
 """A solid that moves: its id, its row in the state, its triangles, and the ball around them in its frame."""
 
 
-class Few(NamedTuple):
+class Simple(NamedTuple):
     """All that is intersected one by one.
 
     Attributes:

@@ -13,9 +13,9 @@ from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphe
 from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import addresses
-from uwserver.physics.rays.hits import BATCH, FEW, Batch, enter_box, intersect_few, intersect_level, refine
+from uwserver.physics.rays.hits import BATCH, SIMPLE, Batch, intersect_level, intersect_simple, refine, select_rays
 from uwserver.physics.rays.raycast import SURFACE, Hits, no_hits
-from uwserver.physics.rays.rows import CARRIED, SIDE, Few, middle, planes, sides
+from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
 
 RNG = np.random.default_rng(31)
 
@@ -36,7 +36,7 @@ def state_of(*poses: tuple[Any, Any]) -> FloatArray:
 LEVEL = state_of(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
-def few_of(static: list[tuple[int, Solid]], moving: list[tuple[int, Solid, int]]) -> Few:
+def simple_of(static: list[tuple[int, Solid]], moving: list[tuple[int, Solid, int]]) -> Simple:
     each, rows, first = [np.empty(0, SIDE)], [], 0
     for body, solid, row in moving:
         parts = facets(solid)
@@ -44,15 +44,15 @@ def few_of(static: list[tuple[int, Solid]], moving: list[tuple[int, Solid, int]]
         each.append(sides(parts, np.zeros(3)))
         rows.append((body, row, first, len(each[-1]), centre, float(np.linalg.norm(half))))
         first += len(each[-1])
-    return Few(planes(static), np.array(rows, CARRIED), np.concatenate(each))
+    return Simple(planes(static), np.array(rows, CARRIED), np.concatenate(each))
 
 
-def cast(few: Few, origin: Any, direction: Any, limit: float = 100.0, state: FloatArray = LEVEL) -> Hits:
+def cast(simple: Simple, origin: Any, direction: Any, limit: float = 100.0, state: FloatArray = LEVEL) -> Hits:
     origin, direction = np.array(origin, float).reshape(-1, 3), np.array(direction, float).reshape(-1, 3)
     answer = Hits(
         np.full(len(origin), -5.0), np.full((len(origin), 3), -5.0), np.full(len(origin), -5), np.full(len(origin), -5)
     )
-    intersect_few(addresses(FEW, few._asdict()), origin, direction, limit, state, *answer)
+    intersect_simple(addresses(SIMPLE, simple._asdict()), origin, direction, limit, state, *answer)
     return answer
 
 
@@ -60,14 +60,14 @@ GROUND = Solid("ground", (Placed(HalfSpace(), (0.0, 0.0, 10.0), quat_from_rpy(0.
 
 
 def test_nothing_is_an_answer_too() -> None:
-    answer = cast(few_of([], []), np.zeros((3, 3)), unit(3))
+    answer = cast(simple_of([], []), np.zeros((3, 3)), unit(3))
     for found, expected in zip(answer, no_hits(3), strict=True):
         np.testing.assert_array_equal(found, expected)
 
 
 def test_a_plane_is_hit_where_its_equation_says() -> None:
-    few, direction, origin = few_of([(7, GROUND)], []), unit(200), RNG.uniform(-3.0, 3.0, (200, 3))
-    answer = cast(few, origin, direction, 30.0)
+    simple, direction, origin = simple_of([(7, GROUND)], []), unit(200), RNG.uniform(-3.0, 3.0, (200, 3))
+    answer = cast(simple, origin, direction, 30.0)
     normal = -GROUND.shapes[0].R[:, 2]
     with np.errstate(divide="ignore"):
         distance = ([0.0, 0.0, 10.0] - origin) @ normal / (direction @ normal)
@@ -80,35 +80,37 @@ def test_a_plane_is_hit_where_its_equation_says() -> None:
 
 
 def test_from_inside_a_plane_is_not_hit() -> None:
-    assert cast(few_of([(7, GROUND)], []), [0.0, 0.0, 12.0], [0.0, 0.0, -1.0]).body[0] == -1
+    assert cast(simple_of([(7, GROUND)], []), [0.0, 0.0, 12.0], [0.0, 0.0, -1.0]).body[0] == -1
+
+
+def inside(corners: FloatArray, n: FloatArray, x: FloatArray, slack: float = 0.0) -> Any:
+    """(t) whether points x (t, 3) of the planes of triangles (t, 3, 3) with normals n lie in them."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    sides = np.cross(edges, x[:, None] - corners)
+    return (np.einsum("tki,ti->tk", sides, n) >= -slack).all(axis=1)
 
 
 def brute_force(corners: FloatArray, o: FloatArray, d: FloatArray) -> tuple[float, FloatArray]:
-    """Nearest front-facing triangle, by Moeller and Trumbore."""
-    best, normal = math.inf, np.zeros(3)
-    for a, b, c in corners:
-        n = np.cross(b - a, c - a)
-        if n @ d >= 0.0:
-            continue
-        t = n @ (a - o) / (n @ d)
-        x = o + t * d
-        inside = all(np.cross(q - p, x - p) @ n >= 0.0 for p, q in ((a, b), (b, c), (c, a)))
-        if t >= 0.0 and inside and t < best:
-            best, normal = float(t), n / np.linalg.norm(n)
-    return best, normal
+    """Distance and normal of the nearest triangle that faces the ray."""
+    n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    approach, height = n @ d, np.einsum("ti,ti->t", n, corners[:, 0] - o)
+    t = np.divide(height, approach, out=np.full(len(n), -1.0), where=approach < 0.0)
+    t = np.where((t >= 0.0) & inside(corners, n, o + t[:, None] * d), t, np.inf)
+    k = int(np.argmin(t))
+    return float(t[k]), n[k] / np.linalg.norm(n[k]) if t[k] < np.inf else np.zeros(3)
 
 
 @pytest.mark.parametrize("shape", [Box((0.5, 0.3, 0.2)), Sphere(0.4)], ids=lambda x: type(x).__name__)
 def test_a_moving_solid_is_hit_where_brute_force_says(shape: Any) -> None:
     solid = Solid("s", (Placed(shape, (0.2, 0.0, 0.1)),), material=4)
     state = state_of(((9.0, 9.0, 9.0), (0.0, 0.0, 0.0)), ((1.0, -2.0, 3.0), (0.3, -0.2, 1.0)))
-    few = few_of([], [(5, solid, 1)])
+    simple = simple_of([], [(5, solid, 1)])
     R = Placed(shape, q=tuple(state[1, 3:7])).R
     corners = facets(solid).corners @ R.T + state[1, :3]
     origin = state[1, :3] + RNG.uniform(-2.0, 2.0, (40, 3))
     direction = state[1, :3] + RNG.uniform(-0.5, 0.5, (40, 3)) - origin
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    answer = cast(few, origin, direction, 10.0, state)
+    answer = cast(simple, origin, direction, 10.0, state)
     hits = 0
     for k in range(40):
         distance, normal = brute_force(corners, origin[k], direction[k])
@@ -120,32 +122,32 @@ def test_a_moving_solid_is_hit_where_brute_force_says(shape: Any) -> None:
 
 
 def test_many_rays_from_one_place_are_as_each_alone() -> None:
-    few = few_of([(1, GROUND)], [(5, Solid("b", (Placed(Box((1.0, 1.0, 1.0)), (4.0, 0.0, 0.0)),)), 0)])
+    simple = simple_of([(1, GROUND)], [(5, Solid("b", (Placed(Box((1.0, 1.0, 1.0)), (4.0, 0.0, 0.0)),)), 0)])
     direction = unit(100)
-    together = cast(few, np.zeros((100, 3)), direction)
+    together = cast(simple, np.zeros((100, 3)), direction)
     for k in range(0, 100, 7):
-        alone = cast(few, np.zeros(3), direction[k])
+        alone = cast(simple, np.zeros(3), direction[k])
         for found, expected in zip(together, alone, strict=True):
             np.testing.assert_array_equal(found[k], expected[0])
 
 
 def test_no_ray_slips_through_between_two_sides() -> None:
     """At the edges and corners of a box, to the last bit."""
-    few = few_of([], [(5, Solid("b", (Placed(Box((1.0, 1.0, 1.0))),)), 0)])
+    simple = simple_of([], [(5, Solid("b", (Placed(Box((1.0, 1.0, 1.0))),)), 0)])
     targets = np.array([[x, y, -1.0] for x in np.linspace(-1.0, 1.0, 41) for y in (-1.0, -0.5, 0.0, 1.0)]) * (
         1.0 - 1e-15
     )
     origin = np.array([0.3, 0.2, -7.0])
     direction = (targets - origin) / np.linalg.norm(targets - origin, axis=1, keepdims=True)
-    answer = cast(few, np.repeat([origin], len(targets), axis=0), direction)
+    answer = cast(simple, np.repeat([origin], len(targets), axis=0), direction)
     assert (answer.body == 5).mean() > 0.95  # outermost ones may miss by rounding
     inner = (np.abs(targets[:, :2]) < 0.99).all(axis=1)
     assert (answer.body[inner] == 5).all()
 
 
 def test_a_ray_from_inside_leaves_unhindered() -> None:
-    few = few_of([], [(5, Solid("b", (Placed(Box((1.0, 1.0, 1.0))),)), 0)])
-    assert (cast(few, np.zeros((50, 3)), unit(50)).body == -1).all()
+    simple = simple_of([], [(5, Solid("b", (Placed(Box((1.0, 1.0, 1.0))),)), 0)])
+    assert (cast(simple, np.zeros((50, 3)), unit(50)).body == -1).all()
 
 
 def test_the_limit_and_the_nearer_of_two() -> None:
@@ -154,19 +156,19 @@ def test_the_limit_and_the_nearer_of_two() -> None:
         Solid("near", (Placed(Box((1.0,) * 3), (4.0, 0.0, 0.0)),)),
     )
     for order in ([(1, far, 0), (2, near, 0)], [(2, near, 0), (1, far, 0)]):
-        few = few_of([], order)
-        assert cast(few, np.zeros(3), [1.0, 0.0, 0.0]).body[0] == 2
-        assert cast(few, np.zeros(3), [1.0, 0.0, 0.0]).distance[0] == pytest.approx(3.0)
-        assert cast(few, np.zeros(3), [1.0, 0.0, 0.0], limit=2.9).body[0] == -1
+        simple = simple_of([], order)
+        assert cast(simple, np.zeros(3), [1.0, 0.0, 0.0]).body[0] == 2
+        assert cast(simple, np.zeros(3), [1.0, 0.0, 0.0]).distance[0] == pytest.approx(3.0)
+        assert cast(simple, np.zeros(3), [1.0, 0.0, 0.0], limit=2.9).body[0] == -1
     wall = Solid("wall", (Placed(HalfSpace(), (2.0, 0.0, 0.0), quat_from_rpy(0.0, math.pi / 2, 0.0)),))
-    assert cast(few_of([(9, wall)], [(2, near, 0)]), np.zeros(3), [1.0, 0.0, 0.0]).body[0] == 9
+    assert cast(simple_of([(9, wall)], [(2, near, 0)]), np.zeros(3), [1.0, 0.0, 0.0]).body[0] == 9
 
 
 def test_a_sheet_is_hit_on_both_sides_with_the_normal_towards_the_ray() -> None:
     triangle = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 2.0, 0.0]])
     sheet = Solid("sheet", (Placed(TriangleMesh(triangle, np.array([[0, 1, 2]]), oriented=False)),))
-    few = few_of([], [(5, sheet, 0)])
-    answer = cast(few, [[0.0, 0.0, -2.0], [0.0, 0.0, 2.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    simple = simple_of([], [(5, sheet, 0)])
+    answer = cast(simple, [[0.0, 0.0, -2.0], [0.0, 0.0, 2.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     assert answer.distance.tolist() == [2.0, 2.0]
     np.testing.assert_array_equal(answer.normal, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
 
@@ -209,7 +211,7 @@ def test_rays_that_pass_a_box_enter_its_frame() -> None:
     origin = x[:3] + RNG.uniform(-3.0, 3.0, (300, 3))
     direction = unit(300)
     batch, distance = batch_of(BLOCK, 300), np.full(300, np.inf)
-    count = enter_box(addresses(BATCH, batch._asdict()), origin, direction, 8.0, x, distance)
+    count = select_rays(addresses(BATCH, batch._asdict()), origin, direction, 8.0, x, distance)
     chosen = set(batch.rays[:count].tolist())
     local_o, local_d = (origin - x[:3]) @ R - batch.box[0], direction @ R
     steps = np.linspace(0.0, 8.0, 1601)
@@ -231,26 +233,23 @@ def test_what_is_behind_a_hit_does_not_enter() -> None:
     table = addresses(BATCH, batch._asdict())
     for distance, count in ((far, 1), (near, 0)):
         assert (
-            enter_box(table, np.array([[-5.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]]), 50.0, LEVEL[0], distance)
+            select_rays(table, np.array([[-5.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]]), 50.0, LEVEL[0], distance)
             == count
         )
 
 
 def picked_by_brute_force(batch: Batch, count: int) -> Any:
     """What an engine would pick: the nearest triangle beyond `ahead`, whichever side it shows."""
+    n, corners = batch.sides["normal"], batch.sides["corners"]
     out = np.full(count, -1)
     for k in range(count):
-        best = math.inf
-        for t, side in enumerate(batch.sides):
-            approach = side["normal"] @ batch.towards[k]
-            if approach == 0.0:
-                continue
-            reached = side["normal"] @ (side["corners"][0] - batch.start[k]) / approach
-            point = batch.start[k] + reached * batch.towards[k]
-            a, b, c = side["corners"]
-            inside = all(np.cross(q - p, point - p) @ side["normal"] >= -1e-12 for p, q in ((a, b), (b, c), (c, a)))
-            if inside and batch.ahead[k] < reached < best:
-                best, out[k] = reached, t
+        approach, height = n @ batch.towards[k], np.einsum("ti,ti->t", n, corners[:, 0] - batch.start[k])
+        t = np.divide(height, approach, out=np.full(len(n), -1.0), where=approach != 0.0)
+        t = np.where(
+            (t > batch.ahead[k]) & inside(corners, n, batch.start[k] + t[:, None] * batch.towards[k], 1e-12), t, np.inf
+        )
+        if t.min() < np.inf:
+            out[k] = np.argmin(t)
     return out
 
 
@@ -263,7 +262,7 @@ def test_picked_triangles_give_exact_hits_and_hidden_sides_send_on() -> None:
     origin = np.full((n, 3), (0.3, 0.0, 0.0))
     direction = np.array([1.0, 0.0, 0.0]) + 0.15 * unit(n)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    count = enter_box(table, origin, direction, 20.0, LEVEL[0], answer.distance)
+    count = select_rays(table, origin, direction, 20.0, LEVEL[0], answer.distance)
     assert count == n
     again = refine(table, picked_by_brute_force(batch, n), 20.0, 8, *answer)
     assert again == n
@@ -281,7 +280,7 @@ def test_without_a_body_a_hit_is_its_owner_s() -> None:
     batch, answer = batch_of(BLOCK, 1), no_hits(1)
     batch.owners[:] = 42
     table = addresses(BATCH, batch._asdict())
-    enter_box(table, np.array([[-5.0, 0.1, 0.1]]), np.array([[1.0, 0.0, 0.0]]), 50.0, LEVEL[0], answer.distance)
+    select_rays(table, np.array([[-5.0, 0.1, 0.1]]), np.array([[1.0, 0.0, 0.0]]), 50.0, LEVEL[0], answer.distance)
     assert refine(table, picked_by_brute_force(batch, 1), 50.0, -1, *answer) == 0
     assert (answer.body[0], answer.distance[0]) == (42, pytest.approx(4.3))
 
@@ -291,7 +290,7 @@ def test_rays_that_go_on_move_to_the_front() -> None:
     batch, answer = batch_of(BLOCK, 4), no_hits(4)
     table = addresses(BATCH, batch._asdict())
     origin = np.array([[-5.0, 0.0, 0.1], [0.3, 0.5, 0.1], [-5.0, 0.2, 0.1], [0.3, -0.5, 0.1]])
-    enter_box(table, origin, np.array([[1.0, 0.0, 0.0]] * 4), 50.0, LEVEL[0], answer.distance)
+    select_rays(table, origin, np.array([[1.0, 0.0, 0.0]] * 4), 50.0, LEVEL[0], answer.distance)
     assert refine(table, picked_by_brute_force(batch, 4), 50.0, 8, *answer) == 2
     assert batch.rays[:2].tolist() == [1, 3]
     np.testing.assert_allclose(batch.start[:2], origin[[1, 3]] - batch.box[0], rtol=0.0, atol=1e-15)
