@@ -19,21 +19,23 @@ import pytest
 import uwclient
 from mcap.reader import make_reader
 from test_replay import Rig, rewritten
-from uwserver_adapters.moos.bridge import ERROR, Bridge
+from uwserver_adapters.moos.bridge.bridge import ERROR, Bridge
 from uwserver_adapters.moos.config import BridgeTable
+from uwserver_adapters.native.codec import JsonCodec, MsgpackCodec
+from uwserver_adapters.native.requests import Request as SocketRequest
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.sockets.codec import JsonCodec, MsgpackCodec
-from uwserver_adapters.sockets.requests import Request as SocketRequest
 from websockets.asyncio.client import connect as connect_websocket
 
 from uwserver.ports import Buffer, Command, Field, Items, Layout, Port, Refused, Sample
-from uwserver.ports.checks import checked_command
+from uwserver.ports.checks import check_given, check_values, checked_command
 from uwserver.recording import replay as replay_module
 from uwserver.recording.format import REQUESTS
 from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
+from uwserver.sensors import IdealSensor
 from uwserver.simulation.clock import Timing
 from uwserver.testing import FakeContext
+from uwserver.world import snapshot
 from uwserver.world.components import ActuatorSlot, SensorSlot
 from uwserver.world.world import World
 
@@ -340,12 +342,13 @@ class Modem:
         """A modem has none."""
 
 
-class Camera:
+class Camera(IdealSensor):
     """Sees the last picture that the modem was given."""
 
-    fields, doc, needs_rates = HEARD.fields, HEARD.doc, False
+    fields, doc = HEARD.fields, HEARD.doc
 
     def __init__(self, modem: Modem) -> None:
+        super().__init__()
         self.modem = modem
 
     def measure(self, scope: object) -> tuple[bool, list[Any]]:
@@ -357,8 +360,11 @@ class Camera:
 def equipped(world: World) -> Modem:
     """Give a built world the modem and the camera."""
     modem, member = Modem(), world.members["rov"]
-    heard = SensorSlot(HEARD, member.vehicle.row, Camera(modem), (), 24, 0)
-    slots = {"sensors": (*member.sensors, heard), "actuators": (*member.actuators, ActuatorSlot(MODEM, modem, 0))}
+    heard = SensorSlot(HEARD, member.vehicle.row, Camera(modem), (), world.rate_hz, 24, 20_000_000)
+    slots = {
+        "sensors": (*member.sensors, heard),
+        "actuators": (*member.actuators, ActuatorSlot(MODEM, modem, world.rate_hz, 0)),
+    }
     world.set_members([replace(member, **slots)])
     return modem
 
@@ -417,3 +423,55 @@ def test_a_request_that_was_tampered_with_is_refused(bad, recorded, tmp_path):
     rewritten(path, tmp_path / "bad.mcap", change)
     with pytest.raises(NotReplayable, match="cannot be read"):
         replay(tmp_path / "bad.mcap")
+
+
+def test_a_saved_state_holds_pictures_and_goes_on_the_same():
+    """The last reading, a sample under way and the last command, as bytes into another world."""
+    worlds = [build(Rig(Timing("realtime", paused=True)).resolved) for _ in range(2)]
+    cameras = [equipped(world) for world in worlds]
+    here, there = worlds
+    here.command(MODEM.path, to="süd", payload=PAYLOAD, picture=PIXELS)
+    here.step(49)  # the sample of tick 48 comes 20 ms later
+    data = snapshot.to_bytes(here, snapshot.take(here))
+    snapshot.from_bytes(there, data)
+    cameras[1].said = list(cameras[0].said)  # the modem's own memory is not what is tried here
+    assert snapshot.take(there).hash() == snapshot.take(here).hash()
+    again = [[sample for sample in world.step(60) if sample.port == HEARD.path] for world in worlds]
+    assert again[0] == again[1]
+    assert again[0][0].value == (Buffer(data=PAYLOAD), "süd", SEEN)
+    assert there.actuators[MODEM.path].last_value == GIVEN
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        (Buffer(data=b""), "x", Buffer(data=bytes(16))),
+        (SEEN, "x", SEEN),
+        (Buffer(data=b""), "x", Buffer.of(PIXELS)),
+        ("text", "x", SEEN),
+        (Buffer(data=b""), "x", 1.0),
+    ],
+)
+def test_a_saved_reading_that_is_none_of_the_sensor_is_refused(values):
+    check_values(HEARD.fields, SAMPLES[1].value)
+    check_values(HEARD.fields, SAMPLES[2].value)
+    with pytest.raises(ValueError, match="another type or shape"):
+        check_values(HEARD.fields, values)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ((1.0,), None, None),
+        (None, "text", None),
+        (None, Buffer(data=bytes(1001)), None),
+        (None, None, SEEN),
+        ("x", None),
+    ],
+)
+def test_a_saved_command_that_is_none_of_the_actuator_is_refused(given):
+    check_given(MODEM.fields, GIVEN)
+    with pytest.raises((ValueError, Refused)):
+        check_given(MODEM.fields, given)
+    with pytest.raises((ValueError, Refused)):
+        check_given((Field("u", "1", "number"),), ("text",))

@@ -9,7 +9,7 @@ CLOCK_SERVICES = (
     Service("world/resume", "Let time run on."),
     Service(
         "world/step",
-        "Paused: run n ticks as fast as possible, then reply. Lockstep: let time go n ticks on from this client's side, reply when it did.",
+        "Paused: run n ticks as fast as possible, then reply. Lockstep: grant n ticks for this client, reply when they are done.",
         (Argument("n", "int", "ticks", required=False, default=1, minimum=1, maximum=1e9),),
         long_running=True,
     ),

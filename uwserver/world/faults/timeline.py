@@ -271,5 +271,5 @@ def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
 
     doc = "Add a fault, now or at its at_s, or replace the one of that name."
     yield Service("world/set_fault", doc, (name, kind, target, keys)), set_fault
-    yield Service("world/clear_fault", "Take a fault out, and its effect with it.", (name,)), clear_fault
+    yield Service("world/clear_fault", "Remove a fault and its effect.", (name,)), clear_fault
     yield Service("world/faults", "All faults with their state: waiting, active or over."), listed
