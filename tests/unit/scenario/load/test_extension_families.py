@@ -15,6 +15,7 @@ from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
+from uwserver.world import snapshot
 from uwserver.world.world import World
 
 
@@ -298,3 +299,18 @@ def test_a_recording_is_replayed_bit_for_bit_with_the_file(beside: Path, scenari
     replayed = replay(Path("x.mcap"), [beside / f"{extension}.py"])
     assert replayed.difference is None
     assert replayed.hashes > 0
+
+
+@pytest.mark.parametrize("scenario", ["tank", "pool", "river", "trial"])
+def test_a_state_goes_on_in_another_world(beside: Path, scenario: str) -> None:
+    changed(beside / "trial.toml", "at_s = 10", "at_s = 0.1")
+    first, second = (built(beside / f"{scenario}.toml") for _ in range(2))
+    if scenario == "pool":
+        first.command("rov/jet", u=0.8)  # opens the valve, which a weaker command would not
+    first.step(130)
+    snapshot.from_bytes(second, snapshot.to_bytes(first, snapshot.take(first)))
+    for world in (first, second):
+        if scenario == "pool":
+            world.command("rov/jet", u=0.3)
+    assert first.step(60) == second.step(60)
+    assert snapshot.take(first).hash() == snapshot.take(second).hash()

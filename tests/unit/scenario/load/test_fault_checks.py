@@ -70,9 +70,9 @@ def test_good_faults_pass(told) -> None:
         ({"kind": "sensor_frozen", "target": "rov/dvl"}, 'target: no sensor "rov/dvl", there are: rov/imu'),
         (lighter(target="row", fraction=0.1), 'target: no vehicle "row", there are: rov'),
         (dead(at_s=5, until_s=5), "until_s: 5 s is not after its begin at 5 s"),
-        (lighter(volume_m3=-0.01), "volume_m3: less than no volume of the 0.0098 m3 would be left"),
+        (lighter(volume_m3=-0.01), "volume_m3: it takes away more than the 0.0098 m3 that the hull has"),
         (lighter(fraction=9.5), "fraction: 0.1029 m3 would be more than 10 times the 0.0098 m3 of the hull"),
-        ({"kind": "mass_loss", "target": "rov", "mass_kg": 10}, "mass_kg: no mass or moment of inertia of the 10 kg would be left"),
+        ({"kind": "mass_loss", "target": "rov", "mass_kg": 10}, "mass_kg: it leaves no mass or no moment of inertia of the 10 kg"),
     ],
 )  # fmt: skip
 def test_a_fault_that_cannot_be_is_told_at_its_key(fault: dict[str, Any], line: str, told) -> None:
@@ -96,7 +96,7 @@ def test_each_copy_is_a_target_and_their_table_is_none(told) -> None:
 
 def test_what_faults_leave_together_counts(told) -> None:
     lines = told(a=lighter(volume_m3=-0.005), b=lighter(volume_m3=-0.004), c=lighter(volume_m3=-0.001))
-    assert lines == ["faults.c.volume_m3: less than no volume of the 0.0098 m3 would be left"]
+    assert lines == ["faults.c.volume_m3: it takes away more than the 0.0098 m3 that the hull has"]
 
 
 def test_without_gravity_there_is_no_force_of_buoyancy(told) -> None:

@@ -13,7 +13,7 @@ from uwserver.scenario.vehicle.assembly import drafted
 from uwserver.scenario.vehicle.sensor_checks import check_fields, check_sensor
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import Pose, SensorTable
+from uwserver.sensors import IdealSensor, Pose, Scope, SensorTable
 
 ON_EARTH = WorldTable(origin_lat_deg=63.4, origin_lon_deg=10.4)
 NOISE = {"kind": "white_noise", "field": "f_S", "sigma": 0.1}
@@ -30,8 +30,14 @@ class OddConfig(SensorTable, tag="odd", kw_only=True, frozen=True):
         return self.made()
 
 
-class Odd:
+class Odd(IdealSensor):
+    """A sensor that keeps the contract."""
+
+    doc = "Something."
     fields = (Field("x", "1", "a number"),)
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Any]]:
+        return True, [0.0]
 
 
 @pytest.fixture
@@ -180,9 +186,12 @@ def test_a_good_kind_is_built_once(odd, monkeypatch) -> None:
     ("made", "reason"),
     [
         (lambda: 1 / 0, "ZeroDivisionError: division by zero"),
-        (lambda: None, "AttributeError: 'NoneType' object has no attribute 'fields'"),
-        (lambda: type("X", (), {"fields": ["x"]}), "ValueError: its fields must be a tuple of uwserver.ports.Field"),
-        (lambda: type("X", (), {"fields": Odd.fields * 2}), "ValueError: two of its fields have one name"),
+        (lambda: None, "TypeError: it must derive from uwserver.sensors.Sensor or IdealSensor"),
+        (
+            type("X", (Odd,), {"fields": ["x"]}),
+            "ValueError: its fields must be a tuple of uwserver.ports.Field",
+        ),
+        (type("X", (Odd,), {"fields": Odd.fields * 2}), "ValueError: two of its fields have one name"),
     ],
 )
 def test_a_kind_that_cannot_be_built_is_told(made: Any, reason: str, odd) -> None:
