@@ -161,7 +161,7 @@ def servo_rows(appendages: Appendages) -> Records:
 
 
 def appendage_rows(appendages: Appendages, first_servo: int) -> dict[str, Records]:
-    """Rows of all kinds but servos, by the names of `layout.Rows`; `first_servo` is the row that the body's first servo gets."""
+    """Rows of all kinds but servos, by the names of `layout.Fitted`; `first_servo` is the row that the body's first servo gets."""
     servos = {servo.name: first_servo + k for k, servo in enumerate(appendages.servos)}
     neutral = {servo.name: servo.neutral for servo in appendages.servos}
     return {
