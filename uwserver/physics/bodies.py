@@ -54,7 +54,7 @@ def _sea_kernel() -> ModuleType:
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
 _FLAGS = {
-    "touching": 1,
+    "in_contact": 1,
     "retired": 1,
     "by_force": 1,
     "fresh": 1,

@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from uwserver.validation.colliders import Floor
-from uwserver.validation.contact_forms import FEET, OFF_DIAGONAL, vehicle
+from uwserver_bench.proofs.colliders import Floor
+from uwserver_bench.proofs.contact_forms import FEET, OFF_DIAGONAL, vehicle
 
 from uwserver.frames import quat_from_rpy
+from uwserver.physics import bodies
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import Appendages, HullParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, PROFILE_SIZE, SHAPE_BOX, WAVE_SIZE, Q, SeaRows
 
@@ -289,19 +291,34 @@ def test_the_first_body_whose_state_is_not_finite_is_named() -> None:
     assert hydro.advance(0.0) == 1
 
 
-def test_a_load_brings_back_every_bit_and_forgets_bodies_that_came_since() -> None:
+def test_a_load_brings_back_every_bit() -> None:
     hydro = deep(coupled(thrusters=(thruster("x"),)))
     hydro.thrusters["command"], hydro.thrusters["fresh"] = 0.5, 1
     hydro.advance(0.0)
     saved = hydro.save()
     hydro.advance(DT)
     expected = hydro.state.copy()
-    hydro.add(coupled())
+    hydro.advance(2.0 * DT)
+    hydro.check(saved)
     hydro.load(saved)
-    assert len(hydro) == 1
     assert hydro.save() == saved
     hydro.advance(DT)
     np.testing.assert_array_equal(hydro.state, expected)
+
+
+def test_the_state_of_other_bodies_is_refused() -> None:
+    hydro = deep(coupled())
+    saved = hydro.save()
+    hydro.add(coupled())
+    with pytest.raises(ValueError, match='bytes of "state"'):
+        hydro.check(saved)
+
+
+def test_whole_numbers_that_change_are_those_of_the_rows() -> None:
+    """A state from outside may set them; another name would let none of them pass, or a wrong one."""
+    rows = (layout.BODY, layout.THRUSTER, layout.WRENCH)
+    whole = {name for dtype in rows for name in dtype.names or () if dtype[name].kind == "i"}
+    assert set(bodies._FLAGS) <= whole
 
 
 def test_currents_are_the_water_of_the_bodies() -> None:

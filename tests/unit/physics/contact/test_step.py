@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from uwserver.validation.colliders import Floor
+from uwserver_bench.proofs.colliders import Floor
 
 from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics

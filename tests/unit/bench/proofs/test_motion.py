@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from uwserver.validation.motion import (
+from uwserver_bench.proofs.motion import (
     DEEP,
     angular_frequency,
     energy_excess,

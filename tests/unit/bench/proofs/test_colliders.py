@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from uwserver.validation.colliders import Balls, Floor
+from uwserver_bench.proofs.colliders import Balls, Floor
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.kernel.arrays import FloatArray

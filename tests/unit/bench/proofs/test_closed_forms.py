@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from uwserver.validation.closed_forms import ClosedForm, floating_equilibria, sphere_added_mass, table_a1
-from uwserver.validation.contact_forms import DIAGONAL, HITS, hit, standing
+from uwserver_bench.proofs.closed_forms import ClosedForm, floating_equilibria, sphere_added_mass, table_a1
+from uwserver_bench.proofs.contact_forms import DIAGONAL, HITS, hit, standing
 
 
 def test_an_error_is_relative() -> None:
