@@ -15,8 +15,8 @@ from uwserver.table import Positive, Table
 Gain = Annotated[float, Meta(ge=0, le=1000)]
 
 
-class Gains(Table, kw_only=True, frozen=True):
-    """What the controllers work with. All can be read and changed while the autopilot runs.
+class Gains(Table, kw_only=True, frozen=True, omit_defaults=False):
+    """What the controllers work with. All can be read and changed while the autopilot runs. Encoded whole, as equal gains must give equal states.
 
     Attributes:
         rate_p, rate_i: roll and pitch rate to angular acceleration, 1/s and 1/s2.

@@ -283,6 +283,38 @@ def test_nothing_named_in_it_is_opened(make_world: Callable[..., World], tmp_pat
     assert opened == []
 
 
+SPELT = """
+schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+{gains}
+[vehicles.rov.autopilot]
+mode = "manual"
+[faults.weak]
+kind = "thruster_weak"
+target = "rov/thrusters"
+factor = 0.5
+{at}
+"""
+
+
+def test_a_default_that_is_spelt_out_is_the_default(tmp_path: Path) -> None:
+    """A recording spells every default of its scenario: its world must still have the same states."""
+    hashes = set()
+    for k, words in enumerate(
+        (
+            {"gains": "", "at": ""},
+            {"gains": "[vehicles.rov.override.autopilot.gains]\nrate_p = 6.0", "at": "at_s = 0.0"},
+        )
+    ):
+        path = tmp_path / f"{k}.toml"
+        path.write_text(SPELT.format(**words))
+        world = uwserver.load(path)
+        world.step(60)
+        hashes.add(snapshot.take(world).hash())
+    assert len(hashes) == 1
+
+
 def test_it_is_small_and_the_hash_does_not_tell_who_commanded(world: World) -> None:
     world.step(100)
     assert len(saved(world)) < 20_000

@@ -15,6 +15,7 @@ from uwserver.environment.water import Water
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.table import settled
 from uwserver.world.components import ActuatorSlot, SensorSlot
 from uwserver.world.faults.hull import Hull, HullFault, damaged
 from uwserver.world.faults.table import (
@@ -113,7 +114,7 @@ class Faults(Part):
         if name not in self.entries and len(self.entries) >= MAX_FAULTS:
             raise Refused("busy", f"there are {MAX_FAULTS} faults already: clear one, or use its name", "name")
         self.clear(name)
-        self.entries[name] = Entry(name, fault, begin, end)
+        self.entries[name] = Entry(name, settled(fault), begin, end)
         self.before(tick, 0)
 
     def clear(self, name: str) -> bool:
