@@ -244,8 +244,10 @@ class Connection(asyncio.Protocol):
         self._stop_turns()
         if self._linger is not None:
             self._linger.cancel()
-        self.closed()
-        self.peers.leave(self)
+        try:
+            self.closed()
+        finally:
+            self.peers.leave(self)
 
     def eof_received(self) -> bool:
         """The peer sends nothing more. Returns whether the connection stays open."""

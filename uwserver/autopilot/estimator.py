@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -126,7 +127,8 @@ class Estimator:
         if sample.valid:
             update, places = self._updates[sample.port]
             values = [sample.value[k] for k in places]
-            update(e, sample.t_ns, self.sources[sample.port], (now_ns - sample.t_ns) / NANOSECONDS, *values)
+            with contextlib.suppress(_Unusable):
+                update(e, sample.t_ns, self.sources[sample.port], (now_ns - sample.t_ns) / NANOSECONDS, *values)
 
     def step(self, e: Estimate, drifts: bool, sinks: bool) -> None:
         """Go on by one step of the autopilot.
@@ -207,7 +209,7 @@ class Estimator:
         e.attitude_ns = e.heading_ns = t_ns
 
     def _pressure(self, e: Estimate, t_ns: int, source: Source, late: float, reading: Value) -> None:
-        assert isinstance(reading, float)
+        reading = _number(reading)
         depth = (reading - source.atmosphere) / source.density if source.density else reading
         self._correct_depth(e, depth - rotate(e.q, source.p)[2], late, DEPTH_VARIANCE)
         e.depth_ns = t_ns
@@ -260,17 +262,15 @@ class Estimator:
     def _gps(
         self, e: Estimate, t_ns: int, source: Source, late: float, latitude: Value, longitude: Value, accuracy: Value
     ) -> None:
-        assert isinstance(latitude, float)
-        assert isinstance(longitude, float)
-        place = self._place
+        latitude, longitude, place = _number(latitude), _number(longitude), self._place
         north, east = north_east(np.array(latitude), np.array(longitude), place.latitude, place.longitude)
         sigma = accuracy if isinstance(accuracy, float) and accuracy > 0.0 else source.sigma
         self._correct_place(e, t_ns, float(north), float(east), source.p, sigma, late)
 
     def _motion_capture(self, e: Estimate, t_ns: int, source: Source, late: float, p_NS: Value, q_NS: Value) -> None:
+        (x, y, z), q = _vector(p_NS), _quaternion(q_NS)
         if not self._has_attitude:
-            self._correct_attitude(e, multiply(_quaternion(q_NS), conjugate(source.q)), t_ns, late)
-        x, y, z = _vector(p_NS)
+            self._correct_attitude(e, multiply(q, conjugate(source.q)), t_ns, late)
         self._correct_place(e, t_ns, x, y, source.p, source.sigma, late)
         self._correct_depth(e, z - rotate(e.q, source.p)[2], late, source.sigma**2)
         e.depth_ns = t_ns
@@ -379,14 +379,36 @@ def known(e: Estimate, gains: Gains, now_ns: int) -> Known:
     )
 
 
+class _Unusable(Exception):
+    """A valid sample that no sensor gives: one on its way may come from a saved state."""
+
+
+def _number(value: Value) -> float:
+    if not isinstance(value, float) or not abs(value) < 1e9:
+        raise _Unusable
+    return value
+
+
 def _vector(value: Value) -> Vec3:
-    assert isinstance(value, tuple)
-    return value  # type: ignore[return-value]  # a valid sample has three numbers here
+    try:
+        x, y, z = value  # type: ignore[misc,str-unpack]  # what is none is found out here
+        usable = abs(x) + abs(y) + abs(z) < 1e9  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        usable = False
+    if not usable:
+        raise _Unusable
+    return value  # type: ignore[return-value]
 
 
 def _quaternion(value: Value) -> Quat:
-    assert isinstance(value, tuple)
-    return value  # type: ignore[return-value]  # likewise four
+    try:
+        a, b, c, d = value  # type: ignore[misc,str-unpack]
+        usable = 0.9 < a * a + b * b + c * c + d * d < 1.1  # type: ignore[operator]
+    except (TypeError, ValueError):
+        usable = False
+    if not usable:
+        raise _Unusable
+    return value  # type: ignore[return-value]
 
 
 def _turned(q: Quat, w: Vec3, dt: float) -> Quat:

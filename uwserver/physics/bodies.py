@@ -171,8 +171,9 @@ class Hydrodynamics:
             self.add(body)
 
     def arrays(self) -> dict[str, Any]:
-        """All attributes as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
-        return {name: dict(value) if isinstance(value, dict) else value for name, value in self.__dict__.items()}
+        """All rows as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
+        rows = ((name, value) for name, value in self.__dict__.items() if name not in ("collider", "sea"))
+        return {name: dict(value) if isinstance(value, dict) else value for name, value in rows}
 
     def go_back(self, arrays: dict[str, Any]) -> None:
         """Undo what was added since."""

@@ -59,6 +59,8 @@ class Buffer(
         wanted = math.prod(self.shape) * ITEM_BYTES[self.dtype]
         if wanted != len(self.data):
             raise ValueError(f"{self.dtype} of shape {list(self.shape)} are {wanted} bytes, here are {len(self.data)}")
+        if math.prod(n or 1 for n in self.shape) > 1 << 40:  # of none of these numpy makes an array, were it empty
+            raise ValueError(f"a shape of {list(self.shape)} is too large")
 
     @classmethod
     def of(cls, array: NDArray[Any]) -> Buffer:

@@ -227,6 +227,7 @@ class Sensor(ABC):
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
+        draws: it draws random numbers, whose stream is then saved.
         repeats: it repeats what other sensors have just read, and so reads after them.
     """
 
@@ -241,6 +242,7 @@ class Sensor(ABC):
     paces = False
     listens = False
     repeats = False
+    draws = True
 
     def __init__(self, settings: Settings | None = None) -> None:
         """Switched on with random numbers of no path, for one who reads it alone."""
@@ -307,6 +309,8 @@ class Sensor(ABC):
 
 class IdealSensor(Sensor):
     """A sensor without errors, timing and memory of its own, a pure function of the world at one instant: subclasses write `measure` alone."""
+
+    draws = False
 
     @abstractmethod
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:

@@ -9,7 +9,21 @@ import msgspec
 
 from uwserver import __version__
 from uwserver.adapter import AdapterStats, Driver, Order, Subscriber, VehicleFacts, WorldFacts
-from uwserver.ports import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample, Service, matches
+from uwserver.ports import (
+    Call,
+    Command,
+    Event,
+    Fault,
+    Json,
+    OnReply,
+    Port,
+    Progress,
+    Refused,
+    Reply,
+    Sample,
+    Service,
+    matches,
+)
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox
@@ -179,7 +193,10 @@ class Context:
             if over:
                 return False
             path, _, name = call.service.rpartition("/")
-            self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None)
+            try:
+                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None)
+            except Refused:
+                return False  # too much waits for the next tick; the call ends by itself
             return True
 
         self._hub.mailbox.post(call, answered)

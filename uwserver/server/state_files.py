@@ -7,6 +7,7 @@ import logging
 import os
 import re
 import stat
+import tempfile
 from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
 
@@ -43,12 +44,15 @@ def write_state(path: Path, data: bytes) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.", suffix=".part", delete=False) as file:
+        try:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+            Path(file.name).replace(path)
+        except OSError:
+            Path(file.name).unlink(missing_ok=True)
+            raise
 
 
 class StateFiles:
@@ -123,6 +127,9 @@ class StateFiles:
             size = await asyncio.get_running_loop().run_in_executor(None, write)
         except OSError as error:
             on_reply(Reply(kept.tick, t_ns, fault=_not(f"the state was not saved to {path}", error).fault))
+            return
+        except Refused as refused:
+            on_reply(Reply(kept.tick, t_ns, fault=refused.fault))
             return
         log.info("saved the state of tick %d to %s", kept.tick, path)
         on_reply(Reply(kept.tick, t_ns, {"tick": kept.tick, "t_ns": t_ns, "bytes": size, "name": path.name}))

@@ -201,6 +201,7 @@ class Simulation:
         try:
             output = self.world.advance()
         except Diverged as error:
+            self._follow_jump()  # a load may have been in this tick; its failure is the one that follows
             self.failure = str(error)
             log.error("%s", error)
             self.paused = True

@@ -27,6 +27,9 @@ Held = tuple[bool, tuple[Value, ...]] | None
 """A reading: whether it is valid, and its values; None before the first."""
 NEVER = -(10**18)
 """A tick before all others."""
+Tick = Annotated[int, Meta(ge=NEVER, le=2**62)]
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+"""Limits of a state from outside, beyond which numbers could no longer be counted on and encoded."""
 
 
 @dataclass(slots=True)
@@ -56,11 +59,11 @@ class SensorState(State, frozen=True):
         sides: last reading of each further stream.
     """
 
-    seq: Annotated[int, Meta(ge=0)]
+    seq: Count
     active: bool
-    divisor: Annotated[int, Meta(ge=1)]
+    divisor: Annotated[int, Meta(ge=1, le=2**32)]
     held: Held
-    held_ns: int
+    held_ns: Count
     settings: bytes
     memories: tuple[tuple[bytes, bytes], ...]
     sides: tuple[Held, ...]
@@ -207,7 +210,8 @@ class SensorSlot(Part):
             side.held = held
 
     def _remembering(self) -> Iterator[tuple[Any, np.random.Generator]]:
-        yield self.sensor, self.sensor.rng
+        if self.sensor.draws:
+            yield self.sensor, self.sensor.rng
         for stream in self.streams():
             for modifier in stream.modifiers:
                 yield modifier, modifier.stream.rng
@@ -217,17 +221,17 @@ class Sources(Struct, frozen=True):
     """Who commanded an actuator, who else did, and how often they disagreed or fell silent."""
 
     source: str = ""
-    other_tick: int = NEVER
-    conflicts: int = 0
-    timeouts: int = 0
+    other_tick: Tick = NEVER
+    conflicts: Count = 0
+    timeouts: Count = 0
 
 
 class ActuatorState(State, frozen=True):
     """What one actuator's slot remembers; where the device itself stands is in the bodies' arrays, or in the record `memory`."""
 
     active: bool
-    timeout_ticks: Annotated[int, Meta(ge=0)]
-    last_tick: int
+    timeout_ticks: Count
+    last_tick: Tick
     last_value: Items
     memory: bytes
     sources: Sources

@@ -93,8 +93,10 @@ class _Exchange:
             raise Refused("bad_argument", f"the next piece belongs at offset {len(buffer)}, not {offset}", "offset")
         if offset + len(piece) > size:
             raise Refused("out_of_range", f"more than the {size} bytes that were announced", "data")
-        if sum(map(len, self._coming.values())) + len(piece) > MAX_BYTES:
-            raise Refused("busy", f"{MAX_BYTES} bytes of states are coming in already: try again later", "data")
+        for other in [each for each in self._coming if each != digest]:
+            # One that was left half-way makes room for the one that goes on.
+            if sum(map(len, self._coming.values())) + len(piece) > MAX_BYTES:
+                del self._coming[other]
         buffer += piece
         if len(buffer) < size:
             return {"received": len(buffer)}

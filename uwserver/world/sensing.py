@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from msgspec import Meta
 
 from uwserver.ports import Port, Sample, Value
 from uwserver.ports.checks import check_values
 from uwserver.sensors import Scope
-from uwserver.world.components import SensorSlot
+from uwserver.world.components import Count, SensorSlot
 from uwserver.world.part import Part, Stage, State
 
 
 class OnTheirWay(State, frozen=True):
     """Samples that are measured and not delivered yet: time of delivery (ns), order, port, seq, t_ns, valid and values of each."""
 
-    order: int
-    samples: tuple[tuple[int, int, str, int, int, bool, tuple[Value, ...]], ...]
+    order: Count
+    samples: Annotated[
+        tuple[tuple[Count, Count, str, Count, Count, bool, tuple[Value, ...]], ...], Meta(max_length=65536)
+    ]
 
 
 class Sensing(Part):

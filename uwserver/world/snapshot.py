@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from typing import Any
 
 from msgspec import Raw, Struct, msgpack
@@ -60,15 +61,21 @@ def restore(world: World, snapshot: Snapshot) -> None:
     """Put a world back, bit for bit: bodies that came since are gone, and those that went are back. All or nothing.
 
     Raises:
-        Refused: the snapshot is of another world, with other bodies or components, or holds what cannot be; nothing has changed.
+        Refused: the snapshot is of a world with other bodies or components; nothing has changed.
     """
-    _restore(world, snapshot.tick, dict(snapshot.parts))
+    _restore(world, snapshot.tick, snapshot.parts, checked=True)
 
 
 def to_bytes(world: World, snapshot: Snapshot) -> bytes:
-    """A snapshot as a file: msgpack, then 32 bytes SHA-256 of all before."""
+    """A snapshot as a file: msgpack, then 32 bytes SHA-256 of all before.
+
+    Raises:
+        Refused: it is too large to be loaded again.
+    """
     parts = {path: Raw(msgpack.encode(state)) for path, state in snapshot.parts.items()}
     data = msgpack.encode(_File(FORMAT, PHYSICS, world.identity(), world.seed, snapshot.tick, parts))
+    if len(data) > MAX_BYTES - _DIGEST_SIZE:
+        raise Refused("too_large", f"the state has {len(data)} bytes: at most {MAX_BYTES} can be saved and loaded")
     return data + hashlib.sha256(data).digest()
 
 
@@ -93,41 +100,42 @@ def from_bytes(world: World, data: bytes) -> None:
     if (file.scenario, file.seed) != (world.identity(), world.seed):
         text = "the state is of another scenario: load the scenario, with the seed, of which it was saved"
         raise _refused(f"{text} (seed {file.seed}, here {world.seed})" if file.seed != world.seed else text)
-    if not 0 <= file.tick < 2**53:
+    if not 0 <= world.time_of(file.tick) < 2**62:
         raise _refused(f"tick {file.tick} cannot be")
-    _restore(world, file.tick, dict(file.parts))
+    _restore(world, file.tick, file.parts, checked=False)
 
 
-def _restore(world: World, tick: int, states: dict[str, Any]) -> None:
+def _restore(world: World, tick: int, states: Mapping[str, Any], checked: bool) -> None:
     """The population first, as it says which other parts there are. Until all has been checked, everything can be taken back."""
     undo, before = world.hydro.arrays(), list(world.members.values())
+    members = before
     try:
         members = world.population.members_of(_typed(world.population, states))
-        world.bind(members)
+        if members != before:
+            world.bind(members)
         if states.keys() != world.parts.keys():
             odd = min(states.keys() ^ world.parts.keys())
             raise ValueError(f'it has other vehicles or components, such as "{odd[:80]}"')
         found = {part: _typed(part, states) for part in world.parts.values()}
-        for part, state in found.items():
-            part.check(state)
+        if not checked:
+            for part, state in found.items():
+                part.check(state)
     except (ValueError, RecursionError, Refused) as error:
         world.hydro.go_back(undo)
         raise _refused(f"the state does not fit this world: {error}") from None
     finally:
-        world.bind(before)
+        if members != before:
+            world.bind(before)
     world.jump(tick)
-    ports = world.ports
     if members != before:
         world.population.admit(found[world.population], members)
     # The rows of the bodies before all others, which may look at what stands there.
     for part in sorted(found, key=lambda part: (part.path != Bodies.path, part.path)):
         part.load(found[part])
-    world.refresh()
-    if members == before and world.ports != ports:
-        world.say("ports_changed", "rates or time-outs are as they were saved")
+    world.follow_slots("rates or time-outs are as they were saved")
 
 
-def _typed(part: Part, states: dict[str, Any]) -> State:
+def _typed(part: Part, states: Mapping[str, Any]) -> State:
     state = states.get(part.path)
     if state is None:
         raise ValueError(f'"{part.path}" is missing')

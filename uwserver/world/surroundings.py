@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from msgspec import Meta
 
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
@@ -46,7 +47,7 @@ class WaterState(State, frozen=True):
     """The steady current (m/s, N), and of each drifting current its random stream and its velocities at both ends of a draw."""
 
     current: Vec3
-    drifts: tuple[tuple[bytes, tuple[float, ...]], ...]
+    drifts: Annotated[tuple[tuple[bytes, tuple[float, ...]], ...], Meta(max_length=1024)]
 
 
 class Flowing(Part):

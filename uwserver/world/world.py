@@ -191,18 +191,23 @@ class World:
         """Let a sensor measure every `divisor` ticks, from now on."""
         if slot.divisor != divisor:
             slot.set_divisor(divisor)
-            self._changed(slot.path)
+            self.follow_slots(f'"{slot.path}" was changed')
 
     def set_timeout(self, slot: ActuatorSlot, ticks: int) -> None:
         """Set an actuator's watchdog; 0 ticks for none."""
         if slot.timeout_ticks != ticks:
             slot.set_timeout(ticks)
             self._commands.next_tick = self.tick
-            self._changed(slot.path)
+            self.follow_slots(f'"{slot.path}" was changed')
 
-    def _changed(self, path: str) -> None:
-        self.refresh()
-        self.say("ports_changed", f'"{path}" was changed')
+    def follow_slots(self, why: str) -> None:
+        """Slots were changed: put their sensors in line again, and publish and tell of their ports where these are others."""
+        slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
+        if any(self.ports[slot.path] is not slot.port for slot in slots):
+            self.refresh()
+            self.say("ports_changed", why)
+        else:
+            self._sensing.schedule()
 
     def offer(self, service: Service, carry: Carry) -> None:
         """Add a service of the world itself, which runs at the start of a tick."""
@@ -385,7 +390,9 @@ class World:
         return scope_of
 
     def _report(self, row: int) -> str:
-        vehicle = next(v for v in self.vehicles.values() if v.row == row)
+        vehicle = next((v for v in self.vehicles.values() if v.row == row), None)
+        if vehicle is None:
+            return f"a body that is no longer there diverged in tick {self.tick}"
         t = self.t_ns / NANOSECONDS
         line = f'body "{vehicle.name}" diverged in tick {self.tick} (t = {t:.6f} s): p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
         return "\n".join([line, *self._commands.newest(vehicle.name)])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -18,74 +21,162 @@ import uwserver
 from uwserver.ports import Refused
 from uwserver.scenario.files.documents import shipped
 from uwserver.world import snapshot
-from uwserver.world.world import World
+from uwserver.world.world import Diverged, World
 
 SCENARIOS = sorted(shipped("."))
+PAGE = Path(__file__).parents[3] / "docs/how-to/extend.md"
+EXTENDED = """
+schema = 1
+seed = 4
+extensions = ["turbidity.py", "jet.py", "river.py", "loose.py"]
+
+[environment.currents.tide]
+kind = "tide"
+velocity_ned_mps = [0.6, 0.2, 0.0]
+gust_mps = 0.05
+
+[environment.currents.layer]
+kind = "bottom_layer"
+velocity_ned_mps = [0.4, 0.0, 0.0]
+bottom_depth_m = 12
+
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 5.0]
+
+[vehicles.rov.sensors.turbidity]
+kind = "turbidity"
+rate_hz = 10
+bottom_ntu = 40
+
+[vehicles.rov.sensors.turbidity.modifiers.fouling]
+kind = "fouling"
+field = "turbidity"
+growth_ps = 0.001
+
+[vehicles.rov.override.actuators.jet]
+kind = "jet"
+position_frd_m = [0.2, 0.0, 0.0]
+direction_frd = [0.0, 1.0, 0.0]
+max_force_N = 15
+
+[faults.plug]
+kind = "loose_connector"
+target = "rov/thrusters"
+at_s = 0.5
+until_s = 60
+every_s = 0.3
+"""
+"""One of every kind that the how-to page about extensions brings."""
 IN_ANOTHER_PROCESS = """
 import sys
 import msgspec, uwserver
 from uwserver.world import snapshot
 
 jobs = msgspec.msgpack.decode(sys.stdin.buffer.read())
-for name, (data, ticks) in jobs.items():
-    world = uwserver.load(name)
+for name, (scenario, data, ticks, _) in jobs.items():
+    world = uwserver.load(scenario)
     snapshot.from_bytes(world, data)
     world.step(ticks)
     print(name, snapshot.take(world).hash())
 """
 
 
+def extended(folder: Path) -> Path:
+    """The scenario of the extensions, with their files beside it."""
+    for name, code in re.findall(r"^`(\w+\.py)`:\n```python\n(.*?)^```", PAGE.read_text(), re.S | re.M):
+        (folder / name).write_text(code)
+    path = folder / "extended.toml"
+    path.write_text(EXTENDED)
+    return path
+
+
+def fly(world: World) -> None:
+    """Let every autopilot of a world fly a mission, and be in the middle of it."""
+    pilots = [path.rsplit("/", 1)[0] for path in world.services if path.endswith("/set_mission")]
+    if not pilots:
+        return
+    world.step(300)  # until the sensors have spoken that a mission needs
+    place = {"kind": "waypoint", "position_ned_m": [10.0, 5.0, 4.0]}
+    for pilot in pilots:
+        world.call(f"{pilot}/set_mission", items=[place, {"kind": "hold", "time_s": 5}])
+        world.call(f"{pilot}/arm", force=True)
+        world.call(f"{pilot}/start_mission")
+    world.step(60)
+    modes = {state.value[0] for state in (world.read(f"{pilot}/state") for pilot in pilots) if state is not None}
+    assert modes == {"mission"}
+
+
 def in_the_middle(name: str) -> World:
-    """A shipped scenario in the middle of all that it can be in the middle of."""
+    """A scenario in the middle of a mission, of faults of thrusters, a sensor and a hull, and under thrust, as far as it has these."""
     world = uwserver.load(name)
     world.step(50)
-    for path in [path for path in world.services if path.endswith("/set_mission")]:
-        vehicle = path.rsplit("/", 1)[0]
-        place = [10.0, 5.0, 4.0]
-        world.call(path, items=[{"kind": "waypoint", "position_ned_m": place}, {"kind": "hold", "time_s": 5}])
-        world.call(f"{vehicle}/arm", force=True)
-        try:
-            world.call(f"{vehicle}/start_mission")
-        except Refused:
-            world.call(f"{vehicle}/set_mode", mode="manual")
-    for path, port in world.ports.items():
-        if port.kind == "thrusters" and not world.actuators[path].refusal:
-            world.command(path, u=[0.2] * port.fields[0].size)
-            world.call(
-                "world/set_fault",
-                name="weak",
-                kind="thruster_weak",
-                target=path,
-                parameters={"factor": 0.5, "until_s": 2.0},
-            )
-            break
+    fly(world)
+    of_kind = {port.kind: path for path, port in reversed(world.ports.items())}
+    faults: list[tuple[str, str, dict[str, Any]]] = [("buoyancy_change", next(iter(world.vehicles)), {"force_N": 2.0})]
+    if "thrusters" in of_kind:
+        path = of_kind["thrusters"]
+        faults.append(("thruster_weak", path, {"factor": 0.5, "until_s": 60.0}))
+        if not world.actuators[path].refusal:
+            world.command(path, u=[0.2] * world.ports[path].fields[0].size)
+    if "pressure" in of_kind:
+        faults.append(("sensor_frozen", of_kind["pressure"], {}))
+    for kind, target, parameters in faults:
+        world.call("world/set_fault", name=kind, kind=kind, target=target, parameters=parameters)
     world.call("world/set_current", velocity_N=[0.1, 0.0, 0.0])
     world.step(97)
     return world
 
 
+Jobs = dict[str, tuple[str, bytes, int, str]]
+"""By name: scenario, state, ticks to go on, and the hash that this process came to."""
+
+
+def pings(name: str, jobs: Jobs) -> None:
+    """States of ticks in which a ping of the sonar, and an exchange with beacons, are under way."""
+    world = uwserver.load(name)
+    world.step(240)
+    for _ in range(3):
+        world.step(1)
+        while not any(slot.sensor.wake is not None for slot in world.sensors.values()):
+            world.step(1)
+        state = snapshot.to_bytes(world, snapshot.take(world))
+        on = uwserver.load(name)
+        snapshot.from_bytes(on, state)
+        on.step(120)
+        jobs[f"{name}, exchange at tick {world.tick}"] = (name, state, 120, snapshot.take(on).hash())
+        world.step(17)
+
+
 @pytest.fixture(scope="module")
-def elsewhere() -> dict[str, tuple[str, str]]:
-    """State hash of every shipped scenario after some ticks from a saved state, in this process and in another."""
-    here, jobs = {}, {}
-    for name in SCENARIOS:
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, str]]:
+    """State hash some ticks after a saved state, in this process and in another: of every shipped scenario, and of the extensions."""
+    jobs: Jobs = {}
+    for name in (*SCENARIOS, str(extended(tmp_path_factory.mktemp("extended")))):
         world = in_the_middle(name)
         ticks = 20 if name == "swarm_100" else 120
-        jobs[name] = (snapshot.to_bytes(world, snapshot.take(world)), ticks)
+        state = snapshot.to_bytes(world, snapshot.take(world))
         world.step(ticks)
-        here[name] = snapshot.take(world).hash()
+        jobs[Path(name).stem] = (name, state, ticks, snapshot.take(world).hash())
+    pings("one_of_everything", jobs)
     done = subprocess.run(
         [sys.executable, "-c", IN_ANOTHER_PROCESS], input=msgspec.msgpack.encode(jobs), capture_output=True, timeout=600
     )
     assert done.returncode == 0, done.stderr.decode()
-    there = dict(line.split() for line in done.stdout.decode().splitlines())
-    return {name: (here[name], there[name]) for name in SCENARIOS}
+    there = dict(line.rsplit(" ", 1) for line in done.stdout.decode().splitlines())
+    return {name: (job[3], there[name]) for name, job in jobs.items()}
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_every_shipped_scenario_goes_on_in_another_process(elsewhere: dict[str, tuple[str, str]], name: str) -> None:
+@pytest.mark.parametrize("name", [*SCENARIOS, "extended"])
+def test_every_scenario_goes_on_in_another_process(elsewhere: dict[str, tuple[str, str]], name: str) -> None:
     here, there = elsewhere[name]
     assert here == there
+
+
+def test_pings_and_exchanges_under_way_go_on_in_another_process(elsewhere: dict[str, tuple[str, str]]) -> None:
+    found = [pair for name, pair in elsewhere.items() if "exchange" in name]
+    assert len(found) == 3
+    assert all(here == there for here, there in found)
 
 
 # -- every kind of part --------------------------------------------------------------------------------------------------------------------
@@ -97,14 +188,16 @@ def kind_of(world: World, path: str) -> str:
 
 
 @cache
-def everything() -> tuple[World, World, snapshot.Snapshot]:
+def everything(name: str) -> tuple[World, World, snapshot.Snapshot]:
     """A world with one of every kind after some seconds, another one that took its state over as bytes, and the state at the start."""
-    world, other = (uwserver.load("one_of_everything") for _ in range(2))
+    with tempfile.TemporaryDirectory() as folder:
+        scenario = str(extended(Path(folder))) if name == "extended" else name
+        world, other = (uwserver.load(scenario) for _ in range(2))
     start = snapshot.take(other)
     for path, port in world.ports.items():
-        if port.direction == "actuator" and port.kind in ("thrusters", "fins", "propeller", "ballast", "moving_mass"):
+        if port.direction == "actuator" and port.kind in DRIVEN:
             high = port.fields[0].maximum or 1.0
-            world.command(path, **{port.fields[0].name: np.full(port.fields[0].shape, 0.3 * high).tolist()})
+            world.command(path, **{port.fields[0].name: np.full(port.fields[0].shape, 0.8 * high).tolist()})
     world.step(700)
     world.call("world/spawn", name="second", like=next(iter(world.vehicles)), p_NB=[30.0, 30.0, 20.0])
     world.step(300)
@@ -112,12 +205,19 @@ def everything() -> tuple[World, World, snapshot.Snapshot]:
     return world, other, start
 
 
-KINDS = sorted({kind_of(everything()[0], path) for path in everything()[0].parts})
+DRIVEN = ("thrusters", "fins", "propeller", "ballast", "moving_mass", "jet")
+ALL = ("one_of_everything", "extended")
+KINDS = [
+    (name, kind)
+    for name in ALL
+    for kind in sorted({kind_of(everything(name)[0], p) for p in everything(name)[0].parts})
+]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_part_takes_its_state_over(kind: str) -> None:
-    world, other, _ = everything()
+@pytest.mark.parametrize(("name", "kind"), KINDS)
+def test_every_kind_of_part_takes_its_state_over(name: str, kind: str) -> None:
+    """Those of extensions too: a sensor with its modifier, an actuator that remembers, a current that drifts, a fault."""
+    world, other, _ = everything(name)
     for path in [path for path in world.parts if kind_of(world, path) == kind]:
         # As bytes, for a number that is none equals itself there.
         assert msgspec.msgpack.encode(other.parts[path].save()) == msgspec.msgpack.encode(world.parts[path].save()), (
@@ -125,8 +225,18 @@ def test_every_kind_of_part_takes_its_state_over(kind: str) -> None:
         )
 
 
-def test_what_came_later_is_there_too_and_all_go_on_alike() -> None:
-    world, other, start = everything()
+def test_the_kinds_of_the_extensions_are_among_them() -> None:
+    world, _, start = everything("extended")
+    assert {("extended", "sensor turbidity"), ("extended", "actuator jet")} <= set(KINDS)
+    assert len(world.water.sea.drifts) == 1  # type: ignore[union-attr]  # the tide
+    assert any(entry.name.startswith("plug/") for entry in world.parts["world/faults"].save().entries)
+    for path in ("rov/turbidity", "rov/jet", "world/water", "world/faults"):
+        assert world.parts[path].save() != start.parts[path], f"{path} has nothing to take over"
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_what_came_later_is_there_too_and_all_go_on_alike(name: str) -> None:
+    world, other, start = everything(name)
     assert list(other.vehicles) == list(world.vehicles)
     assert other.ports == world.ports
     assert other.step(200) == world.step(200)
@@ -135,11 +245,6 @@ def test_what_came_later_is_there_too_and_all_go_on_alike() -> None:
         snapshot.restore(each, start)
         assert "second" not in each.vehicles
         assert snapshot.take(each) == start
-
-
-def changes(world: World, start: snapshot.Snapshot) -> list[str]:
-    now = snapshot.take(world)
-    return [path for path in start.parts if now.parts[path] != start.parts[path]]
 
 
 def test_the_state_of_a_part_matters() -> None:
@@ -265,22 +370,135 @@ def test_no_more_bodies_than_a_world_may_have(make_world: Callable[..., World]) 
     assert "<= 1000" in text
 
 
-def test_nothing_named_in_it_is_opened(make_world: Callable[..., World], tmp_path: Path, monkeypatch: Any) -> None:
-    world = make_world()
-    data = saved(world)
-    opened: list[Any] = []
+def test_nothing_named_in_it_is_opened(make_world: Callable[..., World], tmp_path: Path) -> None:
+    """Names in a state that are those of files, Python files and vehicle files too, are names and nothing more."""
+    (tmp_path / "evil.py").write_text("raise SystemExit('run')")
+    world, evil = make_world(), str(tmp_path / "evil.py")
+    fault = {
+        "name": evil,
+        "fault": {"kind": "sensor_frozen", "target": evil},
+        "begin": 0,
+        "end": None,
+        "state": "active",
+    }
+    changes: list[Callable[[Any], Any]] = [
+        lambda raw: raw["parts"]["world/population"].update(born=[{"like": evil, "name": "x"}]),
+        lambda raw: raw["parts"]["world/population"].update(scenario=[evil]),
+        lambda raw: raw["parts"]["world/faults"].update(entries=[fault]),
+        lambda raw: raw["parts"]["world/samples"].update(samples=[[1, 0, evil, 0, 0, True, []]]),
+        lambda raw: raw["parts"].update({evil: {}}),
+        lambda raw: raw.update(scenario=evil),
+    ]
+    states = [forged(world, lambda raw, change=change: change(raw) and None) for change in changes]
+    good, opened, watching = saved(world), list[Any](), False
 
     def audit(event: str, args: Any) -> None:
-        if event in ("open", "import", "exec", "compile") and watching:
+        if watching and event in ("open", "import", "exec", "compile", "os.listdir", "subprocess.Popen"):
             opened.append((event, args))
 
-    watching = False
+    snapshot.from_bytes(world, good)  # what is loaded at a first use is loaded now
     sys.addaudithook(audit)
-    snapshot.from_bytes(world, data)  # what is loaded at a first use is loaded now
     watching = True
-    snapshot.from_bytes(world, data)
+    for state in (good, *states):
+        try:
+            snapshot.from_bytes(world, state)
+        except Refused:
+            continue
     watching = False
     assert opened == []
+
+
+# -- found by an attack ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_member_does_not_keep_rows_that_have_moved() -> None:
+    """Bodies before it had no thrusters then, and have some now: commands must reach its own."""
+    world, like = uwserver.load("push_the_crate"), uwserver.load("push_the_crate")
+    objects = [name for name, member in world.members.items() if not member.actuators]
+    rovs = [name for name, member in world.members.items() if member.actuators]
+    for each in (world, like):
+        each.call("world/spawn", name="y", like=objects[0], p_NB=[30.0, 0.0, 1.0])
+        each.call("world/spawn", name="x", like=rovs[0], p_NB=[0.0, 30.0, 1.0])
+    kept = snapshot.take(world)
+    world.call("world/reset")
+    world.call("world/spawn", name="v2", like=rovs[0], p_NB=[30.0, 0.0, 1.0])
+    world.call("world/spawn", name="x", like=rovs[0], p_NB=[0.0, 30.0, 1.0])
+    snapshot.restore(world, kept)
+    (port,) = [path for path, each in world.ports.items() if path.startswith("x/") and each.kind == "thrusters"]
+    for each in (world, like):
+        each.command(port, u=[0.5] * each.ports[port].fields[0].size)
+        each.step(60)
+    assert world.vehicles["x"].p_NB == like.vehicles["x"].p_NB
+    assert world.vehicles["y"].nu == like.vehicles["y"].nu
+
+
+def test_a_refused_spawn_leaves_the_collisions_on() -> None:
+    world = uwserver.load("bluerov2_open_sea")
+    (name,) = world.vehicles
+    with pytest.raises(Refused, match="would begin inside"):
+        world.call("world/spawn", name="x", like=name, p_NB=list(world.vehicles[name].p_NB))
+    assert world.scene is not None
+    assert world.hydro.collider is world.scene
+
+
+def test_faults_in_any_order_can_be_saved(world: World) -> None:
+    """What was set and cleared in an order in which it could not be set again is a state all the same."""
+    volume = 0.01
+    for name, part in (("a", 5.0), ("b", -0.5)):
+        world.call(
+            "world/set_fault", name=name, kind="buoyancy_change", target="rov", parameters={"volume_m3": part * volume}
+        )
+    world.call("world/clear_fault", name="a")
+    kept = snapshot.take(world)
+    world.step(5)
+    snapshot.restore(world, kept)
+    snapshot.from_bytes(world, saved(world))
+
+
+@pytest.mark.parametrize("port", ["rov/imu", "rov/ahrs", "rov/dvl", "rov/depth"])
+def test_samples_that_no_sensor_gives_do_not_stop_the_autopilot(port: str) -> None:
+    world = uwserver.load("rov_autopilot")
+    world.step(300)
+    fields = world.ports[port].fields
+    blank: list[Any] = [[None] * field.size if field.shape else None for field in fields]
+    full: list[Any] = [[0.0] * field.size if field.shape else 1e308 for field in fields]
+    full = [value if field.type == "float" else empty for value, field, empty in zip(full, fields, blank, strict=True)]
+    for values in (blank, full):
+        sample = [world.t_ns + 1, 1, port, 0, 0, True, values]
+        data = forged(
+            world, lambda raw, sample=sample: raw["parts"]["world/samples"].update(order=1, samples=[sample]) and None
+        )
+        snapshot.from_bytes(world, data)
+        with contextlib.suppress(Diverged):
+            world.step(3)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda raw: raw.update(tick=2**53), "cannot be"),
+        (lambda raw: raw["parts"]["rov/imu"].update(seq=2**64 - 1), "<="),
+        (lambda raw: raw["parts"]["world/samples"].update(order=2**64 - 1), "<="),
+    ],
+)
+def test_numbers_that_could_not_be_saved_again_are_refused(
+    make_world: Callable[..., World], change: Callable[[Any], Any], text: str
+) -> None:
+    world = make_world()
+    world.step(10)
+    assert text in refusal(world, forged(world, lambda raw: change(raw) and None))
+
+
+def test_a_mission_without_items_is_not_under_way() -> None:
+    world = uwserver.load("rov_autopilot")
+    world.step(300)
+
+    def change(raw: Any) -> None:
+        orders = msgspec.msgpack.decode(raw["parts"]["rov/autopilot"]["orders"])
+        orders |= {"mode": "mission", "armed": True, "waits": False, "items": [], "index": 0}
+        raw["parts"]["rov/autopilot"]["orders"] = msgspec.msgpack.encode(orders)
+
+    assert "its mission does not have" in refusal(world, forged(world, change))
 
 
 SPELT = """

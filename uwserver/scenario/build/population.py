@@ -149,10 +149,12 @@ class ScenarioPopulation(Population):
         here = {member.vehicle.row: member for member in self._world.members.values()}
         if state.born == self._born:
             return list(here.values())
-        hydro, members = self._world.hydro, list[Member]()
+        hydro, members, same = self._world.hydro, list[Member](), True
         hydro.set_bodies(())
         for row, born in enumerate(state.born):
-            if born.present and not (row in here and self._born[row] == born):
+            # A member keeps its rows of thrusters only as long as all before it are as they were.
+            same = same and row < len(self._born) and self._born[row].like == born.like
+            if born.present and not (same and row in here and self._born[row] == born):
                 members.append(self._member(born.like, born.name))
                 continue
             hydro.add(self._params[born.like])
