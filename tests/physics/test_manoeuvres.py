@@ -46,7 +46,7 @@ def hold(world: World, seconds: float, **commands: dict[str, float | list[float]
 
 
 def test_remus_steps_against_the_same_equations_by_another_integrator() -> None:
-    """Bar: 1e-3 m at 100 s. The equations of tests/physics/remus.py, DOP853."""
+    """Bar: 1e-3 m at 100 s. The equations of `uwserver_bench.proofs.remus`, DOP853."""
     expected = Remus().run(STEPS)
     for got, wanted in zip(remus_track(240.0), expected, strict=True):
         np.testing.assert_allclose(got[:3], wanted[:3], atol=1e-6)

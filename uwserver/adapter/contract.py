@@ -18,7 +18,7 @@ from uwserver.adapter.world import WorldFacts
 from uwserver.ports import Event, Fault, Json, OnReply, Port, Sample, Service
 from uwserver.table import Table
 
-logger = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 ENTRY_POINT_GROUP = "uwserver.adapters"
 
@@ -218,7 +218,7 @@ def installed_adapters() -> dict[str, type[Any]]:
         try:
             configs[kind] = load_adapter(kind).Config
         except AdapterNotFound as reason:
-            logger.warning("%s; scenarios cannot use it", reason)
+            log.warning("%s; scenarios cannot use it", reason)
     return configs
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from uwserver.autopilot import tracks
 from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.readings import Unusable, number, quaternion, vector
 from uwserver.autopilot.state import NEVER, STILL, Estimate
 from uwserver.environment.geodesy import north_east
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
@@ -127,7 +128,7 @@ class Estimator:
         if sample.valid:
             update, places = self._updates[sample.port]
             values = [sample.value[k] for k in places]
-            with contextlib.suppress(_Unusable):
+            with contextlib.suppress(Unusable):
                 update(e, sample.t_ns, self.sources[sample.port], (now_ns - sample.t_ns) / NANOSECONDS, *values)
 
     def step(self, e: Estimate, drifts: bool, sinks: bool) -> None:
@@ -161,7 +162,7 @@ class Estimator:
     # -- sensors --------------------------------------------------------------------------------------------------------------------
 
     def _imu(self, e: Estimate, t_ns: int, source: Source, late: float, f_S: Value, w_S: Value) -> None:
-        f, w = rotate(source.q, _vector(f_S)), rotate(source.q, _vector(w_S))
+        f, w = rotate(source.q, vector(f_S)), rotate(source.q, vector(w_S))
         dt = (t_ns - e.imu_ns) / NANOSECONDS if e.imu_ns != NEVER else 0.0
         e.imu_ns = t_ns
         g = self._place.gravity
@@ -193,7 +194,7 @@ class Estimator:
         e.count += 1
 
     def _attitude(self, e: Estimate, t_ns: int, source: Source, late: float, q_NS: Value) -> None:
-        q = multiply(_quaternion(q_NS), conjugate(source.q))
+        q = multiply(quaternion(q_NS), conjugate(source.q))
         if source.north:
             q = multiply(quat_from_rpy(0.0, 0.0, source.north), q)
         self._correct_attitude(e, q, t_ns, late)
@@ -209,7 +210,7 @@ class Estimator:
         e.attitude_ns = e.heading_ns = t_ns
 
     def _pressure(self, e: Estimate, t_ns: int, source: Source, late: float, reading: Value) -> None:
-        reading = _number(reading)
+        reading = number(reading)
         depth = (reading - source.atmosphere) / source.density if source.density else reading
         self._correct_depth(e, depth - rotate(e.q, source.p)[2], late, DEPTH_VARIANCE)
         e.depth_ns = t_ns
@@ -226,7 +227,7 @@ class Estimator:
     def _dvl(
         self, e: Estimate, t_ns: int, source: Source, late: float, v_S: Value, altitude: Value, merit: Value
     ) -> None:
-        v, (wx, wy, wz), (rx, ry, rz) = rotate(source.q, _vector(v_S)), e.w, source.p
+        v, (wx, wy, wz), (rx, ry, rz) = rotate(source.q, vector(v_S)), e.w, source.p
         v_N = rotate(e.q, (v[0] - wy * rz + wz * ry, v[1] - wz * rx + wx * rz, v[2] - wx * ry + wy * rx))
         if e.velocity_ns != NEVER and math.dist(v_N, e.v) > JUMP_MPS and e.doubted < FEW:
             e.doubted += 1
@@ -262,13 +263,13 @@ class Estimator:
     def _gps(
         self, e: Estimate, t_ns: int, source: Source, late: float, latitude: Value, longitude: Value, accuracy: Value
     ) -> None:
-        latitude, longitude, place = _number(latitude), _number(longitude), self._place
+        latitude, longitude, place = number(latitude), number(longitude), self._place
         north, east = north_east(np.array(latitude), np.array(longitude), place.latitude, place.longitude)
         sigma = accuracy if isinstance(accuracy, float) and accuracy > 0.0 else source.sigma
         self._correct_place(e, t_ns, float(north), float(east), source.p, sigma, late)
 
     def _motion_capture(self, e: Estimate, t_ns: int, source: Source, late: float, p_NS: Value, q_NS: Value) -> None:
-        (x, y, z), q = _vector(p_NS), _quaternion(q_NS)
+        (x, y, z), q = vector(p_NS), quaternion(q_NS)
         if not self._has_attitude:
             self._correct_attitude(e, multiply(q, conjugate(source.q)), t_ns, late)
         self._correct_place(e, t_ns, x, y, source.p, source.sigma, late)
@@ -281,7 +282,7 @@ class Estimator:
         beacon = self._place.beacons.get(str(name))
         if beacon is None or not isinstance(reach, float):
             return
-        towards = rotate(e.q, rotate(source.q, _vector(p_beacon_S)))
+        towards = rotate(e.q, rotate(source.q, vector(p_beacon_S)))
         sigma = math.hypot(source.sigma, 0.02 * reach)
         self._correct_place(e, t_ns, beacon[0] - towards[0], beacon[1] - towards[1], source.p, sigma, late)
 
@@ -377,38 +378,6 @@ def known(e: Estimate, gains: Gains, now_ns: int) -> Known:
         altitude=fresh(e.altitude_ns, gains.altitude_timeout_s) and not math.isnan(e.bottom),
         motion=motion,
     )
-
-
-class _Unusable(Exception):
-    """A valid sample that no sensor gives: one on its way may come from a saved state."""
-
-
-def _number(value: Value) -> float:
-    if not isinstance(value, float) or not abs(value) < 1e9:
-        raise _Unusable
-    return value
-
-
-def _vector(value: Value) -> Vec3:
-    try:
-        x, y, z = value  # type: ignore[misc,str-unpack]  # what is none is found out here
-        usable = abs(x) + abs(y) + abs(z) < 1e9  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        usable = False
-    if not usable:
-        raise _Unusable
-    return value  # type: ignore[return-value]
-
-
-def _quaternion(value: Value) -> Quat:
-    try:
-        a, b, c, d = value  # type: ignore[misc,str-unpack]
-        usable = 0.9 < a * a + b * b + c * c + d * d < 1.1  # type: ignore[operator]
-    except (TypeError, ValueError):
-        usable = False
-    if not usable:
-        raise _Unusable
-    return value  # type: ignore[return-value]
 
 
 def _turned(q: Quat, w: Vec3, dt: float) -> Quat:

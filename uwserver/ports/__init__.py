@@ -1,4 +1,4 @@
-"""The vocabulary of every wall: ports, and the values that travel through them. Imports nothing of ours but units."""
+"""The vocabulary of every wall: ports, and the values that travel through them. Imports nothing else of ours."""
 
 from __future__ import annotations
 

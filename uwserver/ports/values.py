@@ -1,4 +1,4 @@
-"""What crosses every wall: ports and the values that travel through them. Imports nothing of ours.
+"""What crosses every wall: ports and the values that travel through them.
 
 All types are immutable. Values are SI, angles radians, times integer nanoseconds of simulation time since the start of the scenario.
 """

@@ -12,7 +12,7 @@ from typing import Literal, Protocol
 
 from uwserver.logs import place_of
 from uwserver.ports import Call, Command, Event, Json, OnReply, Progress, Refused, Reply
-from uwserver.ports.crossing import TickOutput
+from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.lateness import Lateness
@@ -105,7 +105,7 @@ class Simulation:
             Why that was refused; "" where it was not.
         """
         replies: list[Reply | Progress] = []
-        self._submit(Call("world/load", in_one_piece(data), "begin"), replies.append)
+        self._submit(Posted(Call("world/load", in_one_piece(data), "begin"), replies.append))
         output = self.world.flush()
         for on_reply, reply in output.replies:
             on_reply(reply)
@@ -227,12 +227,12 @@ class Simulation:
 
     def _take_posted(self) -> None:
         for posted in self.mailbox.take():
-            self._submit(posted.item, posted.on_reply)
+            self._submit(posted)
 
-    def _submit(self, item: Command | Call, on_reply: OnReply | None) -> None:
+    def _submit(self, posted: Posted) -> None:
         if self._observer is not None:
-            self._observer.requested(item, self.world.tick)
-        self.world.submit(item, on_reply)
+            self._observer.requested(posted.item, self.world.tick)
+        self.world.post(posted)
 
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
@@ -264,7 +264,7 @@ class Simulation:
     def _granted(self) -> bool:
         world = self.world
         for command in self.lockstep.orders(world.tick, world.ports):
-            self._submit(command, None)
+            self._submit(Posted(command, None))
         return self.lockstep.is_granted(world.tick)
 
     def _pause_for_loss(self, text: str) -> None:

@@ -103,7 +103,7 @@ def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tupl
 
     def activate(active: bool) -> Json:
         slot.active = active
-        world.schedule()
+        world.follow_slots(f'"{path}" was switched')
         return None
 
     def get(_: Mapping[str, Json]) -> Json:

@@ -215,10 +215,6 @@ class World:
         self.services = {**self.services, service.path: service}
         self._carry[service.path] = carry
 
-    def schedule(self) -> None:
-        """A sensor was switched on or off."""
-        self._sensing.schedule()
-
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
         self.water.current = velocity
@@ -256,7 +252,11 @@ class World:
 
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
-        self._requests.posted.append(Posted(item, on_reply))
+        self.post(Posted(item, on_reply))
+
+    def post(self, posted: Posted) -> None:
+        """The same, as it came over the crossing."""
+        self._requests.posted.append(posted)
 
     def command(self, port: str, **value: object) -> None:
         """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.

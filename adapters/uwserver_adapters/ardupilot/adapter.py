@@ -20,7 +20,7 @@ from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
 from uwserver_adapters.sil.channels import Outputs, OutputTable
 from uwserver_adapters.sil.world import drive, stand_by
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 LOOP_HZ = 400
 """ArduSub's control loop; physics below it would be its clock."""
@@ -122,11 +122,11 @@ class ArduPilotAdapter:
                 text = f"{reading.path} must come with every tick: rate_hz = {rate_hz:g}"
                 raise CannotServe(f"{text} in [vehicles.{vehicle}.truth]")
         if imu.rate_hz != rate_hz:
-            _log.warning(
+            log.warning(
                 "%s has %g Hz, the autopilot reads it at %g Hz: it sees each sample several times", imu.path, imu.rate_hz, rate_hz
             )  # fmt: skip
         if rate_hz < LOOP_HZ:
-            _log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", rate_hz, LOOP_HZ)
+            log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", rate_hz, LOOP_HZ)
         movement = None
         if config.dvl is not None and link is not None:
             loop, send = asyncio.get_running_loop(), link.send

@@ -16,7 +16,7 @@ from uwserver_adapters.ardupilot.wire import Bad, Frame, Scale
 from uwserver_adapters.sil.channels import Outputs
 from uwserver_adapters.sil.world import inertial
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 DATAGRAM = 2048
 """Longest datagram that is read, bytes; longer ones are cut, and so of a wrong length."""
@@ -136,7 +136,7 @@ class ArduPilotDriver:
                 return Order(1, self._commands(frame))
         if self._stats.peers and now - self._heard > self._silence_s:
             self._stats.peers = 0
-            _log.warning("the autopilot has said nothing for %g s; the world waits for it", self._silence_s)
+            log.warning("the autopilot has said nothing for %g s; the world waits for it", self._silence_s)
         return None
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
@@ -216,7 +216,7 @@ class ArduPilotDriver:
             return False
         if frame.number < self._last:
             self._counts["restarts"] += 1
-            _log.info("the autopilot has restarted; the world goes on")
+            log.info("the autopilot has restarted; the world goes on")
         elif self._last >= 0:
             self._counts["lost"] += frame.number - self._last - 1
         self._last = frame.number
@@ -232,7 +232,7 @@ class ArduPilotDriver:
                 f"two autopilots send here: {address} beside {self._peer}; give each an adapter with a port of its own"
             )
             return False
-        _log.info("an autopilot is at %s", address)
+        log.info("an autopilot is at %s", address)
         self._counts["restarts"] += self._peer is not None
         self._last = -1
         self._peer = address
@@ -245,7 +245,7 @@ class ArduPilotDriver:
         if self._odd_frames == RATE_FRAMES:
             text = f"the autopilot asks for {rate_hz} frames/s, the physics has {self._physics_hz:g} ticks/s"
             self._stats.last_error = f"{text}: start it with --rate {self._physics_hz:g}, or set [world] rate_hz"
-            _log.warning("%s", self._stats.last_error)
+            log.warning("%s", self._stats.last_error)
 
     def _commands(self, frame: Frame) -> list[tuple[str, dict[str, object]]]:
         levels = list(map(self._scale.__getitem__, frame.pwm))

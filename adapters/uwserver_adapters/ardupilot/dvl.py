@@ -15,7 +15,7 @@ from uwserver.frames import Vec3
 from uwserver.table import Name, Positive, Table
 from uwserver_adapters.sil.codec import nanoseconds, seconds
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 RETRY_S = 0.5
 """Wall time between two attempts to connect."""
@@ -146,7 +146,7 @@ class MavlinkOut(asyncio.Protocol, asyncio.DatagramProtocol):
                         await loop.create_datagram_endpoint(lambda: self, remote_addr=(self._host, self._port))
                     else:
                         await loop.create_connection(lambda: self, self._host, self._port)
-                    _log.info("the DVL is connected to %s:%d", self._host, self._port)
+                    log.info("the DVL is connected to %s:%d", self._host, self._port)
                     await self._gone.wait()
                 await asyncio.sleep(RETRY_S)
         finally:

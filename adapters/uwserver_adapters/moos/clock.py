@@ -10,7 +10,7 @@ from datetime import datetime, timezone
 
 from uwserver.adapter import AdapterContext
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 CREDIBLE_S = 86_400.0
 """Difference of two clocks above which the warp must be different, MOOS seconds at warp 1."""
@@ -70,7 +70,7 @@ def warp_of(context: AdapterContext, given: float | None) -> float:
         return 1.0 if given is None else given
     if given is not None and abs(given - world.speed) > 1e-9 * world.speed:
         text = "%s: warp = %g, but this server runs at speed %g: give both the same, or leave warp out"
-        _log.warning(text, context.name, given, world.speed)
+        log.warning(text, context.name, given, world.speed)
     return world.speed if given is None else given
 
 

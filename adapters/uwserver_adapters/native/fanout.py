@@ -14,7 +14,7 @@ from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.outbox import Delivery, Outgoing
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 CACHED_PATTERNS = 64
 """Patterns whose ports or description are remembered; they are the clients' choice, so they are bounded."""
@@ -232,9 +232,9 @@ class Fanout:
             for selection in selections.values():
                 try:
                     self.context.stats.encoded += _distribute(sample, selection, touched)
-                except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
+                except Exception:  # a fault of ours must not end the adapter
                     self.context.stats.errors += 1
-                    _log.exception("a sample of %s could not be sent", sample.port)
+                    log.exception("a sample of %s could not be sent", sample.port)
         for outbox in touched:
             outbox.flush()
 

@@ -13,7 +13,7 @@ from uwserver_adapters.native.encoding import RequestId
 from uwserver_adapters.native.fanout import Fanout, Subscription
 from uwserver_adapters.native.outbox import Outgoing
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 SUBSCRIPTIONS = 256
 
@@ -100,7 +100,7 @@ class Session:
         try:
             message = self.codec.reply(request, result)
         except (TypeError, ValueError, OverflowError) as error:
-            _log.exception("a result has no %s encoding", self.codec.encoding.name)
+            log.exception("a result has no %s encoding", self.codec.encoding.name)
             fault = Fault(
                 "internal", f"the result has no {self.codec.encoding.name} encoding ({error}): please report this"
             )

@@ -15,7 +15,7 @@ from uwserver_adapters.native.fanout import Subscription, has_any
 from uwserver_adapters.native.requests import Request
 from uwserver_adapters.native.session import Session
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 VERSION = 1
 
@@ -46,8 +46,8 @@ def take(session: Session, request: Request, token: str | None) -> None:
         session.refuse(request.id, refused.fault)
     except Rejected:
         raise
-    except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
-        _log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.conversation.source)
+    except Exception:  # a fault of ours must not end the adapter
+        log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.conversation.source)
         session.refuse(
             request.id, Fault("internal", "the server failed to carry this out: please report it with the server's log")
         )

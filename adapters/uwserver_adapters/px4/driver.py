@@ -15,7 +15,7 @@ from uwserver_adapters.px4 import codec
 from uwserver_adapters.px4.senses import Senses
 from uwserver_adapters.sil.channels import Outputs
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 READ = 1 << 16
 """Bytes read at a time."""
@@ -164,7 +164,7 @@ class Px4Driver:
         self._stats.peers = 1
         self._counts["connections"] += 1
         self._senses.restart()
-        _log.info("an autopilot has connected from %s", address)
+        log.info("an autopilot has connected from %s", address)
         self._send(self._link, self._link.codec.heartbeat())
 
     def _read(self, link: Connection) -> None:
@@ -218,4 +218,4 @@ class Px4Driver:
         self._counts["is_locked"] = False
         if reason:
             self._stats.last_error = f"the connection to the autopilot ended: {reason}"
-            _log.warning("%s; the world waits for the next", self._stats.last_error)
+            log.warning("%s; the world waits for the next", self._stats.last_error)

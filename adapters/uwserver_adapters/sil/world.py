@@ -12,7 +12,7 @@ from uwserver.adapter import AdapterContext, CannotServe, Driver, address_text, 
 from uwserver.frames import Quat, Vec3, conjugate, rotate
 from uwserver.ports import Event, Progress, Refused, Reply, Sample
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 GRAVITY_MPS2 = 9.80665
 
@@ -34,7 +34,7 @@ async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
         return
     stats = context.stats
     stats.last_error = f'the world runs in mode {mode}: an autopilot in the loop needs [world.clock] mode = "lockstep"'
-    _log.warning("%s: %s; nothing is served", context.name, stats.last_error)
+    log.warning("%s: %s; nothing is served", context.name, stats.last_error)
     stats.state = "running"
     ready.set()
     await asyncio.get_running_loop().create_future()

@@ -29,7 +29,7 @@ from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.sockets.datagrams import RECEIVE_BUFFER, DatagramEndpoint
 from uwserver_adapters.sockets.doorway import Doorway
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 TOKEN_VARIABLE = "UWSERVER_TOKEN"
 
@@ -128,7 +128,7 @@ class SocketsAdapter:
     def _announce_token(self, port: int) -> None:
         bind = self.config.bind
         host = "127.0.0.1" if bind in ("0.0.0.0", "::") else bind
-        _log.warning(
+        log.warning(
             "%s listens at %s, which others can reach, and no token was set (token, or %s): one was made for this run. Connect with\n"
             "    uwclient --host %s --port %d --token %s topics",
             self.context.name, bind, TOKEN_VARIABLE, host, port, self.service.token,

@@ -18,7 +18,7 @@ from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Request
 if TYPE_CHECKING:
     import zenoh
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 RETRY_S = 0.5
 """Wall time between two attempts to open a session that must connect first."""
@@ -73,7 +73,7 @@ class ZenohAdapter:
                 continue
             stats.address = ", ".join(listen or self.config.connect) or "multicast scouting"
             if is_exposed(self.config, listen):
-                _log.warning(
+                log.warning(
                     "%s listens at %s, which others can reach, unrestricted: set access_control or TLS in `config`, or listen on loopback",
                     self.context.name, stats.address,
                 )  # fmt: skip
@@ -157,7 +157,7 @@ class ZenohAdapter:
         if sample.kind == zenoh.SampleKind.PUT and zid != self._zid:
             self.context.stats.errors += 1
             self.context.stats.last_error = _taken(self.keys)
-            _log.error("%s", _taken(self.keys))
+            log.error("%s", _taken(self.keys))
 
 
 class _NobodyThere(Exception):

@@ -15,7 +15,7 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 if TYPE_CHECKING:
     from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -129,10 +129,10 @@ class Publications:
                 stats.encoded += 1
                 if not self._put(outlet, outlet.publisher, payload, media, attachment):
                     continue
-            except Exception as error:  # noqa: BLE001  # a fault of ours, or of a closing session, must not end the adapter
+            except Exception as error:  # a fault of ours, or of a closing session, must not end the adapter
                 stats.errors += 1
                 stats.last_error = f"a sample of {sample.port} could not be sent: {error}"
-                _log.debug("%s", stats.last_error, exc_info=True)
+                log.debug("%s", stats.last_error, exc_info=True)
                 continue
             stats.samples_sent += 1
             stats.bytes_sent += len(payload)

@@ -20,7 +20,7 @@ from uwserver_adapters.zenoh_bus.codec import (
 )
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 UNNAMED = "unnamed"
 """Who sends without an attachment; two such are not told apart."""
@@ -116,8 +116,8 @@ class Requests:
             self._context.command(path, value, client, self._put_refused(client, path))
         except Refused as refused:
             self._refused_put(client, path, refused.fault)
-        except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
-            _log.exception("a put to %s failed", path[:200])
+        except Exception:  # a fault of ours must not end the adapter
+            log.exception("a put to %s failed", path[:200])
             self._context.stats.errors += 1
 
     def take_loss(self, put: Put) -> None:
@@ -175,8 +175,8 @@ class Requests:
         except Refused as refused:
             self._log_once(self._keys.path(question.key) or question.key.rsplit("/", 1)[-1], refused.fault)
             self._refuse(question, codec, refused.fault)
-        except Exception:  # noqa: BLE001  # a fault of ours must not end the adapter
-            _log.exception("a get of %s failed", question.key[:200])
+        except Exception:  # a fault of ours must not end the adapter
+            log.exception("a get of %s failed", question.key[:200])
             self._refuse(
                 question,
                 codec,

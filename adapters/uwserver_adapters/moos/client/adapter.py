@@ -17,7 +17,7 @@ from uwserver_adapters.moos.clock import MoosClock, warp_of
 from uwserver_adapters.moos.config import CommunityTable, MoosConfig
 from uwserver_adapters.moos.wire import Message
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 RETRY_S = 0.25
 """Wall time between two attempts to connect."""
@@ -74,7 +74,7 @@ class Community:
                 text = f"the MOOSDB at {self.address} has {name} with another type and drops ours: rename one, or start it anew"
                 self._context.stats.errors += 1
                 self._context.stats.last_error = text
-                _log.warning("%s: %s", self._context.name, text)
+                log.warning("%s: %s", self._context.name, text)
 
     def _listen(self, names: Sequence[str]) -> None:
         if self._link is not None:
@@ -101,7 +101,7 @@ class Community:
                     text = f"MOOSDB at {self.address}: {error}; it is tried again"
                     stats.last_error = text
                     if text != told:
-                        _log.warning("%s: %s", self._context.name, text)
+                        log.warning("%s: %s", self._context.name, text)
                         told = text
                 await asyncio.sleep(RETRY_S)
         finally:
@@ -120,11 +120,11 @@ class Community:
             if not self._clock.is_credible:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
                 stats.last_error = f"the clock of the MOOSDB at {self.address} differs by {gap}"
-                _log.warning("%s: %s", self._context.name, stats.last_error)
+                log.warning("%s: %s", self._context.name, stats.last_error)
             self._link = link
             stats.peers += 1
             try:
-                _log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
+                log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
                 link.register(self.bridge.listens_to)
                 link.ask_kinds()
                 self.bridge.begin()

@@ -15,7 +15,7 @@ from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.wire import Malformed, Message, Packet
 
-_log = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 NAME_S = 5.0
 """Wall time in which a client must have said its name."""
@@ -221,7 +221,7 @@ class Guest(Connection):
         self._stats.errors += 1
         name = wire.readable(self.name) or "a client"
         self._stats.last_error = f"{name}: {text}"
-        _log.warning("%s disconnects %s: %s", self._host.context.name, name, text)
+        log.warning("%s disconnects %s: %s", self._host.context.name, name, text)
         self.abort()
 
     def _poison(self, reason: str) -> bytes:
