@@ -80,6 +80,14 @@ def test_a_time_that_is_over_cannot_be_saved(scenario: Path, tmp_path: Path) -> 
     assert "begins later" in done.output
 
 
+def test_a_time_that_is_never_reached_is_told(scenario: Path, tmp_path: Path) -> None:
+    path = tmp_path / "x.uwstate"
+    done = uwserver_run(scenario, "--until", 1, "--save-at", 2, path)
+    assert done.exit_code == 0
+    assert not path.exists()
+    assert "was not written: the run ended before 2 s" in done.output
+
+
 @pytest.fixture
 def client(scenario: Path) -> Iterator[uwclient.Client]:
     with serving(str(scenario)) as server, uwclient.connect(server.host, server.port) as client:

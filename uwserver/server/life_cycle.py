@@ -147,6 +147,9 @@ class Server:
             self._hub.bus.say(event)
             self._hub.bus.dispatch()
             await self._hub.files.finish()
+            for t_s, path in self._options.save_at:
+                if world.tick < self._simulation.tick_at(t_s):
+                    log.warning("%s was not written: the run ended before %g s", path, t_s)
         return 1 if self._simulation.failure else 0
 
     # -- parts ----------------------------------------------------------------------------------------------------------------------

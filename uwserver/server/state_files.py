@@ -138,7 +138,7 @@ class StateFiles:
         world = self._simulation.world
         try:
             data = await asyncio.get_running_loop().run_in_executor(None, read_state, path)
-            self._mailbox.post(Call("world/load", in_one_piece(data[: MAX_BYTES + 1]), source), on_reply)
+            self._mailbox.post(Call("world/load", in_one_piece(data), source), on_reply)
         except OSError as error:
             on_reply(Reply(world.tick, world.t_ns, fault=_not(f"{path.name} cannot be read", error).fault))
         except Refused as refused:
