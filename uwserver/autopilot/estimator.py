@@ -211,11 +211,9 @@ class Estimator:
     def _correct_depth(self, e: Estimate, z: float, late: float, variance: float) -> None:
         k, m, n, e.steep = tracks.measure_position(e.steep, variance)
         d = z - (e.p[2] - e.v[2] * late)
-        e.p, e.v, e.bias = (
-            (e.p[0], e.p[1], e.p[2] + k * d),
-            (e.v[0], e.v[1], e.v[2] + m * d),
-            (e.bias[0], e.bias[1], e.bias[2] + n * d),
-        )
+        e.p = (e.p[0], e.p[1], e.p[2] + k * d)
+        e.v = (e.v[0], e.v[1], e.v[2] + m * d)
+        e.bias = (e.bias[0], e.bias[1], e.bias[2] + n * d)
 
     def _dvl(
         self, e: Estimate, t_ns: int, source: Source, late: float, v_S: Value, altitude: Value, merit: Value

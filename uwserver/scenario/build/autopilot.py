@@ -109,12 +109,11 @@ def build_autopilot(
         on_low_battery=config.on_low_battery,
     )
     pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text), world.answers)
-    slots = tuple(_set_point_slots(world, path, pilot, config))
-    pilot.set_points = {
-        slot.port.path.rsplit("/", 1)[1]: slot for slot in slots if not slot.port.path.endswith("/pilot")
-    }
+    slots = dict(_set_point_slots(world, path, pilot, config))
+    pilot.set_points = {name: slot for name, slot in slots.items() if name != "pilot"}
     pilot.begin()
-    return Piloted(Piloting(pilot), _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
+    state = _state_slot(world, path, pilot, config, row)
+    return Piloted(Piloting(pilot), state, tuple(slots.values()), tuple(services(pilot)))
 
 
 def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
@@ -134,14 +133,16 @@ def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
     return round(physics / Fraction(str(wanted)))
 
 
-def _set_point_slots(world: World, path: str, pilot: Autopilot, config: AutopilotConfig) -> Iterator[ActuatorSlot]:
-    timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S} | dict.fromkeys(
-        ("velocity", "attitude"), config.setpoint_timeout_s
-    )
+def _set_point_slots(
+    world: World, path: str, pilot: Autopilot, config: AutopilotConfig
+) -> Iterator[tuple[str, ActuatorSlot]]:
+    """Its ports for commands, by name."""
+    timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S}
+    timeouts |= dict.fromkeys(("velocity", "attitude"), config.setpoint_timeout_s)
     for name, point in set_points(pilot):
         timeout = timeouts.get(name, 0.0)
         port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
-        yield ActuatorSlot(port, point, world.rate_hz, round(Fraction(str(timeout)) * world.rate_hz))
+        yield name, ActuatorSlot(port, point, world.rate_hz, round(Fraction(str(timeout)) * world.rate_hz))
 
 
 def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
