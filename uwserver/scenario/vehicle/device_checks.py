@@ -32,10 +32,8 @@ def _check_curves(curves: Node, report: Report) -> None:
         if not -1.0 < low <= 0.0 <= high < 1.0:
             report(("curves", name, "dead_band"), f"({low:g}, {high:g}) must lie inside (-1, 1), with 0 in it")
         if curve.voltage_V in voltages:
-            report(
-                ("curves", name, "voltage_V"),
-                f'the curve "{voltages[curve.voltage_V]}" is for {curve.voltage_V:g} V too',
-            )
+            text = f'the curve "{voltages[curve.voltage_V]}" is for {curve.voltage_V:g} V too'
+            report(("curves", name, "voltage_V"), text)
         voltages.setdefault(curve.voltage_V, name)
 
 
