@@ -18,7 +18,6 @@ from uwserver.ports import (
     OnReply,
     Port,
     Progress,
-    Refused,
     Reply,
     Sample,
     Service,

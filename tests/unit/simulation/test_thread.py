@@ -190,7 +190,9 @@ def test_a_load_of_a_world_that_diverges_at_once_is_told_in_full(resolved):
         assert later.code == "denied"
         assert '"rov" diverged' in later.text
         assert "world/reset" in later.text
-        assert rig.post(Call("world/load", in_one_piece(data))).fault is None, "it may be asked again; it does not run by itself"
+        assert rig.post(Call("world/load", in_one_piece(data))).fault is None, (
+            "it may be asked again; it does not run by itself"
+        )
         assert rig.post(Call("world/reset", {})).result is None
         assert rig.call("world/step", n=3).tick == 3
         assert rig.simulation.failure == ""
