@@ -12,7 +12,7 @@ from simulation_rig import PATIENCE_S, Rig, running
 
 from uwserver.adapter import AdapterStats, Conversation, installed_adapters
 from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
-from uwserver.ports.binding import bind
+from uwserver.ports.checks import bind
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.server.context import Context, Hub
