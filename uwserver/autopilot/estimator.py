@@ -17,7 +17,7 @@ from uwserver.autopilot.state import NEVER, STILL, Estimate
 from uwserver.environment.geodesy import north_east
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.ports import Field, Sample, Value
-from uwserver.ports.binding import bind
+from uwserver.ports.checks import bind
 from uwserver.units import NANOSECONDS
 
 LEVELLING = 0.5

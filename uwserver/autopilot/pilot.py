@@ -16,7 +16,7 @@ from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
 from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders
 from uwserver.autopilot.sticks import enter, stay
 from uwserver.ports import Fault, Json, Refused, Sample
-from uwserver.ports.later import Answers, Later
+from uwserver.ports.crossing import Answers, Later
 
 _PROGRESS_S = 0.5
 

@@ -17,7 +17,7 @@ from uwserver.autopilot.state import Mode
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Argument, Json, Refused, Service
-from uwserver.ports.later import Later
+from uwserver.ports.crossing import Later
 from uwserver.units import rad
 
 Asked = Mapping[str, Json]
