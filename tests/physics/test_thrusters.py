@@ -196,7 +196,7 @@ def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(
     load_vehicle: Callable[..., BodyParams], u: float, sign: float
 ) -> None:
     """About 0.72 m/s (von Benzon et al.): below it still gains speed, above it loses some."""
-    body = load_vehicle("bluerov2_heavy", density_kgpm3=1000.0, gravity_mps2=9.82)
+    body = load_vehicle("bluerov2_heavy_von_benzon", density_kgpm3=1000.0, gravity_mps2=9.82)
     hydro = Hydrodynamics([body], 1.0 / 240.0)
     hydro.thrusters["command"], hydro.thrusters["fresh"] = [-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0], 1
     level = np.array([0.0, 0.0, 50.0, 1.0, 0.0, 0.0, 0.0, u, 0.0, 0.0, 0.0, 0.0, 0.0])
