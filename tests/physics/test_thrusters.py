@@ -250,7 +250,7 @@ def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(
     load_vehicle: Callable[..., BodyParams], t200_von_benzon: ThrusterDevice, u: float, sign: float
 ) -> None:
     """About 0.72 m/s, with the thruster of the same paper (von Benzon et al.): below it still gains speed, above it loses some."""
-    body: BodyParams = load_vehicle("bluerov2_heavy", density_kgpm3=1000.0, gravity_mps2=9.82)
+    body: BodyParams = load_vehicle("bluerov2_heavy_von_benzon", density_kgpm3=1000.0, gravity_mps2=9.82)
     identified = thruster_params("t", Thruster(
         device="t200_von_benzon", position_frd_m=(0.0, 0.0, 0.0), axis_frd=(1.0, 0.0, 0.0), source="x", status="paper"
     ), t200_von_benzon)  # fmt: skip
