@@ -75,7 +75,7 @@ def _buoyancy(body: BodyParams) -> Solid:
 def _hull(points: FloatArray, right: int, down: int) -> tuple[FloatArray, FloatArray]:
     """Corners, in their order, of the convex hull of points (n, 3) in a view: those that lie farthest in some direction."""
     flat = points[:, [right, down]]
-    angle = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
     corners = flat[np.argmax(flat @ np.stack([np.cos(angle), np.sin(angle)]), axis=0)]
     return corners[:, 0], corners[:, 1]
 

@@ -21,7 +21,7 @@ from uwserver.physics.kernel.layout import NU
 SPEEDS = (0.5, 2.0, 10.0, 50.0)
 """m/s. The last is where only terms of the second degree count: what does not feed there and at rest does nowhere."""
 _DEPTH = 500.0
-_STARTS, _ROUNDS, _FIRST_STEP, _SHRINK = 200, 150, 0.5, 0.96
+_STARTS, _ROUNDS, _FIRST_STEP, _SHRINK = 100, 300, 0.7, 0.98
 """Of the search: velocities that climb at once, attempts of each, and the size of an attempt over that of the velocity."""
 
 
@@ -72,7 +72,17 @@ class WaterPower:
 
 def largest_feed(body: BodyParams, speed: float, seed: int = 0) -> Feed:
     """The worst velocity of the kinetic energy of a surge speed (m/s), found by climbing from many random ones."""
-    water, rng = WaterPower(body, _STARTS), np.random.default_rng(seed)
+    return _climb(WaterPower(body, _STARTS), speed, seed)
+
+
+def feeds(body: BodyParams, speeds: Iterable[float] = SPEEDS) -> list[Feed]:
+    """`largest_feed` at several speeds."""
+    water = WaterPower(body, _STARTS)
+    return [_climb(water, speed, 0) for speed in speeds]
+
+
+def _climb(water: WaterPower, speed: float, seed: int) -> Feed:
+    rng = np.random.default_rng(seed)
     x = rng.normal(size=(_STARTS, 6))
     best = water(water.velocities(x, speed))
     for k in range(_ROUNDS):
@@ -83,8 +93,3 @@ def largest_feed(body: BodyParams, speed: float, seed: int = 0) -> Feed:
         x[better], best[better] = tried[better], power[better]
     worst = int(np.argmax(best))
     return Feed(speed, float(best[worst]) / water.energy(speed), water.velocities(x[worst : worst + 1], speed)[0])
-
-
-def feeds(body: BodyParams, speeds: Iterable[float] = SPEEDS) -> list[Feed]:
-    """`largest_feed` at several speeds."""
-    return [largest_feed(body, speed) for speed in speeds]

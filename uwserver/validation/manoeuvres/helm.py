@@ -120,7 +120,8 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
         p.density * p.diameter**4 * (high / (2.0 * np.pi)) ** 2 * max(p.curve[0][1], 1e-9)
         for p, high in zip(propellers, highs, strict=True)
     ]
-    columns = np.array([_column(p.r, p.axis) for p in (*thrusters, *propellers)]).reshape(-1, 6).T
+    placed = [(t.r, t.axis) for t in thrusters] + [(p.r, p.axis) for p in propellers]
+    columns = np.array([_column(r, axis) for r, axis in placed]).reshape(-1, 6).T
     shares = _shares(columns * np.array(strengths))
     wrench = np.zeros((4, 4))
     if any(isinstance(actuator, ForceTorqueConfig) for actuator in vehicle.actuators.values()) and not shares.any():

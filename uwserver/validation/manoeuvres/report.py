@@ -18,10 +18,11 @@ from uwserver.scenario.water.tables import Environment
 from uwserver.units import deg, rad
 from uwserver.validation.energy import feeds
 from uwserver.validation.manoeuvres import trials
+from uwserver.validation.manoeuvres.figures import BY_THRUST, ON_THE_SPOT, Column, Row, Trial, Value, ahead, turn_told
 from uwserver.validation.manoeuvres.helm import Helm
 from uwserver.validation.manoeuvres.particulars import Particular, guesses, particulars
 from uwserver.validation.manoeuvres.runs import Waters
-from uwserver.validation.manoeuvres.trials import Trial, Value
+from uwserver.validation.manoeuvres.turning import RUDDER, turning_circle, zig_zag
 
 NONE_FOUND = "none found"
 
@@ -91,8 +92,8 @@ def report(model: str, density_kgpm3: float = 1025.0) -> Report:
     done = (
         trials.left_alone(waters),
         trials.straight(waters, sorted({*trials.THROTTLES, *throttles})),
-        trials.turning_circle(waters, turns if helm.has("rudder") else ()),
-        trials.zig_zag(waters),
+        turning_circle(waters, turns if helm.has("rudder") else ()),
+        zig_zag(waters),
         trials.dive(waters),
         trials.glide(waters),
         trials.sway(waters),
@@ -108,13 +109,13 @@ def report(model: str, density_kgpm3: float = 1025.0) -> Report:
 
 
 def _rudder(figure: Published, helm: Helm) -> float:
-    return min(trials.RUDDER, helm.rudder) if isinstance(figure.rudder_deg, UnsetType) else rad(figure.rudder_deg)
+    return min(RUDDER, helm.rudder) if isinstance(figure.rudder_deg, UnsetType) else rad(figure.rudder_deg)
 
 
 def _energy(helm: Helm) -> Trial:
     """`validation.energy` as a trial."""
-    columns = (trials.Column("rate", "power of the water over the energy, at its largest", "1/s"),)
-    rows = tuple(trials.Row(f"energy of {feed.speed:g} m/s", (feed.rate,)) for feed in feeds(helm.body))
+    columns = (Column("rate", "power of the water over the energy, at its largest", "1/s"),)
+    rows = tuple(Row(f"energy of {feed.speed:g} m/s", (feed.rate,)) for feed in feeds(helm.body))
     text = (
         "Without thrust, whatever the motion, the water must take energy (a negative power); worst velocity of all with the kinetic energy\n"
         "of that speed ahead, also astern, sideways and turning. At 50 m/s only terms of second degree are left."
@@ -127,7 +128,7 @@ def _comparisons(report: Report, helm: Helm, published: Sequence[Published]) -> 
     found = []
     for quantity in get_args(Quantity):
         figures = [figure for figure in published if figure.quantity == quantity]
-        conditions = {_condition(quantity, 1.0, min(trials.RUDDER, helm.rudder), helm): ()} | {
+        conditions = {_condition(quantity, 1.0, min(RUDDER, helm.rudder), helm): ()} | {
             _condition(quantity, figure.throttle, _rudder(figure, helm), helm): () for figure in figures
         }
         for condition in conditions:
@@ -141,15 +142,15 @@ def _comparisons(report: Report, helm: Helm, published: Sequence[Published]) -> 
 def _condition(quantity: str, throttle: float, rudder: float, helm: Helm) -> str:
     """The run that a figure belongs to, as `trials` names it."""
     if quantity == "ahead_speed_mps":
-        return trials.ahead(throttle)
+        return ahead(throttle)
     if quantity in ("turning_diameter_m", "turn_rate_degps"):
-        return trials.turn_told(throttle, rudder) if helm.has("rudder") else trials.BY_THRUST
+        return turn_told(throttle, rudder) if helm.has("rudder") else BY_THRUST
     return {
         "astern_speed_mps": "astern 100 %",
         "sway_speed_mps": "to starboard 100 %",
         "descent_mps": "down 100 %",
         "ascent_mps": "up 100 %",
-        "spot_turn_rate_degps": trials.ON_THE_SPOT,
+        "spot_turn_rate_degps": ON_THE_SPOT,
         "roll_period_s": "roll",
         "pitch_period_s": "pitch",
         "glide_speed_mps": "down",

@@ -46,7 +46,8 @@ class Track:
     @property
     def speed(self) -> FloatArray:
         """(k) of the origin, m/s."""
-        return np.linalg.norm(self.states[:, NU : NU + 3], axis=1)
+        speed: FloatArray = np.linalg.norm(self.states[:, NU : NU + 3], axis=1)
+        return speed
 
     @property
     def down(self) -> FloatArray:
