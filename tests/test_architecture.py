@@ -281,14 +281,12 @@ def test_nothing_in_uwserver_knows_an_adapter_or_a_client():
     assert not wrong, wrong
 
 
-def test_only_validate_needs_the_oracle():
-    """`validation` is in the installed package for `uwserver validate` alone; other proofs stand beside the benchmark, which stays out."""
+def test_validation_serves_its_commands_alone():
+    """`validation` is in the installed package for what a person asks of a model (`validate`, `manoeuvres`, `plot vehicle`); proofs that nobody
+    asks for stand beside the benchmark, which stays out. No simulation runs through it."""
     users = {m.name for m in modules("uwserver") for i in imports(m) if i.target.startswith("uwserver.validation")}
-    assert users == {"uwserver.cli.validate"}
-    assert {m.name for m in modules("uwserver") if m.part == "validation"} == {
-        "uwserver.validation",
-        "uwserver.validation.oracle",
-    }
+    own = {m.name for m in modules("uwserver") if m.part == "validation"}
+    assert users - own == {f"uwserver.cli.{name}" for name in ("validate", "manoeuvres", "plot", "vehicle_picture")}
 
 
 def test_adapters_know_the_contract_alone():
@@ -390,15 +388,15 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader and what it builds of tables (files), by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of tables (files), by codecs (wires), and by reports of validation (people)."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
             # Missions are files too, though a client sends them.
-            exceptions = ("uwserver.validation.oracle", "uwserver.autopilot.route", "uwserver.autopilot.services")
-            assert module.part in ("scenario", "sensors", "modifiers") or module.name in exceptions, (
+            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
+            assert module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions, (
                 f"{module.name} uses {uses}"
             )
     for module in modules("uwserver_adapters"):

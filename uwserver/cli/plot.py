@@ -1,4 +1,4 @@
-"""`uwserver plot sensor`: a picture of what a sensor told, from a recording or from a scenario that is run for it."""
+"""`uwserver plot`: a picture of what a sensor told, from a recording or from a scenario that is run for it; or of a vehicle."""
 
 from __future__ import annotations
 
@@ -16,8 +16,12 @@ import uwserver
 from uwserver.ports import Field, Port, Refused, Sample
 from uwserver.ports.checks import suggestion
 from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.water.tables import Environment
 from uwserver.units import NANOSECONDS
+from uwserver.validation.manoeuvres.report import resolve
 
+_MISSING = "drawing needs matplotlib: pip install 'uwserver[plot]'"
 _RUN_S = 20.0
 _PATIENCE_S = 1.0
 """What was measured before the end is waited for so long."""
@@ -43,7 +47,7 @@ def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: f
     A scanning sonar gives its picture, a DVL its beams, LBL and USBL their beacons, everything else its values over time; grey: not valid.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        raise click.ClickException("drawing needs matplotlib: pip install 'uwserver[plot]'")
+        raise click.ClickException(_MISSING)
     from uwserver.cli.pictures import picture
 
     file = output or Path(f"{port.replace('/', '_')}.png")
@@ -58,6 +62,30 @@ def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: f
     except OSError as error:
         raise click.ClickException(f"{error.filename or source}: {error.strerror or error}") from error
     click.echo(f"wrote {file}: {len(chosen)} samples")
+
+
+@plot.command()
+@click.argument("vehicle")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="PNG, SVG or PDF; default: the vehicle's name as PNG."
+)
+def vehicle(vehicle: str, output: Path | None) -> None:
+    """Draw VEHICLE, a shipped one by name or a vehicle file: its shapes, thrusters, fins, centres of gravity and of buoyancy."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise click.ClickException(_MISSING)
+    from uwserver.cli.vehicle_picture import vehicle_picture
+
+    file = output or Path(f"{Path(vehicle).stem}.png")
+    try:
+        environment = Environment()
+        resolved = resolve(vehicle, environment)
+        figure = vehicle_picture(resolved, body_params(resolved.vehicle, resolved.devices, environment))
+        figure.savefig(file, dpi=110, metadata={"Software": None} if file.suffix == ".png" else None)
+    except (ScenarioError, ValueError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or vehicle}: {error.strerror or error}") from error
+    click.echo(f"wrote {file}")
 
 
 def _simulated(source: str, port: str, end_s: float) -> tuple[Port, list[Sample]]:

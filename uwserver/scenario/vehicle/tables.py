@@ -23,7 +23,7 @@ from uwserver.scenario.vehicle.appendage_tables import (
     Sourced,
 )
 from uwserver.sensors import SensorConfig
-from uwserver.table import Name, Positive, Table, Vector3
+from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 Matrix6 = tuple[Six, Six, Six, Six, Six, Six]
@@ -135,8 +135,33 @@ class Autopilot(Sourced, kw_only=True, frozen=True):
     max_wrench: Six | UnsetType = UNSET
 
 
+Quantity = Literal[
+    "ahead_speed_mps", "astern_speed_mps", "sway_speed_mps", "descent_mps", "ascent_mps", "turning_diameter_m", "turn_rate_degps",
+    "spot_turn_rate_degps", "roll_period_s", "pitch_period_s", "glide_speed_mps", "glide_angle_deg", "bollard_ahead_N", "bollard_down_N",
+]  # fmt: skip
+"""What is known of a real vehicle's behaviour; the unit stands in the name."""
+
+
+class Published(Sourced, kw_only=True, frozen=True):
+    """A figure of the real vehicle, beside which `uwserver manoeuvres` puts that of this file. The simulation does not use it.
+
+    Attributes:
+        throttle: part of full thrust at which it was found.
+        rudder_deg: of a turn; default: that of the manoeuvre.
+    """
+
+    quantity: Quantity
+    value: NonNegative
+    throttle: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    rudder_deg: Positive | UnsetType = UNSET
+
+
 class VehicleFile(Table, kw_only=True, frozen=True):
-    """A whole vehicle file."""
+    """A whole vehicle file.
+
+    Attributes:
+        published: figures of the real vehicle, as ``[[published]]``.
+    """
 
     schema: Literal[1]
     name: str
@@ -158,6 +183,7 @@ class VehicleFile(Table, kw_only=True, frozen=True):
     actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
     autopilot: Autopilot | UnsetType = UNSET
+    published: tuple[Published, ...] = ()
 
 
 class MeasuredCurve(Sourced, kw_only=True, frozen=True):
