@@ -16,6 +16,7 @@ from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import add_body
+from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
@@ -87,11 +88,16 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
 
 def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
     tables = {name: device.electric for name, device in resolved.devices.items()}
-    return {
-        name: Electric(table.power_WpN15, table.speed_radpspN05)
-        for name, table in tables.items()
-        if not isinstance(table, UnsetType)
-    }
+    return {name: electric_of(table) for name, table in tables.items() if not isinstance(table, UnsetType)}
+
+
+def electric_of(table: ElectricTable) -> Electric:
+    """How a thruster draws power and turns, from its device's table."""
+    power, speed = table.reverse_power_WpN15, table.reverse_speed_radpspN05
+    return Electric(
+        (table.power_WpN15, table.power_WpN15 if isinstance(power, UnsetType) else power),
+        (table.speed_radpspN05, table.speed_radpspN05 if isinstance(speed, UnsetType) else speed),
+    )
 
 
 def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:

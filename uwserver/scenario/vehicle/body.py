@@ -124,11 +124,15 @@ def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice) -> Th
 
 
 def force_table(device: ThrusterDevice) -> ForceTable:
-    """Static force against command, a curve for each voltage of the device, in rising order of voltage."""
-    curves = sorted(device.curves.values(), key=lambda curve: curve.voltage_V)
-    return ForceTable(
-        tuple(curve.voltage_V for curve in curves), tuple(_curve(curve, device.shape.coefficients) for curve in curves)
-    )
+    """Static force against command, a curve for each voltage of a checked device, in rising order of voltage."""
+    curves = {
+        table.voltage_V: tuple(zip(table.commands, table.forces_N, strict=True)) for table in device.tables.values()
+    }
+    if not isinstance(device.shape, UnsetType):
+        coefficients = device.shape.coefficients
+        curves |= {curve.voltage_V: _curve(curve, coefficients) for curve in device.curves.values()}
+    voltages = sorted(curves)
+    return ForceTable(tuple(voltages), tuple(curves[voltage] for voltage in voltages))
 
 
 def _curve(curve: ForceCurve, coefficients: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
