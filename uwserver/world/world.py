@@ -56,7 +56,9 @@ class World:
         geometry: the same, as sensors see it.
         lambert: (n) backscatter of their materials, by number.
         water, earth: the environment, and where N lies.
-        parts: all that lives in it, by path: its own parts and those of the members.
+        parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
+            which may look at them when they load.
+        own_parts: those that are no body's.
         population: the part that makes bodies.
         identity: tells apart scenarios whose states cannot be exchanged.
         answers: what callers that wait are to be told in this tick.
@@ -96,7 +98,7 @@ class World:
         self.population: Population
         self.identity: Callable[[], str] = str
         self.parts: dict[str, Part] = {}
-        self._own_parts: list[Part] = []
+        self.own_parts: list[Part] = []
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
@@ -118,7 +120,7 @@ class World:
         """
         if part.path in self.parts:
             raise ValueError(f'there is a part "{part.path}" already')
-        self._own_parts.append(part)
+        self.own_parts.append(part)
         self.parts[part.path] = part
         for service, carry in part.services:
             self.offer(service, carry)
@@ -137,13 +139,19 @@ class World:
         if begun:
             self.say("ports_changed", "bodies came or went")
 
+    def dismiss(self, name: str) -> None:
+        """Let a body go, with its components; its rows stay. All parts drop what they have of it while it is still there."""
+        for part in self.parts.values():
+            part.forget(name)
+        self.set_members(member for other, member in self.members.items() if other != name)
+
     def bind(self, members: Iterable[Member]) -> None:
         """Know these bodies by name, with their components, and tell nobody: the part of `set_members` that can be taken back."""
         self.members = {member.vehicle.name: member for member in members}
         self.vehicles.clear()
         self.sensors.clear()
         self.actuators.clear()
-        self.parts = {part.path: part for part in self._own_parts}
+        self.parts = {part.path: part for part in self.own_parts}
         self._carry.clear()
         self._carry |= self._own_carry
         services = dict(self._own_services)
@@ -166,6 +174,7 @@ class World:
 
     def _line_up(self) -> None:
         """Who acts when: lists in the order of a tick, so that nothing is paid in a tick for what is not there."""
+        self.parts = dict(sorted(self.parts.items(), key=lambda item: (item[0] != Bodies.path, item[0])))
         everybody = sorted(self.parts.values(), key=lambda part: (part.stage, part.order, part.path))
         acting = [part for part in everybody if takes_part(part, "before")]
         self._first = [part for part in acting if part.stage == Stage.FAULTS]
@@ -203,7 +212,7 @@ class World:
     def follow_slots(self, why: str) -> None:
         """Slots were changed: put their sensors in line again, and publish and tell of their ports where these are others."""
         slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
-        if any(self.ports[slot.path] is not slot.port for slot in slots):
+        if any(self.ports[slot.port.path] is not slot.port for slot in slots):
             self.refresh()
             self.say("ports_changed", why)
         else:

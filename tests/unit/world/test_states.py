@@ -343,7 +343,8 @@ def _bodies(change: Callable[[np.ndarray[Any, Any]], None]) -> Callable[[Any], N
         (lambda raw: raw.update(tick=-1), "tick -1"),
         (lambda raw: raw["parts"]["rov/imu"].update(seq="x"), "int"),
         (lambda raw: raw["parts"]["rov/imu"].update(divisor=0), ">= 1"),
-        (lambda raw: raw["parts"]["rov/imu"].update(memories=[]), "modifiers"),
+        (lambda raw: raw["parts"]["rov/imu"].update(records=[]), "modifiers"),
+        (lambda raw: raw["parts"]["rov/imu"].update(draws=[bytes(16)]), "modifiers"),
         (lambda raw: raw["parts"]["rov/imu"].update(held=[True, [1.0]]), "fields"),
         (lambda raw: raw["parts"]["rov/thrusters"].update(last_value=[[9.0] * 8]), "at most"),
         (lambda raw: raw["parts"]["world/water"].update(current=[1e9, 0.0, 0.0]), "current"),
@@ -494,9 +495,13 @@ def test_a_mission_without_items_is_not_under_way() -> None:
     world.step(300)
 
     def change(raw: Any) -> None:
-        orders = msgspec.msgpack.decode(raw["parts"]["rov/autopilot"]["orders"])
-        orders |= {"mode": "mission", "armed": True, "waits": False, "items": [], "index": 0}
-        raw["parts"]["rov/autopilot"]["orders"] = msgspec.msgpack.encode(orders)
+        raw["parts"]["rov/autopilot"]["orders"] |= {
+            "mode": "mission",
+            "armed": True,
+            "waits": False,
+            "items": [],
+            "index": 0,
+        }
 
     assert "its mission does not have" in refusal(world, forged(world, change))
 
