@@ -198,11 +198,8 @@ class SensorSlot(Part):
             raise ValueError("other modifiers or streams than this sensor has")
         for data in state.draws:
             RandomStream.check(data)
-        for (owner, name, decoder), data in zip(kept.records, state.records, strict=True):
-            given = decoder.decode(data)
-            owner.valid(given)
-            if name == "settings":
-                owner.check(given)
+        for (owner, _, decoder), data in zip(kept.records, state.records, strict=True):
+            owner.valid(decoder.decode(data))
         for stream, held in zip(self.streams(), (state.held, *state.sides), strict=True):
             if held is not None:
                 check_values(stream.port.fields, held[1])

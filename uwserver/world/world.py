@@ -68,12 +68,8 @@ class World:
     def __init__(
         self, name: str, rate_hz: Fraction, seed: int, epoch_utc: str, hydro: Hydrodynamics, water: Water
     ) -> None:
-        self.name = name
-        self.rate_hz = rate_hz
-        self.seed = seed
-        self.epoch_utc = epoch_utc
-        self.hydro = hydro
-        self.water = water
+        self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
+        self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
         self.earth = Earth()
         self.lambert = SEDIMENT
@@ -88,8 +84,7 @@ class World:
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
         self._solids: dict[Member, int] = {}
-        self._own_services: dict[str, Service] = {}
-        self._own_carry: dict[str, Carry] = {}
+        self._own_services: dict[str, tuple[Service, Carry]] = {}
         self._carry: dict[str, Carry] = {}
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
@@ -148,21 +143,18 @@ class World:
     def bind(self, members: Iterable[Member]) -> None:
         """Know these bodies by name, with their components, and tell nobody: the part of `set_members` that can be taken back."""
         self.members = {member.vehicle.name: member for member in members}
-        self.vehicles.clear()
-        self.sensors.clear()
-        self.actuators.clear()
         self.parts = {part.path: part for part in self.own_parts}
-        self._carry.clear()
-        self._carry |= self._own_carry
-        services = dict(self._own_services)
+        for known in (self.vehicles, self.sensors, self.actuators, self._carry):
+            known.clear()
+        offered = dict(self._own_services)
         for name, member in self.members.items():
             self.vehicles[name] = member.vehicle
             self.sensors |= {slot.port.path: slot for slot in member.sensors}
             self.actuators |= {slot.port.path: slot for slot in member.actuators}
             self.parts |= {part.path: part for part in member.parts}
-            for service, carry in member.services:
-                services[service.path], self._carry[service.path] = service, carry
-        self.services = services
+            offered |= {service.path: (service, carry) for service, carry in member.services}
+        self.services = {path: service for path, (service, _) in offered.items()}
+        self._carry |= {path: carry for path, (_, carry) in offered.items()}
         self.refresh()
 
     def refresh(self) -> None:
@@ -220,7 +212,7 @@ class World:
 
     def offer(self, service: Service, carry: Carry) -> None:
         """Add a service of the world itself, which runs at the start of a tick."""
-        self._own_services[service.path], self._own_carry[service.path] = service, carry
+        self._own_services[service.path] = service, carry
         self.services = {**self.services, service.path: service}
         self._carry[service.path] = carry
 

@@ -151,6 +151,19 @@ def test_the_end_of_a_run_is_told_to_every_part(world: World) -> None:
     assert ("leave", "enough", 0) in diary
 
 
+def test_a_body_that_goes_is_told_to_every_part_while_it_is_still_there(make_world: Any) -> None:
+    class Widow(Recorder):
+        def forget(self, body: str) -> None:
+            self.diary.append(("forget", body, len(world.vehicles)))
+
+    world, diary = make_world(vehicles=2), list[tuple[str, str, int]]()
+    world.add(Widow("a", diary))
+    world.call("world/remove", name="rov1")
+    assert diary == [("forget", "rov1", 2)]
+    assert list(world.vehicles) == ["rov"]
+    assert not any(path.startswith("rov1/") for path in world.parts)
+
+
 def test_any_part_is_part_of_a_snapshot(world: World) -> None:
     part = Recorder("a", [])
     world.add(part)
