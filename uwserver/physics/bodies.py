@@ -200,7 +200,8 @@ class Hydrodynamics:
                 raise ValueError(f'{len(saved[name])} bytes of "{name}", not {size}')
             _check_rows(name, np.frombuffer(saved[name], array.dtype), array)
         q = np.frombuffer(saved["state"]).reshape(-1, layout.STATE_SIZE)[:, layout.Q : layout.Q + 4]
-        if (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
+        # Bounded first, as the square of a number that is no part of a rotation may be too large to be one.
+        if (np.abs(q) > 2.0).any() or (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
             raise ValueError("a quaternion that is no rotation")
         for name in ("body_a", "body_b"):
             rows = np.frombuffer(saved[name], np.int64)

@@ -339,6 +339,7 @@ def _bodies(change: Callable[[np.ndarray[Any, Any]], None]) -> Callable[[Any], N
         (_bodies(lambda x: x.__setitem__((0, 2), np.nan)), "not finite"),
         (_bodies(lambda x: x.__setitem__((0, 7), np.inf)), "not finite"),
         (_bodies(lambda x: x.__setitem__((0, slice(3, 7)), 0.0)), "no rotation"),
+        (_bodies(lambda x: x.__setitem__((0, 3), 1e300)), "no rotation"),
         (lambda raw: raw["parts"].pop("rov/imu"), "rov/imu"),
         (lambda raw: raw["parts"].update({"rov/more": {}}), "rov/more"),
         (lambda raw: raw.update(tick=-1), "tick -1"),
