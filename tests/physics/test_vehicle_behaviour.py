@@ -14,6 +14,11 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
+from uwserver.ports import Sample
+from uwserver.scenario.build.world import build
+from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.load.scenario import load
+from uwserver.world import World
 
 RATE = 100
 DEEP = 500.0
@@ -208,6 +213,43 @@ def test_the_otter_comes_up_and_floats_again(load_vehicle: LoadVehicle) -> None:
     states = push(load_vehicle("otter"), [{}], depth=2.0)
     assert states[:, 0, 2].min() > -0.2
     assert states[-1, 0, 2] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.fixture(scope="module")
+def at_sea() -> tuple[World, list[Sample]]:
+    """A minute on waves half a metre high: an Otter at half throttle whose USBL looks for a LAUV 20 m down."""
+    builder = ScenarioBuilder("sea", seed=1, rate_hz=240, adapters={})
+    builder.waves(significant_height_m=0.5, peak_period_s=5.0, direction_deg=30.0)
+    builder.vehicle("ship", "otter", position_ned_m=(0.0, 0.0, 0.0))
+    builder.vehicle("auv", "lauv", position_ned_m=(30.0, 10.0, 20.0))
+    beacons = {"auv": {"vehicle": "auv"}}
+    builder.sensor("ship", "usbl", "usbl", profile="seatrac_x150", rate_hz=1, mount="transducer", beacons=beacons)
+    world = build(load(builder.build(), adapters={}))
+    fixes: list[Sample] = []
+    for _ in range(120):
+        world.command("ship/thrusters", u=[0.5, 0.5])
+        for _ in range(5):
+            fixes += [sample for sample in world.step(24) if sample.port == "ship/usbl"]
+            ship = world.vehicles["ship"]
+            x, y, z = ship.p_NB
+            assert abs(z + world.water.elevation(x, y, world.t_ns / 1e9)) < 0.08
+            assert max(abs(math.degrees(angle)) for angle in ship.pose.rpy[:2]) < 12.0
+    return world, fixes
+
+
+def test_the_otter_rides_the_waves_and_makes_way(at_sea: tuple[World, list[Sample]]) -> None:
+    """With the surface up and down, leaning with its slope, and ahead all the same; the fixture looks at each tenth of a second."""
+    ship = at_sea[0].vehicles["ship"]
+    assert ship.p_NB[0] > 35.0
+    assert abs(ship.p_NB[1]) < 10.0
+
+
+def test_the_otter_carries_an_usbl(at_sea: tuple[World, list[Sample]]) -> None:
+    """It hears the beacon on the vehicle below each second, and knows how far away it is."""
+    world, fixes = at_sea
+    assert len(fixes) > 55
+    away = math.dist(world.vehicles["ship"].p_NB, world.vehicles["auv"].p_NB)
+    assert fixes[-1].value[1] == pytest.approx(away, abs=2.0)
 
 
 # -- Slocum ---------------------------------------------------------------------------------------------------------------------------------

@@ -148,6 +148,7 @@ def test_set_points_that_the_mode_does_not_follow_say_which_does(built: Built) -
         "lbv150",
         "videoray_pro4",
         "girona500",
+        "eca_a9",
         "otter",
     ],
 )
