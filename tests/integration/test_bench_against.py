@@ -79,3 +79,10 @@ def test_a_folder_that_is_no_environment_is_refused(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert "no virtual environment" in done.stderr
+
+
+def test_what_has_a_bar_of_its_own_is_judged_by_it(run) -> None:
+    """Latencies, and the import, which may take 30 ms."""
+    bars = {figure["name"]: figure["bar"] for figure in run[0]["figures"] if figure["group"] != "latencies"}
+    judged = {name: bar for name, bar in bars.items() if bar is not None}
+    assert judged == {"`import uwserver`, beyond the bare interpreter": 30.0}

@@ -7,10 +7,10 @@ from typing import Annotated
 from msgspec import Meta
 
 from uwserver.actuators.base import ActuatorTable, Body
-from uwserver.actuators.servo import Servos
+from uwserver.actuators.servo import Moved, OneServo, Servos
 from uwserver.table import Name
 
-_FIELD = ("angle_rad", "rad", "angle about the hinge")
+_FIN = Moved("fins", "fin", "angle_rad", "rad", "angle about the hinge")
 
 
 class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
@@ -31,18 +31,15 @@ class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
         members = self.members
         if members is None:
             members = tuple(name.removeprefix("fins.") for name in body.servos if name.startswith("fins."))
-        return Servos(body, "fins", "fin", members, (len(members),), _FIELD)
+        return Servos(body, _FIN, members, (len(members),))
 
 
-class FinConfig(ActuatorTable, tag="fin", kw_only=True, frozen=True):
+class FinConfig(OneServo, tag="fin", kw_only=True, frozen=True):
     """One fin of the vehicle file; its command is the angle, which it reaches at its own rate.
 
-    Attributes:
-        member: its name.
+    The angle counts about the fin's hinge, which shipped vehicles turn so that signs are alike: a positive rudder turns to starboard; a positive
+    plane has its trailing edge down, so it dives at the stern (elevator, stern planes) and climbs at the bow; of an X-shaped tail each fin turns
+    to starboard at a positive angle, and dives or climbs by its slant.
     """
 
-    member: Name
-
-    def build(self, body: Body) -> Servos:
-        """The actuator; ValueError as for `fins`."""
-        return Servos(body, "fins", "fin", (self.member,), (), _FIELD)
+    moved = _FIN

@@ -2,46 +2,75 @@
 
 from __future__ import annotations
 
-from uwserver.actuators.base import Body, Given
+from typing import ClassVar, NamedTuple
+
+from uwserver.actuators.base import ActuatorTable, Body, Given
 from uwserver.ports import Field
+from uwserver.table import Name
+
+
+class Moved(NamedTuple):
+    """What servos of one kind move.
+
+    Attributes:
+        table: of the vehicle file (``fins``).
+        noun: what one of it is called.
+        field, unit, doc: of the command.
+    """
+
+    table: str
+    noun: str
+    field: str
+    unit: str
+    doc: str
+
+
+class OneServo(ActuatorTable, kw_only=True, frozen=True):
+    """The table of an actuator that commands one servo.
+
+    Attributes:
+        member: its name.
+    """
+
+    moved: ClassVar[Moved]
+    member: Name
+
+    def build(self, body: Body) -> Servos:
+        """The actuator.
+
+        Raises:
+            ValueError: a member that the vehicle has not, named with those it has.
+        """
+        return Servos(body, self.moved, (self.member,), ())
 
 
 class Servos:
     """Writes set points into servo rows."""
 
-    def __init__(
-        self,
-        body: Body,
-        table: str,
-        noun: str,
-        members: tuple[str, ...],
-        shape: tuple[int, ...],
-        field: tuple[str, str, str],
-    ) -> None:
+    def __init__(self, body: Body, moved: Moved, members: tuple[str, ...], shape: tuple[int, ...]) -> None:
         """Find the rows.
 
         Args:
             body: of the vehicle.
-            table, noun: the vehicle file's table (``fins``) and what one of it is called.
-            members: names in that table.
+            moved: their kind.
+            members: names in its table.
             shape: of the field.
-            field: name, unit and doc.
 
         Raises:
             ValueError: a member that the vehicle has not, named with those it has.
         """
+        table, noun, name, unit, doc = moved
         present = {
             name.removeprefix(f"{table}."): row for name, row in body.servos.items() if name.startswith(f"{table}.")
         }
-        for name in members:
-            if name not in present:
-                raise ValueError(f'no {noun} "{name}" here, there are: {", ".join(present) or "none"}')
+        for member in members:
+            if member not in present:
+                raise ValueError(f'no {noun} "{member}" here, there are: {", ".join(present) or "none"}')
         self._hydro = body.hydro
-        self._rows = [present[name] for name in members]
+        self._rows = [present[member] for member in members]
         rows = body.hydro.servos[self._rows]
         self._neutral = rows["command"].tolist()
         order = ", ".join(members)
-        name, unit, doc = field
         if shape:
             doc = f"{doc}, order: {order}"
         self.doc = f"{noun.capitalize()}{'s' if shape else ''} {order}."

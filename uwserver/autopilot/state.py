@@ -18,18 +18,9 @@ NEVER = -(10**18)
 """Time (ns) of what was never heard."""
 
 Mode = Literal[
-    "manual",
-    "stabilise",
-    "acro",
-    "depth_hold",
-    "altitude_hold",
-    "heading_hold",
-    "position_hold",
-    "velocity",
-    "guided",
-    "mission",
-    "surface",
-]
+    "manual", "stabilise", "acro", "depth_hold", "altitude_hold", "heading_hold", "position_hold", "velocity", "guided",
+    "mission", "surface",
+]  # fmt: skip
 
 Six = tuple[float, float, float, float, float, float]
 

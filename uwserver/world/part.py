@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct, msgpack
 
 from uwserver.ports import Json, Sample, Service
-from uwserver.ports.later import Later
+from uwserver.ports.crossing import Later
 
 Carry = Callable[[Mapping[str, Json]], Json | Later]
 """What a service does; runs at the start of a tick. A long-running one gives its answers later."""

@@ -13,8 +13,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
-from uwserver.ports.crossing import Posted, TickOutput
-from uwserver.ports.later import Answers, Later
+from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
 from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.units import NANOSECONDS

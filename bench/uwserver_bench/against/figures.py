@@ -15,8 +15,8 @@ MARGIN = 1.05
 
 Verdict = Literal["ok", "better", "worse", "open", "few", "both miss", "absent"]
 MEANING: Mapping[Verdict, str] = {
-    "worse": f"ours takes more: the interval lies wholly above {MARGIN:g}; of a latency: only theirs meets the bar, and the interval lies above 1",
-    "open": f"the interval reaches beyond {MARGIN:g}, of a latency that misses its bar below 1: more pairs or a quieter machine would tell",
+    "worse": f"ours takes more: the interval lies wholly above {MARGIN:g}; of what has a bar: only theirs meets it, and the interval lies above 1",
+    "open": f"the interval reaches beyond {MARGIN:g}, of what misses its bar below 1: more pairs or a quieter machine would tell",
     "both miss": "neither version meets the bar here: the machine is too busy, or the bar too high for it",
     "few": "too few pairs for an interval",
 }
@@ -31,7 +31,7 @@ class Figure:
         name: what was measured.
         unit: of the values.
         ours, theirs: one value a pair, in the order they were taken; empty when it could not be measured.
-        bar: set for a latency: what its median must not pass. All others are judged by their ratios.
+        bar: set for a latency and for the import: what the median must not pass. All others are judged by their ratios.
         note: why it could not be measured.
     """
 
@@ -55,7 +55,7 @@ class Figure:
 
     @property
     def verdict(self) -> Verdict:
-        """A latency is judged by its bar, and must not be the chance of a busy moment; all others by the interval."""
+        """What has a bar is judged by it, and must not be the chance of a busy moment; all others by the interval."""
         if not self.ratios:
             return "absent"
         if self.bar is not None:

@@ -18,7 +18,7 @@ from uwserver_bench.against import scenarios
 from uwserver_bench.against.installation import Installation
 from uwserver_bench.against.pairs import SIDES, Kind, Pairs, Say, Unable, in_turns
 from uwserver_bench.processes import BenchFailed, stop
-from uwserver_bench.start import import_s
+from uwserver_bench.start import IMPORT_BAR_S, import_s
 
 PATIENCE_S = 900.0
 """The first task of a version may compile its kernels."""
@@ -244,7 +244,7 @@ def measure_fresh(
 ) -> None:
     """Whole processes: `import uwserver` and commands of a person."""
     pairs.measure(
-        Kind("loading", "`import uwserver`, beyond the bare interpreter", "ms"),
+        Kind("loading", "`import uwserver`, beyond the bare interpreter", "ms", 1e3 * IMPORT_BAR_S),
         in_turns(pair) * 2,
         lambda side: 1e3 * import_s(versions[side].python, versions[side].environment, place),
     )

@@ -14,7 +14,7 @@ import numpy as np
 from uwserver.physics.geometry.mesh import any_triangle_in
 from uwserver.physics.geometry.slots import HALF_SPACE, MESH, SHAPES, Shapes
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import arrays_at
 from uwserver.physics.kernel.layout import NU, Forms, P, Q, columns
 from uwserver.physics.kernel.linear import dot
@@ -213,7 +213,7 @@ def overlapping_pairs(shapes: Shapes, search: Search, gate: bool, pairs: Array) 
     return count
 
 
-@compiled
+@entry
 def find_pairs(table: Array, state: Array, dt: float, margin: float, gate: bool, pairs: Array) -> int:
     """Pairs of shapes that may touch within a tick; moves the shapes to where the bodies are.
 

@@ -26,7 +26,7 @@ from uwserver.physics.geometry.mesh import AT_POINT, in_normal_cone, triangles_a
 from uwserver.physics.geometry.slots import CYLINDER, HALF_SPACE, MESH, SPHERE, Shapes
 from uwserver.physics.geometry.support import support, support_face, support_feature
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.physics.kernel.linear import dot
 
@@ -211,7 +211,7 @@ def _deepest_point(shapes: Shapes, a: int, found: Array, reach: float, work: Wor
     return add_point(work, found[best, 3:6], n, top, gap, _POINT + best, 0) if gap <= reach else 0
 
 
-@compiled
+@entry
 def find_contacts(
     table: Array,
     pairs: Array,

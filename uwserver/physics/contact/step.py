@@ -35,7 +35,7 @@ from uwserver.physics.dynamics.integrator import step_any
 from uwserver.physics.dynamics.scratch import STATE
 from uwserver.physics.dynamics.thruster import set_demand
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, model_at, scratch_at, state_at
 from uwserver.physics.kernel.layout import STATE_SIZE, Fitted, Model
 from uwserver.physics.kernel.rotation import product, rotation
@@ -80,7 +80,7 @@ def _warm_start(key: Array, old_key: Array, old_impulse: Array, axes: Array, imp
                 break
 
 
-@compiled
+@entry
 def strike(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float) -> Struck:
     """Stages 1 and 2: impulses at the start of the tick; the states receive the new velocities.
 
@@ -197,7 +197,7 @@ def _drop_untouched(slot_a: Array, slot_b: Array, impulse: Array, change: Array)
                 change[i, j] = 0.0
 
 
-@compiled
+@entry
 def settle(table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Array, contact_nu_dot: Array) -> None:
     """Stage 4, after the real step: the rest of the impulses, poses, recovery.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.layout import (
     FLOW_KIND,
     FLOW_P,
@@ -116,7 +116,7 @@ def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> 
         _add_wave(sea.waves[n], x, y, z, t, point)
 
 
-@compiled
+@entry
 def fill_flows(bodies: Array, state: Array, sea: Any, t: float, ahead: float, flows: Array) -> None:
     """The water at the centre of buoyancy of each body, `ahead` seconds after t on the path that its present velocity leads to.
 

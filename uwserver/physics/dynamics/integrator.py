@@ -31,7 +31,7 @@ from uwserver.physics.dynamics.scratch import (
 from uwserver.physics.dynamics.servo import advance_servo
 from uwserver.physics.dynamics.thruster import advance_lag, lagged, set_demand
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, inlined
+from uwserver.physics.kernel.compiled import compiled, entry, inlined
 from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, model_at, scratch_at, state_at
 from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, STATE_SIZE, Model
 from uwserver.physics.kernel.linear import solve
@@ -284,7 +284,7 @@ def keep_state(s: Array, x: Array) -> bool:
     return sound
 
 
-@compiled
+@entry
 def advance(table: Array, t: float, dt: float) -> int:
     """Carry all bodies from t to t + dt, in place.
 
@@ -319,7 +319,7 @@ def _advance(table: Array, fitted: Any, t: float, dt: float) -> int:
     return -1
 
 
-@compiled
+@entry
 def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
     """Acceleration and applied wrench of all bodies at one instant, from the present lag states; changes no state.
 

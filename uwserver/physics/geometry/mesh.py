@@ -8,7 +8,7 @@ import numpy as np
 
 from uwserver.physics.geometry.slots import Shapes
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.linear import dot
 
 AT_POINT = 32
@@ -22,7 +22,7 @@ def _span(low: float, high: float, origin: float, size: float, cells: int, axis:
     span[axis, 1] = min(max(math.floor((high - origin) / size), 0), cells - 1)
 
 
-@compiled
+@entry
 def fill_cells(vertices: Array, faces: Array, origin: Array, size: float, cells: Array) -> tuple[Array, Array]:
     """Triangles by cell of a regular grid: `start` (cells + 1) and the triangle numbers between two starts."""
     count = cells[0] * cells[1] * cells[2]

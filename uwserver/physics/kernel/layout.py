@@ -1,7 +1,8 @@
 """The arrays that the compiled kernel works on: one row a body, thruster, prescribed wrench, buoyancy shape or appendage.
 
-Everything is float64 SI in frames N (NED) and B (FRD), about the body origin. Rows of one body are contiguous; a body names its range by
-``first`` and ``count``. Plain numpy records keep the call into the kernel at one argument an array and make a snapshot a copy.
+Rows are records of float64 and int64; states, flows and work space are float64 alone. All is SI, in frames N (NED) and B (FRD), about the body
+origin. Rows of one body are contiguous; a body names its range by ``first`` and ``count``. A kernel gets all arrays of a world as one table
+of addresses (`addresses`, `handles`), and a snapshot is a copy of those that change.
 """
 
 from __future__ import annotations
@@ -45,231 +46,174 @@ SHAPE_BOX, SHAPE_SPHERE = 0, 1
 FREE, STUCK, STUCK_AT = 0, 1, 2
 """Whether a thruster listens to its commands."""
 
-BODY = np.dtype(
-    [
-        ("M_RB", "f8", (6, 6)),
-        ("M_A", "f8", (6, 6)),  # already scaled to the density of the water
-        ("M_inv", "f8", (6, 6)),  # (M_RB + M_A)^-1, fully submerged
-        ("D_L", "f8", (6, 6)),
-        ("D_Q", "f8", (6, 6)),
-        ("D_S", "f8", (6, 6)),
-        # Form of each matrix: 0 zero, 1 diagonal, 2 full. Most vehicles are diagonal, which saves most of the multiplications.
-        ("form_M_RB", "i8"),
-        ("form_M_A", "i8"),
-        ("form_D_L", "i8"),
-        ("form_D_Q", "i8"),
-        ("form_D_S", "i8"),
-        ("weight", "f8"),  # N
-        ("buoyancy", "f8"),  # N, fully submerged
-        ("displaced", "f8"),  # mass of the displaced water, kg, fully submerged
-        ("r_g", "f8", (3,)),
-        ("r_b", "f8", (3,)),
-        # Bounds of the damping's fastest rate, 1/s: rate <= rate_L + sum_j rate_Q[j] |nu_r[j]| + rate_S |u_r|.
-        ("rate_L", "f8"),
-        ("rate_Q", "f8", (6,)),
-        ("rate_S", "f8"),
-        ("radius", "f8"),  # no part of the buoyancy shapes is farther from the origin, m
-        ("shape_first", "i8"),
-        ("shape_count", "i8"),  # 0: always fully submerged
-        ("thruster_first", "i8"),
-        ("thruster_count", "i8"),
-        ("wrench_first", "i8"),
-        ("wrench_count", "i8"),
-        ("in_contact", "i8"),  # 1: contacts act on the body in this tick
-        ("contact", "f8", (6,)),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
-        (
-            "external",
-            "f8",
-            (6,),
-        ),  # wrench that acts in the coming tick, about the origin in B; constant in the tick, and zero after it
-        ("acted", "f8", (6,)),  # the one that acted in the last tick
-        ("retired", "i8"),  # 1: removed from the world; the kernel passes it over
-        ("fitted", "i8"),  # 1: the body has any of the following
-        ("servo_first", "i8"),
-        ("servo_count", "i8"),
-        ("foil_first", "i8"),
-        ("foil_count", "i8"),
-        ("propeller_first", "i8"),
-        ("propeller_count", "i8"),
-        ("weight_first", "i8"),
-        ("weight_count", "i8"),
-        ("derivative_first", "i8"),
-        ("derivative_count", "i8"),
-        ("hull_first", "i8"),
-        ("hull_count", "i8"),
-    ],
-    align=True,
+_Fields = list[tuple[str, str, tuple[int, ...]]]
+
+
+def _f8(names: str, *shape: int) -> _Fields:
+    """Fields of float64, each a number or an array of this shape."""
+    return [(name, "f8", shape) for name in names.split()]
+
+
+def _i8(names: str) -> _Fields:
+    """Whole numbers."""
+    return [(name, "i8", ()) for name in names.split()]
+
+
+def _ranges(names: str) -> _Fields:
+    """Rows that belong to a body: the first and how many."""
+    return [field for name in names.split() for field in _i8(f"{name}_first {name}_count")]
+
+
+def _record(*groups: _Fields) -> np.dtype[Any]:
+    return np.dtype([field for fields in groups for field in fields], align=True)
+
+
+BODY = _record(
+    _f8("M_RB", 6, 6),
+    _f8("M_A", 6, 6),  # already scaled to the density of the water
+    _f8("M_inv", 6, 6),  # (M_RB + M_A)^-1, fully submerged
+    _f8("D_L D_Q D_S", 6, 6),
+    # Form of each matrix: 0 zero, 1 diagonal, 2 full. Most vehicles are diagonal, which saves most of the multiplications.
+    _i8("form_M_RB form_M_A form_D_L form_D_Q form_D_S"),
+    _f8("weight buoyancy"),  # N; buoyancy fully submerged
+    _f8("displaced"),  # mass of the displaced water, kg, fully submerged
+    _f8("r_g r_b", 3),
+    # Bounds of the damping's fastest rate, 1/s: rate <= rate_L + sum_j rate_Q[j] |nu_r[j]| + rate_S |u_r|.
+    _f8("rate_L"),
+    _f8("rate_Q", 6),
+    _f8("rate_S"),
+    _f8("radius"),  # no part of the buoyancy shapes is farther from the origin, m
+    _ranges("shape thruster wrench"),  # without shapes it is always fully submerged
+    _i8("in_contact"),  # 1: contacts act on the body in this tick
+    _f8("contact", 6),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
+    _f8("external", 6),  # wrench in the coming tick, about the origin in B; constant in the tick, and zero after it
+    _f8("acted", 6),  # the one that acted in the last tick
+    _i8("retired"),  # 1: removed from the world; the kernel passes it over
+    _i8("fitted"),  # 1: the body has any of the following
+    _ranges("servo foil propeller weight derivative hull"),
 )
 
-SHAPE = np.dtype(
-    [
-        ("kind", "i8"),
-        ("center", "f8", (3,)),  # in B, m
-        ("half", "f8", (3,)),  # box: half edges; sphere: radius in half[0]
-        ("share", "f8"),  # part of the body's displaced volume, the shares of a body add up to 1
-    ],
-    align=True,
+SHAPE = _record(
+    _i8("kind"),
+    _f8("center", 3),  # in B, m
+    _f8("half", 3),  # box: half edges; sphere: radius in half[0]
+    _f8("share"),  # part of the body's displaced volume, the shares of a body add up to 1
 )
 
-THRUSTER = np.dtype(
-    [
-        ("per_force", "f8", (6,)),  # wrench about the origin in B per newton: [axis; r x axis + reaction torque]
-        ("per_velocity", "f8", (6,)),  # times nu_r: speed of the mount along the axis; [axis; r x axis]
-        ("r", "f8", (3,)),  # mount in B, m
-        ("inflow", "f8"),  # k in T = T0 - k sqrt(|T0|) V_a, sqrt(N) s/m
-        ("disc_radius", "f8"),  # m
-        ("table", "i8"),  # row of the force tables
-        ("lag", "i8"),  # row of the lags
-        ("voltage", "f8"),
-        ("installed", "f8"),  # installed thrust over open-water thrust
-        ("efficiency", "f8"),  # 1 healthy, 0 dead
-        ("command", "f8"),  # u in -1..1, or N with by_force
-        ("by_force", "i8"),
-        ("fresh", "i8"),  # command or voltage were set since the demand was computed
-        ("stuck", "i8"),  # FREE, STUCK at its demand, or STUCK_AT stuck_u
-        ("stuck_u", "f8"),
-        ("demand", "f8"),  # static thrust asked for, N
-        ("x", "f8", (3,)),  # state of the lag
-    ],
-    align=True,
+THRUSTER = _record(
+    _f8("per_force", 6),  # wrench about the origin in B per newton: [axis; r x axis + reaction torque]
+    _f8("per_velocity", 6),  # times nu_r: speed of the mount along the axis; [axis; r x axis]
+    _f8("r", 3),  # mount in B, m
+    _f8("inflow"),  # k in T = T0 - k sqrt(|T0|) V_a, sqrt(N) s/m
+    _f8("disc_radius"),  # m
+    _i8("table"),  # row of the force tables
+    _i8("lag"),  # row of the lags
+    _f8("voltage"),
+    _f8("installed"),  # installed thrust over open-water thrust
+    _f8("efficiency"),  # 1 healthy, 0 dead
+    _f8("command"),  # u in -1..1, or N with by_force
+    _i8("by_force"),
+    _i8("fresh"),  # command or voltage were set since the demand was computed
+    _i8("stuck"),  # FREE, STUCK at its demand, or STUCK_AT stuck_u
+    _f8("stuck_u"),
+    _f8("demand"),  # static thrust asked for, N
+    _f8("x", 3),  # state of the lag
 )
 
-LAG = np.dtype(
-    [
-        # y = C x + D u of x' = A x + B u, with the exact transition x+ = F x + G u over half of each sub-step length.
-        ("F", "f8", (LAG_LEVELS, 3, 3)),
-        ("G", "f8", (LAG_LEVELS, 3)),
-        ("C", "f8", (3,)),
-        ("D", "f8"),
-    ],
-    align=True,
+LAG = _record(
+    # y = C x + D u of x' = A x + B u, with the exact transition x+ = F x + G u over half of each sub-step length.
+    _f8("F", LAG_LEVELS, 3, 3),
+    _f8("G", LAG_LEVELS, 3),
+    _f8("C", 3),
+    _f8("D"),
 )
 
-TABLE = np.dtype(
-    [
-        ("n_voltages", "i8"),
-        ("voltage", "f8", (TABLE_VOLTAGES,)),  # ascending
-        ("u", "f8", (TABLE_VOLTAGES, TABLE_SIZE)),  # ascending in each row
-        ("force", "f8", (TABLE_VOLTAGES, TABLE_SIZE)),  # N
-    ],
-    align=True,
+TABLE = _record(
+    _i8("n_voltages"),
+    _f8("voltage", TABLE_VOLTAGES),  # ascending
+    _f8("u", TABLE_VOLTAGES, TABLE_SIZE),  # ascending in each row
+    _f8("force", TABLE_VOLTAGES, TABLE_SIZE),  # N
 )
 
-WRENCH = np.dtype(
-    [
-        ("frame", "i8"),  # 0: components in B, 1: in N; always about the body origin
-        ("bias", "f8", (6,)),
-        ("amplitude", "f8", (6,)),
-        ("omega", "f8", (6,)),
-        ("phase", "f8", (6,)),
-        ("harmonic", "i8"),  # 0: the amplitudes are all zero
-    ],
-    align=True,
+WRENCH = _record(
+    _i8("frame"),  # 0: components in B, 1: in N; always about the body origin
+    _f8("bias amplitude omega phase", 6),
+    _i8("harmonic"),  # 0: the amplitudes are all zero
 )
 
-
-SERVO = np.dtype(
-    [
-        ("command", "f8"),  # rad, rad/s, m3 or m
-        ("value", "f8"),  # where it is
-        ("low", "f8"),
-        ("high", "f8"),
-        ("rate", "f8"),  # largest change a second; 0: stuck
-        ("tau", "f8"),  # time constant of the lag, s
-        ("efficiency", "f8"),  # scales the force of the foil or propeller that it sets: 1 healthy, 0 dead
-    ],
-    align=True,
+SERVO = _record(
+    _f8("command"),  # rad, rad/s, m3 or m
+    _f8("value"),  # where it is
+    _f8("low high"),
+    _f8("rate"),  # largest change a second; 0: stuck
+    _f8("tau"),  # time constant of the lag, s
+    _f8("efficiency"),  # scales the force of the foil or propeller that it sets: 1 healthy, 0 dead
 )
 
-FOIL = np.dtype(
-    [
-        ("servo", "i8"),  # row of the servo that sets its angle, -1 for a fixed one
-        ("r", "f8", (3,)),  # centre of pressure in B, m
-        ("chord", "f8", (3,)),  # towards the leading edge at zero angle, unit vector in B
-        ("normal", "f8", (3,)),  # lift points there at a positive angle, unit vector in B
-        ("pressure_area", "f8"),  # rho A / 2, kg/m
-        ("slope", "f8"),  # dC_L/dalpha, 1/rad
-        ("induced", "f8"),  # C_D of the lift over C_L squared
-        ("cd0", "f8"),
-        ("cd90", "f8"),  # normal force coefficient across the flow
-        ("stall", "f8"),  # rad
-        ("stall_end", "f8"),  # from here on a flat plate, rad
-        ("whole", "i8"),  # 1: dynamic pressure of the whole speed, 0: without its part along the span
-        ("radius", "f8"),  # half the span, m
-    ],
-    align=True,
+FOIL = _record(
+    _i8("servo"),  # row of the servo that sets its angle, -1 for a fixed one
+    _f8("r", 3),  # centre of pressure in B, m
+    _f8("chord", 3),  # towards the leading edge at zero angle, unit vector in B
+    _f8("normal", 3),  # lift points there at a positive angle, unit vector in B
+    _f8("pressure_area"),  # rho A / 2, kg/m
+    _f8("slope"),  # dC_L/dalpha, 1/rad
+    _f8("induced"),  # C_D of the lift over C_L squared
+    _f8("cd0"),
+    _f8("cd90"),  # normal force coefficient across the flow
+    _f8("stall stall_end"),  # rad; from the second on a flat plate
+    _i8("whole"),  # 1: dynamic pressure of the whole speed, 0: without its part along the span
+    _f8("radius"),  # half the span, m
 )
 
 PROPELLER_SIZE = 24
 """Points of a propeller's open-water curves."""
 
-PROPELLER = np.dtype(
-    [
-        ("servo", "i8"),  # row of the servo that holds the shaft speed, rad/s
-        ("r", "f8", (3,)),
-        ("axis", "f8", (3,)),  # of the thrust at a positive shaft speed, unit vector in B
-        ("diameter", "f8"),
-        ("density", "f8"),
-        ("wake", "f8"),  # 1 - w: speed of advance over the vehicle's
-        ("deduction", "f8"),  # 1 - t: thrust on the vehicle over the propeller's
-        ("astern", "f8"),  # thrust and torque astern over those ahead
-        ("sense", "f8"),  # reaction torque along the axis for positive K_Q: -1 right-handed, 1 left-handed, 0 none
-        ("whole", "i8"),  # 1: advances with the whole speed, 0: with its part along the axis
-        ("points", "i8"),
-        ("J", "f8", (PROPELLER_SIZE,)),  # ascending
-        ("KT", "f8", (PROPELLER_SIZE,)),
-        ("KQ", "f8", (PROPELLER_SIZE,)),
-    ],
-    align=True,
+PROPELLER = _record(
+    _i8("servo"),  # row of the servo that holds the shaft speed, rad/s
+    _f8("r", 3),
+    _f8("axis", 3),  # of the thrust at a positive shaft speed, unit vector in B
+    _f8("diameter density"),
+    _f8("wake"),  # 1 - w: speed of advance over the vehicle's
+    _f8("deduction"),  # 1 - t: thrust on the vehicle over the propeller's
+    _f8("sense"),  # reaction torque along the axis for positive K_Q: -1 right-handed, 1 left-handed, 0 none
+    _i8("whole"),  # 1: advances with the whole speed, 0: with its part along the axis
+    _i8("points"),
+    _f8("J KT KQ", PROPELLER_SIZE),  # J ascending
+    _f8("astern"),  # thrust and torque astern over those ahead
 )
 
-WEIGHT = np.dtype(
-    [
-        ("servo", "i8"),
-        ("zero", "f8"),  # value at which nothing is added to the body's own weight and buoyancy
-        ("force", "f8"),  # along z_N per unit of value, N
-        ("moment", "f8", (3,)),  # its lever times the force in B: the moment is moment x z_N
-        ("displaces", "i8"),  # 1: displaced volume, which counts as far as it is submerged
-    ],
-    align=True,
+WEIGHT = _record(
+    _i8("servo"),
+    _f8("zero"),  # value at which nothing is added to the body's own weight and buoyancy
+    _f8("force"),  # along z_N per unit of value, N
+    _f8("moment", 3),  # its lever times the force in B: the moment is moment x z_N
+    _i8("displaces"),  # 1: displaced volume, which counts as far as it is submerged
 )
 
-DERIVATIVE = np.dtype(
-    [
-        ("axis", "i8"),  # 0..5, X Y Z K M N
-        ("j", "i8"),  # 0..5, u v w p q r of nu_r
-        ("k", "i8"),
-        ("servo", "i8"),  # row of the servo whose value is a factor too, -1 for none
-        ("power", "i8"),  # of that value
-        ("coefficient", "f8"),
-    ],
-    align=True,
+DERIVATIVE = _record(
+    _i8("axis"),  # 0..5, X Y Z K M N
+    _i8("j k"),  # 0..5, u v w p q r of nu_r
+    _i8("servo"),  # row of the servo whose value is a factor too, -1 for none
+    _i8("power"),  # of that value
+    _f8("coefficient"),
 )
 
-HULL = np.dtype(
-    [
-        ("slow", "f8", (6,)),  # diagonal linear damping that fades with speed
-        ("fade", "f8"),  # 1 / speed at which it is 1/e, s/m
-        ("strips", "i8"),
-        ("first", "f8"),  # x of the aftmost strip's centre, m
-        ("spacing", "f8"),  # m
-        ("sway", "f8"),  # rho C_d height spacing / 2, kg/m
-        ("heave", "f8"),
-        ("joint", "i8"),  # 1: drag by the resultant of both cross flows, 0: by each alone
-    ],
-    align=True,
+HULL = _record(
+    _f8("slow", 6),  # diagonal linear damping that fades with speed
+    _f8("fade"),  # 1 / speed at which it is 1/e, s/m
+    _i8("strips"),
+    _f8("first"),  # x of the aftmost strip's centre, m
+    _f8("spacing"),  # m
+    _f8("sway heave"),  # rho C_d height spacing / 2, kg/m; likewise with the width
+    _i8("joint"),  # 1: drag by the resultant of both cross flows, 0: by each alone
 )
 
-
-SCRATCH = np.dtype(
-    [
-        ("s", "f8", (6, STATE_SIZE)),  # states and their derivatives, in the rows of `dynamics.scratch`
-        ("work", "f8", (14, 6)),  # of `fossen.derivative`, likewise
-        ("R", "f8", (3, 3)),  # R_NB
-        ("M_inv", "f8", (6, 6)),  # inverse of M_RB + held M_A, which holds in a step
-        ("small", "f8", (3, 3)),
-    ],
-    align=True,
+SCRATCH = _record(
+    _f8("s", 6, STATE_SIZE),  # states and their derivatives, in the rows of `dynamics.scratch`
+    _f8("work", 14, 6),  # of `fossen.derivative`, likewise
+    _f8("R", 3, 3),  # R_NB
+    _f8("M_inv", 6, 6),  # inverse of M_RB + held M_A, which holds in a step
+    _f8("small", 3, 3),
 )
 """Work space of a step. As a record it is one pointer to hand on, where arrays of their own cost two atomic counts each."""
 
@@ -323,7 +267,7 @@ class SeaRows(NamedTuple):
     waves: Array
 
 
-CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
+CELL = _record(_f8("direction across along", 3), _f8("emitted"))
 """A ray of a fan: unit direction in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the angles that
 its cell covers; the intensity that goes into the cell, times its solid angle."""
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, Hits
 
 _LEAST_COSINE = 0.01
@@ -55,7 +55,7 @@ class Pulse(NamedTuple):
     alpha: float
 
 
-@compiled
+@entry
 def backscatter(
     direction: Array, normal: Array, bodies: Array, material: Array, lambert: Array, surface: float, out: Array
 ) -> None:
@@ -82,7 +82,7 @@ def _mu(body: int, material: int, ground: Ground) -> float:
     return ground.surface if body == SURFACE else float(ground.lambert[min(max(material, 0), len(ground.lambert) - 1)])
 
 
-@compiled
+@entry
 def intensity(cells: Array, R: Array, hits: Hits, ground: Ground, pulse: Pulse, out: Array) -> None:
     """Mean intensity of the echoes in cells of the pulse's resolution.
 
@@ -142,7 +142,7 @@ def _ramp(second: Array, edge: float, slope: float, bins: int) -> None:
     second[whole + 1] += slope * part
 
 
-@compiled
+@entry
 def compress(
     intensity: Array, spacing: float, spreading: float, alpha: float, limit: float, offset: float, steps: float, full: float,
     counts: Array,

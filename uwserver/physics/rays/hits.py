@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import arrays_at
 from uwserver.physics.kernel.layout import Forms, P, Q, columns
 from uwserver.physics.kernel.linear import dot
@@ -31,7 +31,7 @@ SIMPLE: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
 _simple_at = arrays_at(Simple, SIMPLE)
 
 
-@compiled
+@entry
 def intersect_simple(
     table: Array, origin: Array, direction: Array, limit: float, state: Array, distance: Array, normal: Array, body: Array, material: Array
 ) -> None:  # fmt: skip
@@ -72,7 +72,7 @@ def _intersect_planes(origin: Array, direction: Array, limit: float, planes: Arr
                     hits.body[i], hits.material[i] = plane.body, plane.material
 
 
-@compiled
+@entry
 def intersect_level(
     height: float,
     direction: Array,
@@ -224,7 +224,7 @@ BATCH: Forms = {
 _batch_at = arrays_at(Batch, BATCH)
 
 
-@compiled
+@entry
 def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: Array, distance: Array) -> int:
     """Bring rays that pass a box, before what they have hit so far, into its frame (the slab test).
 
@@ -276,7 +276,7 @@ def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: 
     return count
 
 
-@compiled
+@entry
 def refine(
     table: Array, picked: Array, limit: float, body: int, distance: Array, normal: Array, bodies: Array, material: Array
 ) -> int:

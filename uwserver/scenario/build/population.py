@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
-from uwserver.frames import Quat, Vec3, quat_from_rpy
+from uwserver.frames import IDENTITY, Quat, Vec3
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
@@ -21,6 +21,7 @@ from uwserver.scenario.solids.shapes import missing_engines
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.sensors import Pose
 from uwserver.units import rad
 from uwserver.world.components import Member, Population
 from uwserver.world.faults import Faults
@@ -76,7 +77,7 @@ class ScenarioPopulation(Population):
         for name, entry in entries.items():
             if entry.present:
                 member = self._member(name, name)
-                self._place(member, entry.position_ned_m, _attitude(entry))
+                self._place(member, entry.position_ned_m, Pose.from_degrees(entry.attitude_rpy_deg).q)
                 nu = world.hydro.state[member.vehicle.row, NU : NU + 6]
                 nu[:3] = entry.velocity_frd_mps
                 if isinstance(entry, VehicleEntry):
@@ -233,31 +234,12 @@ class ScenarioPopulation(Population):
             return None
 
         name = Argument("name", "str", "the first level of its paths")
-        like = Argument(
-            "like", "str", "a vehicle or object of the scenario, whether or not it is in the world now", choices=kinds
-        )
+        alike = "a vehicle or object of the scenario, whether or not it is in the world now"
+        like = Argument("like", "str", alike, choices=kinds)
         p_NB = Argument("p_NB", "float", "position of its origin in N", "m", shape=(3,), minimum=-1e6, maximum=1e6)
-        q_NB = Argument(
-            "q_NB",
-            "float",
-            "attitude, w x y z; normalised",
-            "1",
-            shape=(4,),
-            required=False,
-            default=[1.0, 0.0, 0.0, 0.0],
-        )
+        turned = "attitude, w x y z; normalised"
+        q_NB = Argument("q_NB", "float", turned, "1", shape=(4,), required=False, default=list(IDENTITY))
         if kinds:
-            self._world.offer(
-                Service(
-                    "world/spawn",
-                    "Add a body with its components, built like one of the scenario.",
-                    (name, like, p_NB, q_NB),
-                ),
-                spawn,
-            )
+            add = "Add a body with its components, built like one of the scenario."
+            self._world.offer(Service("world/spawn", add, (name, like, p_NB, q_NB)), spawn)
         self._world.offer(Service("world/remove", "Remove a body and its components from the world.", (name,)), remove)
-
-
-def _attitude(entry: VehicleEntry | ObjectEntry) -> Quat:
-    roll, pitch, yaw = (rad(angle) for angle in entry.attitude_rpy_deg)
-    return quat_from_rpy(roll, pitch, yaw)

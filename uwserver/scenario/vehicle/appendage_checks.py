@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from msgspec import UNSET, UnsetType
 
-from uwserver.actuators import BallastConfig, FinConfig, FinsConfig, MovingMassConfig, PropellerConfig
+from uwserver.actuators import FinsConfig
+from uwserver.actuators.servo import OneServo
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.errors import KeyPath, suggestion
 from uwserver.scenario.vehicle.appendage_tables import Foil
@@ -17,12 +18,6 @@ from uwserver.scenario.vehicle.appendages import TERM
 from uwserver.scenario.vehicle.assembly import Draft
 
 _DERIVATIVE = "an axis of XYZKMN and two velocities of uvwpqr"
-_MEMBERS: dict[type, tuple[str, str]] = {
-    FinConfig: ("fins", "fin"),
-    PropellerConfig: ("propellers", "propeller"),
-    BallastConfig: ("ballasts", "ballast"),
-    MovingMassConfig: ("moving_masses", "moving mass"),
-}
 
 
 def check_appendages(draft: Draft, report: Report) -> None:
@@ -94,9 +89,9 @@ def _check_members(draft: Draft, report: Report) -> None:
                 check_member(member, present, "fin", (*path, "members", k), report)
                 if member in (actuator.members or ())[:k]:
                     report((*path, "members", k), f'"{member}" is named twice')
-        elif isinstance(actuator, (FinConfig, PropellerConfig, BallastConfig, MovingMassConfig)):
-            table, noun = _MEMBERS[type(actuator)]
-            check_member(actuator.member, draft.names(table), noun, (*path, "member"), report)
+        elif isinstance(actuator, OneServo):
+            moved = actuator.moved
+            check_member(actuator.member, draft.names(moved.table), moved.noun, (*path, "member"), report)
 
 
 def check_member(member: str, present: tuple[str, ...], noun: str, path: KeyPath, report: Report) -> None:

@@ -186,8 +186,21 @@ class VehicleFile(Table, kw_only=True, frozen=True):
     published: tuple[Published, ...] = ()
 
 
+class MeasuredCurve(Sourced, kw_only=True, frozen=True):
+    """Static force at one supply voltage as measured: straight lines between the points.
+
+    Attributes:
+        commands: rising from -1 to 1; the edges of the dead band are among them.
+        forces_N: of each command, not falling; 0 within the dead band.
+    """
+
+    voltage_V: Positive
+    commands: tuple[float, ...]
+    forces_N: tuple[float, ...]
+
+
 class ForceCurve(Sourced, kw_only=True, frozen=True):
-    """Static force at one supply voltage: limits, dead band, and the common `shape` between them."""
+    """Static force at one supply voltage of which only limits and dead band are known, with the device's `shape` between them."""
 
     voltage_V: Positive
     max_forward_N: Positive
@@ -228,21 +241,31 @@ class Electric(Sourced, kw_only=True, frozen=True):
     Attributes:
         power_WpN15: electric power is this times |T|**1.5.
         speed_radpspN05: shaft speed is this times sqrt(|T|).
+        reverse_power_WpN15: the same of negative thrust; as forward unless given.
+        reverse_speed_radpspN05: the same of negative thrust; as forward unless given.
     """
 
     power_WpN15: Positive
     speed_radpspN05: Positive
+    reverse_power_WpN15: Positive | UnsetType = UNSET
+    reverse_speed_radpspN05: Positive | UnsetType = UNSET
 
 
 class ThrusterDevice(Table, kw_only=True, frozen=True):
-    """A device file of a thruster."""
+    """A device file of a thruster: force curves of one or several supply voltages, linear in the voltage between them.
+
+    Attributes:
+        tables: curves that are measured point by point.
+        curves: those of which the limits are known; they need `shape`.
+    """
 
     schema: Literal[1]
     kind: Literal["thruster"]
     name: str
     default_voltage_V: Positive
-    shape: Shape
-    curves: dict[str, ForceCurve]
+    tables: dict[str, MeasuredCurve] = field(default_factory=dict)
+    shape: Shape | UnsetType = UNSET
+    curves: dict[str, ForceCurve] = field(default_factory=dict)
     lag: LagTable
     propeller: Propeller
     electric: Electric | UnsetType = UNSET

@@ -9,7 +9,6 @@ import pytest
 from msgspec import UNSET
 
 from uwserver.scenario.files.documents import read, shipped
-from uwserver.scenario.vehicle.appendage_tables import Ballast, CrossFlow, Fin, Foil, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import (
     AddedMass,
     Buoyancy,
@@ -26,12 +25,6 @@ GOOD: dict[Any, dict[str, Any]] = {
     Buoyancy: {"volume_m3": 0.01},
     AddedMass: {},
     Thruster: {"device": "t200", "position_frd_m": HERE, "axis_frd": HERE},
-    Foil: {"position_frd_m": HERE, "hinge_frd": HERE},
-    Fin: {"position_frd_m": HERE, "hinge_frd": HERE, "limit_deg": 20.0},
-    ShaftPropeller: {"position_frd_m": HERE, "diameter_m": 0.2, "curve": [HERE, HERE], "max_speed_radps": 100.0},
-    Ballast: {"position_frd_m": HERE, "form": "tank", "max_volume_m3": 1e-3, "rate_m3ps": 1e-5},
-    MovingMass: {"mass_kg": 1.0, "min_position_m": -0.1, "max_position_m": 0.1, "rate_mps": 0.01},
-    CrossFlow: {"length_m": 1.0, "height_m": 0.2, "width_m": 0.2, "sway_drag": 1.0},
 }
 
 
@@ -68,19 +61,6 @@ def test_no_source_and_no_such_status(source: dict[str, str], tree_of) -> None:
         (Thruster, {"installed_factor": 0}),
         (Thruster, {"installed_factor": 1.6}),
         (Thruster, {"inflow_factor": -0.1}),
-        (Foil, {"stall_deg": 179}),
-        (Foil, {"area_m2": -1}),
-        (Fin, {"limit_deg": 0}),
-        (Fin, {"rate_degps": -1}),
-        (ShaftPropeller, {"curve": [HERE]}),
-        (ShaftPropeller, {"curve": [HERE] * 25}),
-        (ShaftPropeller, {"wake_fraction": 1}),
-        (ShaftPropeller, {"thrust_deduction": -0.1}),
-        (Ballast, {"form": "bag"}),
-        (Ballast, {"rate_m3ps": 0}),
-        (MovingMass, {"mass_kg": -1}),
-        (CrossFlow, {"strips": 0}),
-        (CrossFlow, {"strips": 101}),
     ],
 )
 def test_limits_hold(table: Any, keys: dict[str, Any], tree_of, report) -> None:
