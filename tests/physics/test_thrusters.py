@@ -247,15 +247,10 @@ def test_thrust_scales_with_the_submerged_part_of_the_disc() -> None:
 
 @pytest.mark.parametrize(("u", "sign"), [(0.715, 1.0), (0.725, -1.0)])
 def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(
-    load_vehicle: Callable[..., BodyParams], t200_von_benzon: ThrusterDevice, u: float, sign: float
+    load_vehicle: Callable[..., BodyParams], u: float, sign: float
 ) -> None:
     """About 0.72 m/s, with the thruster of the same paper (von Benzon et al.): below it still gains speed, above it loses some."""
     body: BodyParams = load_vehicle("bluerov2_heavy_von_benzon", density_kgpm3=1000.0, gravity_mps2=9.82)
-    identified = thruster_params("t", Thruster(
-        device="t200_von_benzon", position_frd_m=(0.0, 0.0, 0.0), axis_frd=(1.0, 0.0, 0.0), source="x", status="paper"
-    ), t200_von_benzon)  # fmt: skip
-    thrusters = tuple(replace(identified, name=t.name, r=t.r, axis=t.axis) for t in body.thrusters)
-    body = replace(body, thrusters=thrusters)
     hydro = Hydrodynamics([body], 1.0 / 240.0)
     hydro.thrusters["command"], hydro.thrusters["fresh"] = [-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0], 1
     level = np.array([0.0, 0.0, 50.0, 1.0, 0.0, 0.0, 0.0, u, 0.0, 0.0, 0.0, 0.0, 0.0])
