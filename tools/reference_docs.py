@@ -32,7 +32,7 @@ from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load import tables as scenario_tables
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.solids import tables as solid_tables
-from uwserver.scenario.vehicle import entry
+from uwserver.scenario.vehicle import appendage_tables, entry
 from uwserver.scenario.vehicle import tables as vehicle_tables
 from uwserver.scenario.vehicle.appendage_tables import Status
 from uwserver.scenario.water import tables as water_tables
@@ -182,7 +182,7 @@ def scenario_page() -> str:
         "",
         *_tables(scenario_tables, world_tables, water_tables, entry, first=scenario_tables.Scenario),
     ]
-    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, first=vehicle_tables.VehicleFile)]
+    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, appendage_tables, first=vehicle_tables.VehicleFile)]
     lines += ["## Solid things", "", *_tables(solid_tables)]
     lines += ["## Autopilot", "", *_table("vehicles.*.autopilot", AutopilotConfig), *_table("Gains", Gains)]
     lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]
