@@ -205,10 +205,11 @@ def piloted() -> Iterator[Loop]:
 
 
 def fill(rig: Rig) -> None:
-    """Post as much as there is room for."""
-    with contextlib.suppress(Refused):
-        while True:
-            rig.mailbox.post(Call("world/state_hash", {}), None)
+    """Post as much as there is room for, a crowd and the peers alike."""
+    for source in ("crowd1", "crowd2", "crowd3", "crowd4", "robots:1", "robots:2"):
+        with contextlib.suppress(Refused):
+            while True:
+                rig.mailbox.post(Call("world/faults", {}, source), None)
 
 
 def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) -> None:
@@ -230,7 +231,7 @@ def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) ->
     gone.command("rov/autopilot/depth", {"depth": 3.0}, leaver)
     stays.call("world/state_hash", {}, other)
     fill(rig)
-    with pytest.raises(Refused, match="wait for the next tick"):
+    with pytest.raises(Refused, match="wait for their tick"):
         stays.command("rov/autopilot/depth", {"depth": 2.0}, other)
     detach()
     gone.close()
