@@ -10,7 +10,7 @@ import selectors
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -58,6 +58,7 @@ def serving(
     python: str = sys.executable,
     environment: Mapping[str, str] = os.environ,
     place: Path | None = None,
+    options: Sequence[str] = (),
 ) -> Iterator[Served]:
     """Run a scenario on a free loopback port for as long as the context is open.
 
@@ -66,11 +67,12 @@ def serving(
         python: whose uwserver serves.
         environment: of the server.
         place: folder that it works in; default: this process's.
+        options: further ones of `uwserver run`.
 
     Raises:
         BenchFailed: it did not come up.
     """
-    command = [python, "-m", "uwserver", "run", str(scenario), "--port", "0", "--log-level", "error"]
+    command = [python, "-m", "uwserver", "run", str(scenario), "--port", "0", "--log-level", "error", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=place, env=dict(environment)) as process:
         try:
             assert process.stdout is not None

@@ -18,6 +18,8 @@ ACTIVE, SILENT, CONNECTIONS = 10, 10, 10
 
 LATENESS_BAR_MS, ADDED_LATENESS_BAR_MS = 1.0, 0.3
 READING_P99_BAR_MS, READING_RATE_BAR = 2.0, 10_000.0
+FREE_RUNNING_SUBSCRIBERS = 8
+FREE_RUNNING_PING_BAR_MS = 50.0
 CHANGING_P99_BAR_MS = 1000.0 / RATE_HZ + 2.0
 
 UNKNOWN = "not measured: this system has no /proc"
@@ -79,7 +81,9 @@ def bench_server(quick: bool, say: Callable[[str], None]) -> list[Row]:
         pairs, seconds = (1, 0.5) if quick else (5, 4.0)
         rows = _lateness(scenario, load, pairs, seconds, say)
         repeats, seconds = (1, 0.2) if quick else (5, 1.0)
-        return rows + _answers(scenario, load, repeats, seconds, say)
+        rows += _answers(scenario, load, repeats, seconds, say)
+        repeats, seconds = (1, 1.0) if quick else (3, 8.0)
+        return rows + _free_running(load, repeats, seconds, say)
 
 
 # -- lateness -----------------------------------------------------------------------------------------------------------------------
@@ -155,3 +159,42 @@ def _answers(scenario: Path, load: Load, repeats: int, seconds: float, say: Call
         rows.append(Row("server", f"{title}: rate", "1/s", tuple(rates[name])))
         rows.append(Row("server", f"{title}: p99", "ms", tuple(late[name]), at_most=CHANGING_P99_BAR_MS))
     return rows
+
+
+# -- free-running -------------------------------------------------------------------------------------------------------------------
+
+
+def _free_running(load: Load, repeats: int, seconds: float, say: Callable[[str], None]) -> list[Row]:
+    """Nothing paces the world but the loop that must deliver what it says: how fast it goes, and how soon the loop answers meanwhile."""
+    late: list[float] = []
+    alone: list[float] = []
+    crowded: list[float] = []
+    for repeat in range(repeats):
+        say(f"server: free-running, repeat {repeat + 1} of {repeats}")
+        with serving("one_of_everything", options=("--mode", "freerun")) as served, loading() as crowd:
+            before = _now(served)
+            SystemTime().wait(seconds, Event())
+            alone.append(_ticks_per_s(before, _now(served)))
+            task = {"host": served.host, "port": served.port, "active": FREE_RUNNING_SUBSCRIBERS, "silent": 0}
+            crowd.begin("clients", **task, request=READING["ping"], seconds=seconds + 2.0)
+            SystemTime().wait(1.0, Event())
+            before = _now(served)
+            pings = load.do("calls", served, connections=1, seconds=seconds, request=READING["ping"])
+            crowded.append(_ticks_per_s(before, _now(served)))
+            late.append(pings["p99_s"] * 1e3)
+            crowd.result()
+    who = f"{FREE_RUNNING_SUBSCRIBERS} subscribers to everything"
+    return [
+        Row("server", f"one_of_everything, free-running, {who}: ping p99", "ms", tuple(late), at_most=FREE_RUNNING_PING_BAR_MS),
+        Row("server", f"one_of_everything, free-running, {who}", "ticks/s", tuple(crowded)),
+        Row("server", "one_of_everything, free-running, no subscriber", "ticks/s", tuple(alone)),
+    ]  # fmt: skip
+
+
+def _now(served: Served) -> tuple[int, int]:
+    """Wall time (ns), and the tick at which the server stands."""
+    return SystemTime().now_ns(), int(served.ask(STATUS)["tick"])
+
+
+def _ticks_per_s(before: tuple[int, int], after: tuple[int, int]) -> float:
+    return (after[1] - before[1]) / ((after[0] - before[0]) * 1e-9)

@@ -247,6 +247,23 @@ def test_commands_of_one_pause_act_in_the_batches_in_which_they_came(tmp_path: P
     assert places[1] == pytest.approx((0.0, 0.0, 2.0))  # of several commands in one tick only the last acts
 
 
+def test_a_crowd_in_real_time_is_replayed_in_the_ticks_in_which_each_was_carried_out(tmp_path: Path) -> None:
+    """More than fits into the budget of a tick, and of everything that goes to another time."""
+    rig = Rig(Timing(speed=20.0))
+    replies: list[Any] = []
+    with rig.recording(tmp_path / "run.mcap"):
+        rig.call("world/snapshot", name="here")
+        for n in range(120):
+            for call in (Call("world/state_hash", {}, f"a:{n % 3}"), Call("world/restore", {"name": "here"}, "b:1")):
+                rig.mailbox.post(call, replies.append)
+            rig.mailbox.post(Command("rov/thrusters", ((n / 120,) * 8,), f"c:{n % 2}"), replies.append)
+        rig.pump(lambda: len(replies) == 360)
+        rig.clock("world/pause")
+    assert not [reply.fault for reply in replies if reply.fault is not None]
+    result = replay(tmp_path / "run.mcap")
+    assert (result.difference, result.requests) == (None, 361)
+
+
 def test_a_world_that_diverged_is_replayed(tmp_path: Path) -> None:
     rig = Rig(Timing("freerun", paused=True))
     with rig.recording(tmp_path / "run.mcap"):

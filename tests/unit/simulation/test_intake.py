@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import pytest
 
 from uwserver.ports import Call, Command, Json, Reply, Service
+from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import Timing
@@ -111,6 +112,15 @@ def test_a_tick_in_real_time_rebuilds_the_world_once_at_most(resolved, service) 
         jumps.append(bench.world.jumps - before)
     assert jumps == [1, 1, 1, 1, 0, 0]
     assert [source for _, _, source in bench.seen] == ["a", "b", "c", "a", "b"]
+
+
+def test_a_spawn_rebuilds_the_world_too_and_one_that_is_refused_does_not(resolved) -> None:
+    bench = Bench(resolved)
+    for name in ("a", "rov", "b"):  # there is a rov already
+        args = checked_args(bench.world.services["world/spawn"], {"name": name, "like": "rov", "p_NB": [9.0, 0.0, 9.0]})
+        bench.mailbox.post(Call("world/spawn", args, name), None)
+    bench.run(2)
+    assert [(tick, source) for tick, _, source in bench.seen] == [(0, "a"), (1, "rov"), (1, "b")]
 
 
 def test_a_pause_does_not_wait_for_what_others_ask_of_the_clock_or_of_the_world(resolved) -> None:
