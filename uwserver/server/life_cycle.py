@@ -27,8 +27,9 @@ from uwserver.server.http import serve_http
 from uwserver.server.state_files import StateFiles
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
-from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.clock import SystemTime, Timing, processor_ns
 from uwserver.simulation.thread import Simulation
+from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +37,10 @@ SWITCH_INTERVAL_S = 0.0005
 """Python's default of 5 ms, for which a thread may keep the interpreter, is longer than a tick."""
 
 START_TIMEOUT_S = 10.0
+"""Wall time in which something must proceed while adapters start."""
+START_WORK_NS = NANOSECONDS // 10
+"""Processor time that counts as something: a hundred looks whether all have started cost less, and a process gets more on any machine."""
+_LOOK_S = 0.1
 STOP_TIMEOUT_S = 1.0
 _FIRST_BACKOFF_S, _LAST_BACKOFF_S = 0.2, 5.0
 
@@ -213,13 +218,34 @@ class Server:
         return tasks
 
     async def _wait_ready(self, waiting: dict[str, asyncio.Task[object]]) -> None:
-        deadline = self._loop.time() + START_TIMEOUT_S
-        for name, task in waiting.items():
-            stats = self._hub.stats[name]
-            while not task.done() and stats.restarts == 0 and self._loop.time() < deadline:
-                await asyncio.wait([task], timeout=0.02)
-            if not task.done():
-                raise StartFailed(f'adapter "{name}" did not start: {stats.last_error or "no answer in time"}')
+        """Until all have started or the server is told to end; as long as something proceeds, for a busy machine deals out little time.
+
+        Raises:
+            StartFailed: one has failed, or nothing proceeds.
+        """
+        ending = self._loop.create_task(self._ending.wait())
+        seen, since, told = (0, 0), self._loop.time(), False
+        try:
+            while pending := [name for name in waiting if not waiting[name].done()]:
+                for name in pending:
+                    if self._hub.stats[name].restarts:
+                        raise StartFailed(f'adapter "{name}" did not start: {self._hub.stats[name].last_error}')
+                if ending.done():
+                    return
+                sign, now = (len(pending), processor_ns() // START_WORK_NS), self._loop.time()
+                names = " and ".join(f'"{name}"' for name in pending)
+                if sign != seen:
+                    seen, since = sign, now
+                elif now - since > START_TIMEOUT_S:
+                    text = f"no answer, and no work in this process, for {START_TIMEOUT_S:g} s: it waits for something outside"
+                    raise StartFailed(f"adapter {names} did not start: {text}")
+                elif not told and now - since > START_TIMEOUT_S / 4:
+                    told = True
+                    log.info("waiting until adapter %s has started", names)
+                looked_at = [ending, *(waiting[name] for name in pending)]
+                await asyncio.wait(looked_at, timeout=_LOOK_S, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            ending.cancel()
 
     async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
         """Run an adapter, and start it again with back-off when it fails; its fault never reaches the world."""

@@ -63,6 +63,11 @@ class SystemTime:
             time.sleep(seconds)
 
 
+def processor_ns() -> int:
+    """Processor time that this process has used, ns: on a busy machine less than passes."""
+    return time.process_time_ns()
+
+
 def utc_text() -> str:
     """Wall-clock UTC as ``20260131T235959Z``, for names of files."""
     return time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())

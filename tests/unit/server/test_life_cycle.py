@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import threading
 from dataclasses import replace
 from typing import ClassVar
@@ -273,3 +274,41 @@ def test_a_pause_does_not_end_a_server_with_an_end(resolved):
         await until(lambda: server.hub.simulation.world.tick >= 480)
 
     assert serve(with_adapter(resolved), script, Options(until_s=2.0, timing=Timing(speed=100.0))) == 0
+
+
+async def nothing(server) -> None:
+    await asyncio.sleep(3600)
+
+
+def test_an_adapter_that_waits_for_something_outside_is_named_when_nothing_proceeds(resolved, monkeypatch):
+    monkeypatch.setattr(server_module, "START_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(server_module, "processor_ns", lambda: 0)
+    with pytest.raises(StartFailed, match='adapter "it" did not start: no answer, and no work in this process'):
+        serve(with_adapter(resolved, hang=True), nothing)
+
+
+def test_a_slow_start_is_waited_for_as_long_as_this_process_works(resolved, monkeypatch):
+    """A machine so busy that no wall time is enough."""
+    work = itertools.count(0, server_module.START_WORK_NS)
+    monkeypatch.setattr(server_module, "START_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(server_module, "_LOOK_S", 0.001)
+    monkeypatch.setattr(server_module, "processor_ns", lambda: next(work))
+
+    async def slow_run(self, ready: asyncio.Event) -> None:
+        while next(work) < 100 * server_module.START_WORK_NS:
+            await asyncio.sleep(0.001)
+        ready.set()
+        await asyncio.sleep(3600)
+
+    async def script(server) -> None:
+        await until(lambda: server.hub.simulation.world.tick > 0)
+
+    monkeypatch.setattr(TestAdapter, "run", slow_run)
+    assert serve(with_adapter(resolved), script) == 0
+
+
+def test_a_server_that_is_told_to_end_while_it_starts_ends(resolved):
+    async def script(server) -> None:
+        await until(lambda: TestAdapter.instances)
+
+    assert serve(with_adapter(resolved, hang=True), script) == 0

@@ -18,6 +18,7 @@ from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
 from uwserver.simulation.clock import Timing
 from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import MAX_GOALS
 from uwserver.world import snapshot
 from uwserver.world.saving import in_one_piece
 
@@ -367,3 +368,13 @@ def test_run_until_has_a_largest_time():
     service = next(service for service in CLOCK_SERVICES if service.path == "world/run_until")
     with pytest.raises(Refused, match="at most"):
         checked_args(service, {"t_s": 1e300})
+
+
+def test_as_many_runs_as_can_be_told_their_progress_and_no_more(resolved):
+    with running(resolved, Timing(paused=True)) as rig:
+        runs = [rig.begin("world/run_until", t_s=3600.0) for _ in range(MAX_GOALS)]
+        fault = rig.call("world/run_until", t_s=3600.0).fault
+        assert (fault.code, fault.text.split(" ")[0]) == ("overload", "256")
+        assert runs[0][1]()
+        assert rig.final(runs[0][0]).fault.code == "preempted"
+        assert rig.begin("world/run_until", t_s=3600.0)[1]()
