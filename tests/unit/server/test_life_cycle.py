@@ -133,7 +133,7 @@ def test_an_adapter_knows_the_facts_of_its_world(resolved):
 
 def test_a_required_adapter_that_cannot_start_ends_the_server_with_the_reason(resolved):
     async def script(server):
-        await asyncio.sleep(0)
+        await until(lambda: server.hub.stats["it"].restarts)
 
     with pytest.raises(StartFailed, match='"it" did not start: port 1 is taken'):
         serve(with_adapter(resolved, fail_always=True), script)
