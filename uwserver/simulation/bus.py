@@ -177,11 +177,14 @@ class Bus:
 
     def _deliver_until(self, end: int | None) -> bool:
         """Returns whether something is left."""
+        is_over = False
         while True:
             with self._lock:
                 if not self._crossing:
                     self._awake = False
                     return False
+                if is_over:
+                    return True
                 item = self._crossing.popleft()
             if isinstance(item, TickOutput):
                 self._deliver(item)
@@ -192,8 +195,7 @@ class Bus:
                 self._each(lambda sink, event=item: sink.put_event(event))  # type: ignore[misc]
             else:
                 answer(*item)
-            if end is not None and self._time.now_ns() >= end:
-                return True
+            is_over = end is not None and self._time.now_ns() >= end
 
     def _deliver(self, output: TickOutput) -> None:
         for event in output.events:
