@@ -50,6 +50,7 @@ types: install
 docs-check: install
 	$(BIN)/python tools/reference_docs.py --check
 	$(BIN)/python tools/validation_report.py --check
+	$(BIN)/python tools/vehicle_pages.py --check
 
 wheel-smoke: install
 	$(BIN)/python tools/wheel_smoke.py
@@ -63,6 +64,7 @@ bench: install  ## measure speed and latency beside the peers
 docs: install  ## regenerate the generated pages of docs/ and the JSON Schemas of scenario files
 	$(BIN)/python tools/reference_docs.py
 	$(BIN)/python tools/validation_report.py
+	$(BIN)/python tools/vehicle_pages.py
 
 dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uwserver
 	$(BIN)/python -m build --wheel --outdir dist .

@@ -281,14 +281,12 @@ def test_nothing_in_uwserver_knows_an_adapter_or_a_client():
     assert not wrong, wrong
 
 
-def test_only_validate_needs_the_oracle():
-    """`validation` is in the installed package for `uwserver validate` alone; other proofs stand beside the benchmark, which stays out."""
+def test_validation_serves_its_commands_alone():
+    """`validation` is in the installed package for what a person asks of a model (`validate`, `manoeuvres`, `plot vehicle`); proofs that nobody
+    asks for stand beside the benchmark, which stays out. No simulation runs through it."""
     users = {m.name for m in modules("uwserver") for i in imports(m) if i.target.startswith("uwserver.validation")}
-    assert users == {"uwserver.cli.validate"}
-    assert {m.name for m in modules("uwserver") if m.part == "validation"} == {
-        "uwserver.validation",
-        "uwserver.validation.oracle",
-    }
+    own = {m.name for m in modules("uwserver") if m.part == "validation"}
+    assert users - own == {f"uwserver.cli.{name}" for name in ("validate", "manoeuvres", "plot", "vehicle_picture")}
 
 
 def test_adapters_know_the_contract_alone():
@@ -390,15 +388,15 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader and what it builds of tables (files), by codecs (wires), and by the report of an oracle's attitude error."""
+    """Called by the loader and what it builds of tables (files), by codecs (wires), and by reports of validation (people)."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
             # Missions are files too, though a client sends them.
-            exceptions = ("uwserver.validation.oracle", "uwserver.autopilot.route", "uwserver.autopilot.services")
-            assert module.part in ("scenario", "sensors", "modifiers") or module.name in exceptions, (
+            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
+            assert module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions, (
                 f"{module.name} uses {uses}"
             )
     for module in modules("uwserver_adapters"):
@@ -471,6 +469,66 @@ def _inherited(owner: ast.ClassDef, name: str) -> bool:
     if name == "build" and any(base.endswith("Table") for base in bases):
         return True
     return bool(bases) and not any(base.endswith(("Protocol", "Table", "Struct")) for base in bases)
+
+
+# -- tests ------------------------------------------------------------------------------------------------------------------------------
+
+TABLES_ALONE = {
+    "uwserver.__main__": "one line that calls the command line",
+    "uwserver.units": "factors",
+    "uwserver.simulation.services": "a table of services, which test_thread calls",
+    "uwserver.autopilot.config": "a table of the scenario's keys",
+    "uwserver.autopilot.modes": "a table of modes and of what each holds",
+}
+"""Modules without behaviour of their own, each with the reason why nothing could be tested of it alone."""
+
+TESTED_WITH = {
+    "actuators": {
+        "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",
+        "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",
+    },
+    "autopilot": {
+        "craft": "autopilot/test_outputs", "fins": "autopilot/test_allocation", "gains": "autopilot/test_estimator",
+        "hover": "autopilot/test_hovering", "pilot": "autopilot/test_orders", "ports": "autopilot/test_orders",
+        "readings": "autopilot/test_navigation", "route": "autopilot/test_mission", "services": "autopilot/test_orders",
+        "state": "autopilot/test_orders", "sticks": "autopilot/test_hovering", "torpedo": "autopilot/test_torpedoes",
+        "tracks": "autopilot/test_torpedoes",
+    },
+    "cli": {"diagnosis": "cli/test_doctor", "pictures": "cli/test_plot", "replay": "../integration/test_replay"},
+    "environment": {"materials": "sensors/acoustic/test_altimeter", "sea": "environment/test_currents"},
+    "modifiers": dict.fromkeys(
+        ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
+    ),
+    "sensors": {
+        "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
+        "wiring": "sensors/onboard/test_contact",
+    },
+    "table": {"": "scenario/files/test_convert"},
+    "testing": {
+        "adapter_kit": "testing/test_adapters", "call_checks": "testing/test_adapters", "fake_context": "adapter/test_roles",
+        "loopback": "adapters/sockets/test_connection", "mock_time": "simulation/test_clock", "traces": "../conformance/test_adapters",
+    },
+    "world": {
+        "faults.hull": "world/faults/test_faults", "faults.table": "world/faults/test_faults",
+        "faults.targets": "world/faults/test_faults", "faults.timeline": "world/faults/test_faults",
+    },
+}  # fmt: skip
+"""Modules that a file named otherwise tests, most often together with their siblings."""
+
+
+def test_every_module_has_a_test_file():
+    """Who changes a module finds its tests at the same place below tests/unit; where several are tested together, the table says where."""
+    wrong = []
+    for module in modules("uwserver"):
+        if module.path.name == "__init__.py" or module.name in TABLES_ALONE:
+            continue
+        rest = module.name.removeprefix(f"uwserver.{module.part}").lstrip(".")
+        together = TESTED_WITH.get(module.part, {}).get(rest)
+        own = module.path.relative_to(ROOT / "uwserver")
+        file = f"{together}.py" if together else str(own.with_name(f"test_{own.name}"))
+        if not (ROOT / "tests" / "unit" / file).is_file():
+            wrong.append(f"{module.name}: write tests/unit/{file}, or say in TESTED_WITH which file tests it")
+    assert not wrong, "\n".join(wrong)
 
 
 # -- ports (these rules import the configurations) ---------------------------------------------------------------------------------------

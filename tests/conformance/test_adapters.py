@@ -18,11 +18,11 @@ from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
-from uwserver.ports import Field, Layout, Port
+from uwserver.ports import Argument, Field, Layout, Port, Service
 from uwserver.testing import FakeContext, Requests, TcpPeer, check_adapter
 from uwserver.testing.adapter_kit import AdapterKit, Connect
-from uwserver.testing.adapters import CHECKS
-from uwserver.testing.fake_context import PORTS
+from uwserver.testing.adapters import CHECKS, PASSED
+from uwserver.testing.fake_context import PORTS, SERVICES
 
 
 async def _zenoh_transport(context: FakeContext) -> TcpPeer:
@@ -99,6 +99,17 @@ def _with_truth() -> FakeContext:
     return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY)})
 
 
+PILOT = Port("rov/autopilot/pilot", "actuator", "autopilot", (Field("u", "1", "sticks", shape=(6,)),), "Sticks.")
+ARM = Service("rov/autopilot/arm", "Arm.", (Argument("force", "bool", "x", required=False, default=False),))
+
+
+def _with_autopilot() -> FakeContext:
+    return FakeContext(
+        ports={port.path: port for port in (*PORTS, PILOT)},
+        services={service.path: service for service in (*SERVICES, ARM)},
+    )
+
+
 CAMERA = Port(
     "rov/camera",
     "sensor",
@@ -143,6 +154,14 @@ class UdpPeer:
 
     async def close(self) -> None:
         self._socket.close()
+
+
+class ServoPeer(UdpPeer):
+    """An autopilot, whose frames are a datagram each."""
+
+    async def send(self, data: bytes) -> None:
+        for start in range(0, len(data), len(SERVO_FRAME)):
+            await super().send(data[start : start + len(SERVO_FRAME)])
 
 
 class ZenohCaller:
@@ -193,6 +212,13 @@ class ZenohCaller:
 
 # MAVLink 2: HEARTBEAT of autopilot 12, as PX4 begins.
 PX4_HEARTBEAT = bytes.fromhex("fd09000000010100000000000000000c00000381d6")
+# HIL_ACTUATOR_CONTROLS, armed, in lock-step.
+PX4_CONTROLS = bytes.fromhex(
+    "fd5100000001015d0000000000000001000001000000000000000000803e0000803e00000000000000000000000000000000"
+    "00000000000000000000000000000000000000000000000000000000000000000000000000000000811252"
+)
+# A ground station's COMMAND_LONG that arms.
+MAVLINK_ARM = bytes.fromhex("fd20000000ffbe4c00000000803f000000000000000000000000000000000000000000000000900101019e4e")
 SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
 
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
@@ -222,8 +248,11 @@ def _moos(frame: Callable[[str], bytes]) -> Requests:
     )  # fmt: skip
 
 
-# How a peer calls services, where the protocol has calls: those of autopilots have none of the world's.
+# How a peer asks, in each protocol.
 REQUESTS = {
+    "mavlink": Requests(MAVLINK_ARM, many=MAVLINK_ARM, service=ARM.path, outlives=True),
+    "ardupilot_json": Requests(many=SERVO_FRAME, speak=ServoPeer.connect),
+    "px4_hil": Requests(many=PX4_CONTROLS),
     "sockets": Requests(
         b'{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         cancel=b'{"id":2,"method":"cancel","params":{"id":1}}\n',
@@ -242,7 +271,23 @@ REQUESTS = {
     "moosdb": _moos(_moos_call),
     "moos_text": _moos(lambda text: b"CALL %s\n" % text.encode()),
 }
-NEED_TRUTH = {"ardupilot_json", "px4_hil"}
+# What a protocol cannot say; all other checks run.
+_LEAVES, _CANCEL, _TIME_OUT, _NAMES = (
+    "check_leaves_in_the_middle_of_a_call",
+    "check_cancel",
+    "check_time_out",
+    "check_did_you_mean",
+)
+UNSAID = {
+    "mavlink": {_CANCEL, _TIME_OUT, _NAMES},
+    "ardupilot_json": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
+    "px4_hil": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
+    "sockets": {_TIME_OUT},
+    "moos": {_CANCEL},
+    "moosdb": {_CANCEL},
+    "moos_text": {_CANCEL},
+}
+CONTEXTS = {"ardupilot_json": _with_truth, "px4_hil": _with_truth, "mavlink": _with_autopilot}
 
 THIRD_PARTY = '''
 """Text lines of samples on TCP: a whole adapter of somebody else."""
@@ -360,18 +405,19 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
         _warm_zenoh()
     if kind == "mavlink":
         pytest.importorskip("pymavlink", reason="pymavlink is not installed")
-    make_context = _with_truth if kind in NEED_TRUTH else FakeContext
-    passed = run(
+    outcomes = run(
         lambda: check_adapter(
             adapter,
             adapter.Config(**table),
             connect=connect,
             greeting=greeting,
-            make_context=make_context,
-            requests=REQUESTS.get(kind),
+            make_context=CONTEXTS.get(kind, FakeContext),
+            requests=REQUESTS[kind],
         )
     )
-    assert passed == list(CHECKS)
+    unsaid = UNSAID.get(kind, set())
+    assert {name for name, outcome in outcomes.items() if outcome.startswith("does not apply: the protocol ")} == unsaid
+    assert {name for name, outcome in outcomes.items() if outcome == PASSED} == set(CHECKS) - unsaid
 
 
 @pytest.mark.parametrize("check", ["check_strange_samples", "check_events"])
@@ -422,8 +468,10 @@ def test_a_third_party_adapter_is_one_folder(site: Site) -> None:
     site.install("spy", "spy_of_test:Spy", THIRD_PARTY)
     assert installed_adapters()["spy"].__struct_config__.tag == "spy"
     adapter = load_adapter("spy")
-    passed = run(lambda: check_adapter(adapter, adapter.Config(), connect=TcpPeer.connect))
-    assert passed == list(CHECKS)
+    outcomes = run(lambda: check_adapter(adapter, adapter.Config(), connect=TcpPeer.connect))
+    assert list(outcomes) == list(CHECKS)
+    assert outcomes["check_flood"] == "does not apply: the protocol cannot ask again and again"
+    assert sum(outcome == PASSED for outcome in outcomes.values()) == len(CHECKS) - 5
 
 
 @pytest.mark.parametrize("fault", FAULTS)

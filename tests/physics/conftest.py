@@ -42,6 +42,12 @@ def t200() -> ThrusterDevice:
 
 
 @pytest.fixture(scope="session")
+def t200_von_benzon() -> ThrusterDevice:
+    """The T200 as identified on a vehicle."""
+    return msgspec.toml.decode((SHIPPED / "devices" / "t200_von_benzon.toml").read_bytes(), type=ThrusterDevice)
+
+
+@pytest.fixture(scope="session")
 def oracles() -> Path:
     """Folder of the oracle files."""
     return Path(__file__).parent / "oracles"

@@ -149,9 +149,9 @@ def test_npsauv2_hull_is_the_published_polynomial(load_vehicle: Callable[..., Bo
             + r5 * (-2.1e-2 * p * q + 2.7e-3 * q * r),
         ]
     )
-    # No weight, no strips and no damping at rest; the Coriolis forces of M_RB are taken out by a bare twin.
+    # No weight, no strips and no damping of ours; the Coriolis forces of M_RB are taken out by a bare twin.
     still = replace(
-        body, D_L=np.zeros((6, 6)), weight=0.0, buoyancy=0.0,
+        body, D_L=np.zeros((6, 6)), D_Q=np.zeros((6, 6)), weight=0.0, buoyancy=0.0,
         appendages=replace(body.appendages, hulls=()),
     )  # fmt: skip
     bare = replace(still, M_A=np.zeros((6, 6)), D_S=np.zeros((6, 6)), appendages=type(body.appendages)())

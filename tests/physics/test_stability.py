@@ -1,4 +1,5 @@
-"""No published vehicle gains energy at any step from 1 to 20 ms; stiffer bodies are sub-stepped, and then stepped implicitly."""
+"""No shipped vehicle gains energy at any step from 1 to 20 ms, nor is fed by the water that should brake it; stiffer bodies are sub-stepped, and then
+stepped implicitly."""
 
 from __future__ import annotations
 
@@ -9,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from uwserver_bench.proofs.closed_forms import ZERO6, table_a1
-from uwserver_bench.proofs.motion import DEEP, energy_excess, record
+from uwserver_bench.proofs.motion import DEEP, decay_rise, energy_excess, record
 
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.appendage_params import Appendages, DerivativeParams
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
+from uwserver.validation.energy import feeds, largest_feed
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"
 VEHICLES = tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
@@ -29,6 +32,36 @@ def test_kinetic_energy_never_rises_beyond_the_work_done(load_vehicle: Callable[
 def test_the_energy_criterion_finds_a_body_that_gains_energy() -> None:
     pumped = replace(table_a1(), D_L=np.diag([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0]), D_Q=ZERO6)
     assert energy_excess([pumped], 0.01, 5.0)[0] > 1e-4
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_free_decay_never_gains_energy(load_vehicle: Callable[..., BodyParams], name: str) -> None:
+    """100 random velocities, also astern, sideways and turning; the work of hull derivatives is no input. Bar: 1e-6 of the energy a step."""
+    assert decay_rise(load_vehicle(name), 0.01, 20.0).max() <= 1e-6
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_water_takes_energy_whatever_the_motion(load_vehicle: Callable[..., BodyParams], name: str) -> None:
+    """At the worst velocity that a search finds, up to speeds where only the terms of second degree count."""
+    assert {feed.speed: feed.rate for feed in feeds(load_vehicle(name)) if feed.rate > 0.0} == {}
+
+
+def with_terms(body: BodyParams, **coefficients: float) -> BodyParams:
+    """Without damping, and with these derivatives of the hull."""
+    terms = tuple(
+        DerivativeParams("XYZKMN".index(n[0]), "uvwpqr".index(n[1]), "uvwpqr".index(n[2]), c)
+        for n, c in coefficients.items()
+    )
+    return replace(body, D_L=0.02 * np.eye(6), D_Q=ZERO6, appendages=Appendages(derivatives=terms))
+
+
+def test_a_hull_that_loses_its_munk_moment_without_the_pair_is_found() -> None:
+    """Muw alone feeds; with Xwq and Zuq, whose sum is its opposite, it does no work."""
+    alone, paired = with_terms(table_a1(), Muw=-9.0), with_terms(table_a1(), Muw=-9.0, Xwq=12.0, Zuq=-3.0)
+    assert decay_rise(alone, 0.01, 5.0).max() > 1e-4
+    assert largest_feed(alone, 2.0).rate > 0.1
+    assert decay_rise(paired, 0.01, 5.0).max() <= 1e-6
+    assert largest_feed(paired, 2.0).rate < 0.0
 
 
 def light(damping: float, quadratic: float = 0.0) -> BodyParams:

@@ -1,4 +1,4 @@
-"""Makes `simulation_rig`, `adapter_rig` and `sockets_rig` importable by the tests beside it."""
+"""Makes `simulation_rig`, `adapter_rig`, `sockets_rig` and the other rigs importable by the tests beside it."""
 
 from __future__ import annotations
 

@@ -35,6 +35,11 @@ class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
 
 
 class FinConfig(OneServo, tag="fin", kw_only=True, frozen=True):
-    """One fin of the vehicle file; its command is the angle, which it reaches at its own rate."""
+    """One fin of the vehicle file; its command is the angle, which it reaches at its own rate.
+
+    The angle counts about the fin's hinge, which shipped vehicles turn so that signs are alike: a positive rudder turns to starboard; a positive
+    plane has its trailing edge down, so it dives at the stern (elevator, stern planes) and climbs at the bow; of an X-shaped tail each fin turns
+    to starboard at a positive angle, and dives or climbs by its slant.
+    """
 
     moved = _FIN

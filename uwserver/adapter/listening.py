@@ -93,7 +93,13 @@ def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> s
 
 @contextlib.asynccontextmanager
 async def serve_tcp(
-    make: Callable[[], asyncio.Protocol], peers: Peers[Any], bind: str, port: int, *, rival: str = ANOTHER
+    make: Callable[[], asyncio.Protocol],
+    peers: Peers[Any],
+    bind: str,
+    port: int,
+    *,
+    key: str = "port",
+    rival: str = ANOTHER,
 ) -> AsyncIterator[asyncio.Server]:
     """A TCP server while the context is open; then all peers are closed, those that do not go are cut off.
 
@@ -101,6 +107,7 @@ async def serve_tcp(
         make: a protocol for each that connects, usually a `Connection`.
         peers: those that have connected.
         bind, port: the address; port 0 takes a free one.
+        key: of the adapter's table that gives the port.
         rival: who most likely holds it when it is in use.
 
     Raises:
@@ -109,7 +116,7 @@ async def serve_tcp(
     try:
         server = await asyncio.get_running_loop().create_server(make, bind, port, backlog=BACKLOG)
     except OSError as error:
-        raise cannot_listen(error, bind, port, rival=rival) from error
+        raise cannot_listen(error, bind, port, key=key, rival=rival) from error
     try:
         yield server
     finally:

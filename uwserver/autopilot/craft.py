@@ -10,7 +10,7 @@ from uwserver.autopilot.allocation import Allocation, Given
 from uwserver.autopilot.estimator import Estimator, Known
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.outputs import Outputs
-from uwserver.autopilot.state import Estimate, Memory, Mode, Orders
+from uwserver.autopilot.state import Estimate, Memory, Mode, Orders, Six
 from uwserver.ports import Items
 
 
@@ -42,9 +42,7 @@ class Helm(Protocol):
     def speed(self, e: Estimate, m: Memory, known: Known) -> float:
         """Ahead, m/s."""
 
-    def demand(
-        self, e: Estimate, m: Memory, o: Orders, known: Known
-    ) -> tuple[float, float, float, float, float, float]:
+    def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
         """The wrench (N, N m in B) that carries out the orders."""
 
 

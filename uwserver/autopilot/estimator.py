@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from uwserver.autopilot.state import NEVER, STILL, Estimate
 from uwserver.environment.geodesy import north_east
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.ports import Field, Sample, Value
-from uwserver.ports.binding import bind
+from uwserver.ports.checks import bind
 from uwserver.units import NANOSECONDS
 
 LEVELLING = 0.5
@@ -39,9 +39,8 @@ COASTING_S = 2.0
 CERTAIN_MPS = 0.3
 """A velocity from positions alone counts where its standard deviation is less."""
 
-
 _Update = Callable[..., None]
-"""Of an estimate by one sample: estimate, time at which it was true (ns), source, age (s), and the values of the fields."""
+"""Of an estimate by one sample: estimator, estimate, time at which it was true (ns), source, age (s), and the values of the fields."""
 
 
 class Source(NamedTuple):
@@ -85,7 +84,14 @@ class Surroundings:
 
 
 class Estimator:
-    """Turns samples into an `Estimate`, which holds all that it remembers."""
+    """Turns samples into an `Estimate`, which holds all that it remembers.
+
+    Attributes:
+        sources: the sensors, by port path.
+        has_imu: one of them is an IMU.
+        UPDATES: what it does with a sample of each kind of sensor that it can listen to, and the fields that it takes; `depth` of a pressure
+            sensor that tells that.
+    """
 
     def __init__(self, sources: Mapping[str, Source], place: Surroundings, rate_hz: float) -> None:
         """Listen to these sensors, by port path."""
@@ -96,24 +102,11 @@ class Estimator:
         self.has_imu = "imu" in kinds
         self._has_attitude = "attitude" in kinds
         self._density = tracks.MEASURED if self.has_imu else tracks.UNMEASURED
-        updates: dict[str, tuple[_Update, tuple[str, ...]]] = {
-            "imu": (self._imu, ("f_S", "w_S")),
-            "attitude": (self._attitude, ("q_NS",)),
-            "pressure": (self._pressure, ("pressure",)),
-            "depth": (self._pressure, ("depth",)),
-            "dvl": (self._dvl, ("v_S", "altitude", "figure_of_merit")),
-            "altimeter": (self._altimeter, ("range",)),
-            "gps": (self._gps, ("latitude", "longitude", "horizontal_accuracy")),
-            "motion_capture": (self._motion_capture, ("p_NS", "q_NS")),
-            "usbl": (self._usbl, ("beacon", "range", "p_beacon_S")),
-            "lbl": (self._lbl, ("beacon", "range")),
-            "leak": (self._leak, ("leak",)),
-            "battery": (self._battery, ("charge",)),
-        }
         self._updates: dict[str, tuple[_Update, tuple[int, ...]]] = {}
         for path, source in sources.items():
-            tells_depth = source.kind == "pressure" and any(field.name == "depth" for field in source.fields)
-            update, names = updates["depth" if tells_depth else source.kind]
+            update, names = self.UPDATES[source.kind]
+            if source.kind == "pressure" and any(field.name == "depth" for field in source.fields):
+                names = ("depth",)
             self._updates[path] = update, bind(path, source.fields, *names)
 
     def begin(self) -> Estimate:
@@ -129,7 +122,7 @@ class Estimator:
             update, places = self._updates[sample.port]
             values = [sample.value[k] for k in places]
             with contextlib.suppress(Unusable):
-                update(e, sample.t_ns, self.sources[sample.port], (now_ns - sample.t_ns) / NANOSECONDS, *values)
+                update(self, e, sample.t_ns, self.sources[sample.port], (now_ns - sample.t_ns) / NANOSECONDS, *values)
 
     def step(self, e: Estimate, drifts: bool, sinks: bool) -> None:
         """Go on by one step of the autopilot.
@@ -218,11 +211,9 @@ class Estimator:
     def _correct_depth(self, e: Estimate, z: float, late: float, variance: float) -> None:
         k, m, n, e.steep = tracks.measure_position(e.steep, variance)
         d = z - (e.p[2] - e.v[2] * late)
-        e.p, e.v, e.bias = (
-            (e.p[0], e.p[1], e.p[2] + k * d),
-            (e.v[0], e.v[1], e.v[2] + m * d),
-            (e.bias[0], e.bias[1], e.bias[2] + n * d),
-        )
+        e.p = (e.p[0], e.p[1], e.p[2] + k * d)
+        e.v = (e.v[0], e.v[1], e.v[2] + m * d)
+        e.bias = (e.bias[0], e.bias[1], e.bias[2] + n * d)
 
     def _dvl(
         self, e: Estimate, t_ns: int, source: Source, late: float, v_S: Value, altitude: Value, merit: Value
@@ -328,14 +319,26 @@ class Estimator:
         e.v = (e.v[0] + m * dx, e.v[1] + m * dy, e.v[2])
         e.bias = (e.bias[0] + n * dx, e.bias[1] + n * dy, e.bias[2])
 
-    @staticmethod
-    def _leak(e: Estimate, t_ns: int, source: Source, late: float, leak: Value) -> None:
+    def _leak(self, e: Estimate, t_ns: int, source: Source, late: float, leak: Value) -> None:
         e.leak = bool(leak)
 
-    @staticmethod
-    def _battery(e: Estimate, t_ns: int, source: Source, late: float, charge: Value) -> None:
+    def _battery(self, e: Estimate, t_ns: int, source: Source, late: float, charge: Value) -> None:
         if isinstance(charge, float):
             e.charge = charge
+
+    UPDATES: ClassVar[Mapping[str, tuple[_Update, tuple[str, ...]]]] = {
+        "imu": (_imu, ("f_S", "w_S")),
+        "attitude": (_attitude, ("q_NS",)),
+        "pressure": (_pressure, ("pressure",)),
+        "dvl": (_dvl, ("v_S", "altitude", "figure_of_merit")),
+        "altimeter": (_altimeter, ("range",)),
+        "gps": (_gps, ("latitude", "longitude", "horizontal_accuracy")),
+        "motion_capture": (_motion_capture, ("p_NS", "q_NS")),
+        "usbl": (_usbl, ("beacon", "range", "p_beacon_S")),
+        "lbl": (_lbl, ("beacon", "range")),
+        "leak": (_leak, ("leak",)),
+        "battery": (_battery, ("charge",)),
+    }
 
 
 def place_at(e: Estimate, north: float, east: float, down: float | None) -> None:

@@ -61,7 +61,8 @@ class Hover:
     def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
         """The wrench (B) that carries out the orders; moves set points by the sticks."""
         wish = self._wish(e, o, known)
-        return self._wrench(e, m, o, wish)
+        self._unwind(e, m, o)
+        return (*self._force(e, m, o, wish), *self._moment(e, m, o, wish))
 
     # -- what is wanted -------------------------------------------------------------------------------------------------------------
 
@@ -145,12 +146,6 @@ class Hover:
 
     # -- how it is done -------------------------------------------------------------------------------------------------------------
 
-    def _wrench(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Six:
-        self._unwind(e, m, o)
-        fx, fy, fz = self._force(e, m, o, wish)
-        tx, ty, tz = self._moment(e, m, o, wish)
-        return (fx, fy, fz, tx, ty, tz)
-
     def _unwind(self, e: Estimate, m: Memory, o: Orders) -> None:
         """What the actuators could not give must not be asked for by the integrals: they give way."""
         if not any(m.lack):
@@ -205,8 +200,4 @@ class Hover:
         dx, dy, dz = tx * (x - e.w[0]), ty * (y - e.w[1]), tz * (z - e.w[2])
         kx, ky, kz = m.twist
         m.twist = (kx + g.rate_i * dx * dt, ky + g.rate_i * dy * dt, kz + g.yaw_rate_i * dz * dt)
-        return (
-            i[3] * (g.rate_p * dx + kx),
-            i[4] * (g.rate_p * dy + ky),
-            i[5] * (g.yaw_rate_p * dz + kz),
-        )
+        return (i[3] * (g.rate_p * dx + kx), i[4] * (g.rate_p * dy + ky), i[5] * (g.yaw_rate_p * dz + kz))

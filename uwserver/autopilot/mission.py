@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, cast
+from typing import Annotated, cast, get_args
 
 import msgspec
 from msgspec import Meta, Struct
@@ -17,7 +17,11 @@ Speed = Annotated[float, Meta(gt=0, le=20)]
 Degrees = Annotated[float, Meta(ge=-1e4, le=1e4)]
 
 
-class Waypoint(Struct, tag="waypoint", tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class _Item(Struct, tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One step of a mission."""
+
+
+class Waypoint(_Item, tag="waypoint", frozen=True):
     """Go there, within `radius_m`, then stay for `hold_s`. Without `heading_deg` the vehicle looks where it goes."""
 
     position_ned_m: tuple[Coordinate, Coordinate, Coordinate]
@@ -27,36 +31,30 @@ class Waypoint(Struct, tag="waypoint", tag_field="kind", frozen=True, forbid_unk
     hold_s: Seconds = 0.0
 
 
-class Hold(Struct, tag="hold", tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class Hold(_Item, tag="hold", frozen=True):
     """Stay for a time."""
 
     time_s: Seconds
 
 
-class SetSpeed(Struct, tag="speed", tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class SetSpeed(_Item, tag="speed", frozen=True):
     """Speed of all waypoints from here on that name none."""
 
     speed_mps: Speed
 
 
-class SetHeading(Struct, tag="heading", tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class SetHeading(_Item, tag="heading", frozen=True):
     """Turn there, and keep it on the way to waypoints that name none."""
 
     heading_deg: Degrees
 
 
-class Surface(Struct, tag="surface", tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class Surface(_Item, tag="surface", frozen=True):
     """Come up."""
 
 
 Item = Waypoint | Hold | SetSpeed | SetHeading | Surface
-_KEYS = {
-    "waypoint": Waypoint.__struct_fields__,
-    "hold": Hold.__struct_fields__,
-    "speed": SetSpeed.__struct_fields__,
-    "heading": SetHeading.__struct_fields__,
-    "surface": Surface.__struct_fields__,
-}
+_KEYS = {str(item.__struct_config__.tag): item.__struct_fields__ for item in get_args(Item)}
 
 
 def read_items(raw: Json) -> tuple[Item, ...]:
@@ -82,9 +80,8 @@ def _read_item(k: int, raw: Json) -> Item:
         if isinstance(kind, str) and kind in _KEYS:
             for key in raw:
                 if key != "kind" and key not in _KEYS[kind]:
-                    text = (
-                        f'item {k}: a {kind} has no key "{str(key)[:80]}"; it takes: {", ".join(_KEYS[kind]) or "none"}'
-                    )
+                    takes = ", ".join(_KEYS[kind]) or "none"
+                    text = f'item {k}: a {kind} has no key "{str(key)[:80]}"; it takes: {takes}'
                     raise Refused("bad_argument", text, f"items[{k}]")
         elif "kind" in raw:
             text = f'item {k}: unknown kind "{str(kind)[:80]}"; there are: {", ".join(_KEYS)}'

@@ -11,12 +11,12 @@ from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.estimator import Known, known
-from uwserver.autopilot.mission import MAX_ITEMS, Item
+from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
 from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders
 from uwserver.autopilot.sticks import enter, stay
 from uwserver.ports import Fault, Json, Refused, Sample
-from uwserver.ports.later import Answers, Later
+from uwserver.ports.crossing import Answers, Later
 
 _PROGRESS_S = 0.5
 
@@ -328,14 +328,9 @@ class Autopilot:
         for q in (estimate.q, orders.attitude or estimate.q):
             if not abs(math.hypot(*q) - 1.0) < 1e-3:
                 raise ValueError(f'"{self.craft.path}" has an attitude that is no rotation')
-        if (
-            len(orders.items) > MAX_ITEMS
-            or not -1 <= orders.index < len(orders.items)
-            or not 0 <= orders.reached <= len(orders.items)
-        ):
+        if not -1 <= orders.index < len(orders.items) or not 0 <= orders.reached <= len(orders.items):
             raise ValueError(f'"{self.craft.path}" is at an item that its mission does not have')
-        count = len(self.craft.outputs.names)
-        if any(len(parts) not in (0, count) for parts in (memory.outputs, orders.test)):
+        if any(len(parts) not in (0, len(self.craft.outputs.names)) for parts in (memory.outputs, orders.test)):
             raise ValueError(f'"{self.craft.path}" commands other actuators')
         limited = structs.replace(orders, turn_limit=0.0 if orders.turn_limit == math.inf else orders.turn_limit)
         if not all(math.isnan(x) or abs(x) < 1e12 for part in (estimate, memory, limited) for x in _floats(part)):
@@ -344,8 +339,10 @@ class Autopilot:
     def load(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
         """Go on from there; a call that waits ends."""
         self.preempt("the world was reset or restored")
-        self.estimate, self.memory, self.orders = estimate, memory, orders
-        self._take_hold()
+        before, self.orders = self.orders, orders
+        self.estimate, self.memory = estimate, memory
+        if (before.mode, before.armed, before.waits) != (orders.mode, orders.armed, orders.waits):
+            self._take_hold()
 
 
 def _floats(value: object) -> Iterator[float]:

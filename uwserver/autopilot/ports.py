@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
@@ -20,14 +21,14 @@ _FAR = 1e6
 _DEEP = 12_000.0
 
 
+@dataclass(frozen=True)
 class SetPoint:
     """An actuator that is no device: a command changes the autopilot's orders."""
 
-    def __init__(
-        self, fields: tuple[Field, ...], doc: str, apply: Callable[[Given], None], neutral: Callable[[], None]
-    ) -> None:
-        self.fields, self.doc = fields, doc
-        self.apply, self.neutral = apply, neutral
+    fields: tuple[Field, ...]
+    doc: str
+    apply: Callable[[Given], None]
+    neutral: Callable[[], None]
 
 
 def set_points(pilot: Autopilot) -> Iterator[tuple[str, SetPoint]]:
@@ -125,8 +126,7 @@ def _attitude(pilot: Autopilot) -> SetPoint:
             (o.heave,) = heave
 
     def neutral() -> None:
-        o = pilot.orders
-        if o.attitude is not None:
+        if pilot.orders.attitude is not None:
             pilot.hold()
 
     fields = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from uwserver.autopilot.mission import Hold, SetHeading, SetSpeed, Surface, Waypoint
+from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
 from uwserver.autopilot.state import Estimate, Orders
 from uwserver.autopilot.sticks import heading_of, wrapped
 from uwserver.frames import Vec3
@@ -59,7 +59,7 @@ def advance(o: Orders, e: Estimate, dt: float, flies: bool) -> str:
     return f"mission: all {len(o.items)} items done"
 
 
-def _begin(o: Orders, e: Estimate, item: Waypoint | Hold | SetSpeed | SetHeading | Surface) -> None:
+def _begin(o: Orders, e: Estimate, item: Item) -> None:
     if isinstance(item, Waypoint):
         heading = None if item.heading_deg is None else wrapped(rad(item.heading_deg))
         if heading is None and o.bound == o.bound:
@@ -80,9 +80,7 @@ def _begin(o: Orders, e: Estimate, item: Waypoint | Hold | SetSpeed | SetHeading
         o.depth = 0.0
 
 
-def _is_done(
-    o: Orders, e: Estimate, item: Waypoint | Hold | SetSpeed | SetHeading | Surface, dt: float, flies: bool
-) -> bool:
+def _is_done(o: Orders, e: Estimate, item: Item, dt: float, flies: bool) -> bool:
     if isinstance(item, Waypoint):
         if o.waited == 0.0 and distance(o, e) > item.radius_m:
             return False

@@ -17,16 +17,15 @@ from uwserver.autopilot.state import Mode
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Argument, Json, Refused, Service
-from uwserver.ports.later import Later
+from uwserver.ports.crossing import Later
 from uwserver.units import rad
 
 Asked = Mapping[str, Json]
 Answer = Callable[[Asked], Json | Later]
 
 _FAR = 1e6
-_PLACE = Argument(
-    "position_ned_m", "float", "place of the body origin in N", "m", shape=(3,), minimum=-_FAR, maximum=_FAR
-)
+_P_N = "place of the body origin in N"
+_PLACE = Argument("position_ned_m", "float", _P_N, "m", shape=(3,), minimum=-_FAR, maximum=_FAR)
 
 
 def services(pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
@@ -56,9 +55,8 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         pilot.moved()
         return None
 
-    force = Argument(
-        "force", "bool", "arm even if a sensor is missing or there is water in the hull", required=False, default=False
-    )
+    anyway = "arm even if a sensor is missing or there is water in the hull"
+    force = Argument("force", "bool", anyway, required=False, default=False)
     mode = Argument("mode", "str", "what it holds", choices=MODES)
     mode_doc = "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing."
     place_doc = "Correct the dead reckoning: the vehicle is here. The depth is used only without a depth sensor."

@@ -48,9 +48,8 @@ class Torpedo:
         goal = self._shaft.speed(turned, u) / o.gains.shaft_per_speed if o.gains.shaft_per_speed else 0.0
         m.through += (goal - m.through) * self._dt / _START_S
         if o.mode == "manual":
-            _, _, _, roll, pitch, yaw = (
-                s * r * pressure * o.gains.stick for s, r in zip(o.stick, self._reach, strict=True)
-            )
+            turning = zip(o.stick[3:], self._reach[3:], strict=True)
+            roll, pitch, yaw = (s * r * pressure * o.gains.stick for s, r in turning)
             m.twist = STILL
             return (surge, 0.0, 0.0, roll, pitch, yaw)
         return (surge, 0.0, 0.0, *self._moment(e, m, o, u, known))
@@ -172,6 +171,5 @@ class Torpedo:
         along, across = (lx * dx + ly * dy) / length, (lx * dy - ly * dx) / length
         if along < -o.radius:
             o.astray = True
-        return math.atan2(ly, lx) + math.atan2(
-            across, min(o.gains.look_ahead_m, max(along, 0.5 * o.gains.look_ahead_m))
-        )
+        ahead = min(o.gains.look_ahead_m, max(along, 0.5 * o.gains.look_ahead_m))
+        return math.atan2(ly, lx) + math.atan2(across, ahead)

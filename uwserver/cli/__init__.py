@@ -19,6 +19,7 @@ _WHERE = {
     "replay": "replay",
     "plot": "plot",
     "validate": "validate",
+    "manoeuvres": "manoeuvres",
     "doctor": "doctor",
 }
 _ELSEWHERE = {"bench": "uwserver-bench"}

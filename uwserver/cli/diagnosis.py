@@ -68,10 +68,7 @@ def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding
         if level == "fault":
             importlib.import_module(module)
         return Finding(distribution, "ok", importlib.metadata.version(distribution))
-    except (
-        ImportError,
-        OSError,
-    ) as error:  # PackageNotFoundError is an ImportError; OSError: a library of the system is missing
+    except (ImportError, OSError) as error:  # OSError: a library of the system is missing
         return Finding(distribution, level, f"cannot be imported: {error}", remedy)
 
 
@@ -153,9 +150,8 @@ def memory(meminfo: Path = Path("/proc/meminfo")) -> Finding:
     megabytes = kilobytes // 1024
     if megabytes >= _NEEDED_MB:
         return Finding("memory", "ok", f"{megabytes} MB available")
-    return Finding(
-        "memory", "warning", f"{megabytes} MB available", f"a server takes up to {_NEEDED_MB} MB: end something"
-    )
+    remedy = f"a server takes up to {_NEEDED_MB} MB: end something"
+    return Finding("memory", "warning", f"{megabytes} MB available", remedy)
 
 
 def adapters() -> Iterator[Finding]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
 from dataclasses import asdict
+from itertools import chain
 
 import click
 
@@ -21,7 +21,7 @@ def doctor(warm: bool, as_json: bool) -> None:
     """Test this machine: packages, kernel cache, port, timer. Exits with 1 if something prevents a server from running."""
     broken = _warm() if warm else []
     findings: list[Finding] = []
-    for finding in _all(broken):
+    for finding in chain(broken, examine()):
         findings.append(finding)
         if not as_json:
             click.echo(_line(finding))
@@ -31,11 +31,6 @@ def doctor(warm: bool, as_json: bool) -> None:
     else:
         click.echo(f"{faults} to repair before `uwserver run` works" if faults else "ready: uwserver run")
     sys.exit(1 if faults else 0)
-
-
-def _all(first: Iterable[Finding]) -> Iterable[Finding]:
-    yield from first
-    yield from examine()
 
 
 def _line(finding: Finding) -> str:

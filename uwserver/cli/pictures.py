@@ -38,9 +38,8 @@ def picture(port: Port, samples: Sequence[Sample]) -> Figure:
 def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
     """The last full picture: the newest ping at each head angle."""
     angles, ranges, bins = (_column(port, samples, name) for name in ("head_angle", "range", "bins"))
-    newest: dict[float, int] = {
-        round(float(angle), 6): k for k, angle in enumerate(angles[:, 0]) if np.isfinite(bins[k]).any()
-    }
+    heard = np.flatnonzero(np.isfinite(bins).any(axis=1)).tolist()
+    newest: dict[float, int] = {round(float(angles[k, 0]), 6): k for k in heard}
     if not newest:
         raise ValueError(f'"{port.path}" had no picture: is it under water?')
     reach = float(ranges[max(newest.values()), 0])
@@ -55,11 +54,10 @@ def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
     axis.set_theta_direction(-1)
     step = float(np.median(np.diff(theta))) if len(theta) > 1 else 0.0157
     distance = np.linspace(0.0, reach, image.shape[1] + 1)
+    levels = {"vmin": np.nanmin(image), "vmax": np.nanmax(image)}
     for first, last in _runs(theta, step):
         edges = np.append(theta[first:last] - step / 2.0, theta[last - 1] + step / 2.0)
-        axis.pcolormesh(
-            edges, distance, image[first:last].T, cmap="inferno", vmin=np.nanmin(image), vmax=np.nanmax(image)
-        )
+        axis.pcolormesh(edges, distance, image[first:last].T, cmap="inferno", **levels)
     axis.grid(alpha=0.3)
     axis.set_ylim(0.0, reach)
     axis.tick_params(labelsize=7)
@@ -119,11 +117,8 @@ def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
 
 def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
     """Every number over time, one panel a field; long arrays as an image."""
-    drawn = [
-        f
-        for f in port.fields
-        if f.type != "str" and not f.is_packed and np.isfinite(_column(port, samples, f.name)).any()
-    ]
+    numbers = [f for f in port.fields if f.type != "str" and not f.is_packed]
+    drawn = [f for f in numbers if np.isfinite(_column(port, samples, f.name)).any()]
     if not drawn:
         raise ValueError(f'"{port.path}" gave no numbers: it was never valid')
     t = _times(samples)
@@ -166,9 +161,8 @@ def _shade(axis: Any, t: FloatArray, samples: Sequence[Sample]) -> None:
     """Grey where the sensor was not valid."""
     invalid = np.array([not sample.valid for sample in samples])
     if invalid.any():
-        axis.fill_between(
-            t, 0.0, 1.0, where=invalid, color="0.85", transform=axis.get_xaxis_transform(), step="mid", lw=0
-        )
+        whole_height = axis.get_xaxis_transform()
+        axis.fill_between(t, 0.0, 1.0, where=invalid, color="0.85", transform=whole_height, step="mid", lw=0)
 
 
 def _times(samples: Sequence[Sample]) -> FloatArray:

@@ -1,8 +1,9 @@
-"""`uwserver plot sensor`: a picture of what a sensor told, from a recording or from a scenario that is run for it."""
+"""`uwserver plot`: a picture of what a sensor told, from a recording or from a scenario that is run for it; or of a vehicle."""
 
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,11 +16,17 @@ import uwserver
 from uwserver.ports import Field, Port, Refused, Sample
 from uwserver.ports.checks import suggestion
 from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.water.tables import Environment
 from uwserver.units import NANOSECONDS
+from uwserver.validation.manoeuvres.report import resolve
 
+_MISSING = "drawing needs matplotlib: pip install 'uwserver[plot]'"
 _RUN_S = 20.0
 _PATIENCE_S = 1.0
 """What was measured before the end is waited for so long."""
+_END = f"the end of a recording, {_RUN_S:g} s of a scenario"
+_FILE = click.Path(path_type=Path)
 _TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
@@ -31,39 +38,54 @@ def plot() -> None:
 @plot.command()
 @click.argument("source")
 @click.argument("port")
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="PNG, SVG or PDF; default: the port's name as PNG."
-)
+@click.option("-o", "--output", type=_FILE, help="PNG, SVG or PDF; default: the port's name as PNG.")
 @click.option("--from", "begin_s", default=0.0, show_default=True, help="First simulation time, s.")
-@click.option(
-    "--to", "end_s", type=float, help="Last simulation time, s; default: the end of a recording, 20 s of a scenario."
-)
+@click.option("--to", "end_s", type=float, help=f"Last simulation time, s; default: {_END}.")
 def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: float | None) -> None:
     """Draw the samples of PORT: SOURCE is a recording (.mcap), or a scenario by name or file, which is run as fast as possible.
 
     A scanning sonar gives its picture, a DVL its beams, LBL and USBL their beacons, everything else its values over time; grey: not valid.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        raise click.ClickException("drawing needs matplotlib: pip install 'uwserver[plot]'")
+        raise click.ClickException(_MISSING)
     from uwserver.cli.pictures import picture
 
     file = output or Path(f"{port.replace('/', '_')}.png")
+    is_recording = source.endswith(".mcap")
+    end = end_s if end_s is not None else math.inf if is_recording else _RUN_S
     try:
-        found, told = (
-            _recorded(Path(source), port)
-            if source.endswith(".mcap")
-            else _simulated(source, port, _RUN_S if end_s is None else end_s)
-        )
-        end_s = end_s if end_s is not None or source.endswith(".mcap") else _RUN_S
-        chosen = [
-            s for s in told if s.t_ns >= begin_s * NANOSECONDS and (end_s is None or s.t_ns <= end_s * NANOSECONDS)
-        ]
+        found, told = _recorded(Path(source), port) if is_recording else _simulated(source, port, end)
+        chosen = [s for s in told if begin_s * NANOSECONDS <= s.t_ns <= end * NANOSECONDS]
         picture(found, chosen).savefig(file, dpi=110, metadata={"Software": None} if file.suffix == ".png" else None)
     except (ScenarioError, Refused, ValueError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"{error.filename or source}: {error.strerror or error}") from error
     click.echo(f"wrote {file}: {len(chosen)} samples")
+
+
+@plot.command()
+@click.argument("vehicle")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="PNG, SVG or PDF; default: the vehicle's name as PNG."
+)
+def vehicle(vehicle: str, output: Path | None) -> None:
+    """Draw VEHICLE, a shipped one by name or a vehicle file: its shapes, thrusters, fins, centres of gravity and of buoyancy."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise click.ClickException(_MISSING)
+    from uwserver.cli.vehicle_picture import vehicle_picture
+
+    file = output or Path(f"{Path(vehicle).stem}.png")
+    try:
+        environment = Environment()
+        resolved = resolve(vehicle, environment)
+        figure = vehicle_picture(resolved, body_params(resolved.vehicle, resolved.devices, environment))
+        figure.savefig(file, dpi=110, metadata={"Software": None} if file.suffix == ".png" else None)
+    except (ScenarioError, ValueError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or vehicle}: {error.strerror or error}") from error
+    click.echo(f"wrote {file}")
 
 
 def _simulated(source: str, port: str, end_s: float) -> tuple[Port, list[Sample]]:
@@ -102,9 +124,8 @@ def _check(port: str, sensors: list[str]) -> None:
 
 def _port(path: str, kind: str, schema: dict[str, Any]) -> Port:
     """The port again, as far as the schema of its channel tells it."""
-    return Port(
-        path, "sensor", kind, tuple(_fields(schema["properties"]["value"]["properties"])), schema["description"]
-    )
+    fields = tuple(_fields(schema["properties"]["value"]["properties"]))
+    return Port(path, "sensor", kind, fields, schema["description"])
 
 
 def _fields(properties: dict[str, Any]) -> Iterator[Field]:

@@ -13,16 +13,14 @@ import msgspec
 if TYPE_CHECKING:
     from uwserver.recording.replay import Replayed
 
+_FILE = click.Path(path_type=Path)
+
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=_FILE)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
-    "--extension",
-    "extensions",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="Python file that its scenario used; it is run.",
+    "--extension", "extensions", multiple=True, type=_FILE, help="Python file that its scenario used; it is run."
 )
 def replay(file: Path, as_json: bool, extensions: tuple[Path, ...]) -> None:
     """Run the commands and calls of a recording (`uwserver run --record FILE`) again, as fast as possible, and compare all state hashes.
@@ -65,18 +63,16 @@ def _as_text(file: Path, result: Replayed) -> str:
         lines[0] += f"; differs in tick {found.tick} (t = {found.t_ns / 1e9:g} s, entry {found.index})"
         lines += [f"  expected {found.expected}", f"  found    {found.found}", *_reasons(result)]
     if result.truncated:
-        lines.append(
-            "The recording has no end (its server was killed, or the disk was full): replayed to its last whole chunk."
-        )
+        cut = "its server was killed, or the disk was full"
+        lines.append(f"The recording has no end ({cut}): replayed to its last whole chunk.")
     return "\n".join(lines)
 
 
 def _reasons(result: Replayed) -> list[str]:
     changed = result.changed_versions
     if not changed:
-        return [
-            "All versions are those of the recording: the file was changed, or the simulation depends on something else."
-        ]
+        why = "the file was changed, or the simulation depends on something else"
+        return [f"All versions are those of the recording: {why}."]
     return [f"Recorded with {name} {then}, here is {now}: that may be why." for name, (then, now) in changed.items()]
 
 

@@ -9,6 +9,7 @@ import os
 import shutil
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,11 @@ class _Number(click.FloatRange):
         return number
 
 
+_SECONDS = _Number(0.0, 1e9)
+_FILE = click.Path(path_type=Path, dir_okay=False)
+_SAVE_AT = "Save the state at this simulation time; may be given several times."
+
+
 @click.command("run")
 @click.argument("scenario", default=DEFAULT_SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
@@ -43,20 +49,10 @@ class _Number(click.FloatRange):
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
 @click.option("--speed", type=_Number(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
 @click.option("--paused", is_flag=True, help="Start paused.")
-@click.option("--until", "until_s", type=_Number(0.0, 1e9), metavar="SECONDS", help="End at this simulation time.")
-@click.option(
-    "--record", type=click.Path(path_type=Path, dir_okay=False), help="Write an MCAP file (see `uwserver replay`)."
-)
-@click.option(
-    "--from", "begin", type=click.Path(path_type=Path, dir_okay=False), help="Begin at a saved state of this scenario."
-)
-@click.option(
-    "--save-at",
-    type=(_Number(0.0, 1e9), click.Path(path_type=Path, dir_okay=False)),
-    multiple=True,
-    metavar="SECONDS FILE",
-    help="Save the state at this simulation time; may be given several times.",
-)
+@click.option("--until", "until_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
+@click.option("--record", type=_FILE, help="Write an MCAP file (see `uwserver replay`).")
+@click.option("--from", "begin", type=_FILE, help="Begin at a saved state of this scenario.")
+@click.option("--save-at", type=(_SECONDS, _FILE), multiple=True, metavar="SECONDS FILE", help=_SAVE_AT)
 @click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
 @click.option("--log-json", is_flag=True, help="One JSON object a log line.")
 def run(
@@ -99,9 +95,8 @@ def run(
     _announce_compilation()
     try:
         state = None if begin is None else read_state(begin)
-        options = Options(
-            seed, timing, record, until_s, state, save_at, lambda addresses: _announce(resolved, addresses, log_json)
-        )
+        announce = partial(_announce, resolved, log_json)
+        options = Options(seed, timing, record, until_s, state, save_at, announce)
         status = _run_loop(resolved, options)
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)
@@ -154,7 +149,7 @@ def _announce_compilation() -> None:
         click.echo("uwserver: compiling the hydrodynamics for this machine, once, about 20 s ...", err=True)
 
 
-def _announce(resolved: Resolved, addresses: dict[str, str], quiet: bool) -> None:
+def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> None:
     """Say where to connect and what to type next."""
     from uwserver.cli.scenario import alike
 

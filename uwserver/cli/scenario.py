@@ -63,7 +63,7 @@ def summary(file: str, resolved: Resolved) -> str:
         ]
     ]
     adapters = [
-        f"{name} ({scenario_kind(config)}{f', port {port}' if (port := getattr(config, 'port', None)) is not None else ''})"
+        f"{name} ({config.__struct_config__.tag}{f', port {port}' if (port := getattr(config, 'port', None)) is not None else ''})"
         for name, config in scenario.adapters.items()
     ]
     return (
@@ -77,11 +77,6 @@ def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:
     """The first of each run of vehicles that share one file, by what they are called together: ``rov``, or ``rov_1..rov_40``."""
     groups = [list(group) for _, group in groupby(resolved.vehicles.values(), key=lambda v: id(v.vehicle))]
     return {g[0].name if len(g) == 1 else f"{g[0].name}..{g[-1].name}": g[0] for g in groups}
-
-
-def scenario_kind(config: Any) -> str:
-    """The `kind` that chose a component's configuration type."""
-    return str(config.__struct_config__.tag)
 
 
 @click.command()

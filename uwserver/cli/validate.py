@@ -11,13 +11,12 @@ from uwserver.validation.oracle import OracleResult
 from uwserver.validation.oracle import validate as validate_oracle
 
 COLUMNS = ("position m", "attitude deg", "velocity m/s", "rate rad/s")
+_RATE = click.FloatRange(0.0, 1e6, min_open=True)
 
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
-@click.option(
-    "--rate-hz", default=240.0, show_default=True, type=click.FloatRange(0.0, 1e6, min_open=True), help="Physics rate."
-)
+@click.option("--rate-hz", default=240.0, show_default=True, type=_RATE, help="Physics rate.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def validate(files: tuple[Path, ...], rate_hz: float, as_json: bool) -> None:
     """Run oracle files (format uwserver-oracle-1) through the integrator and print the largest errors.

@@ -94,10 +94,9 @@ def flow_of(current: CurrentTable) -> UniformConfig | ProfileConfig | Drifting:
     if isinstance(flow, UniformConfig | ProfileConfig):
         return flow
     if not callable(getattr(flow, "velocity", None)) or not getattr(flow, "interval_s", 0.0) > 0.0:
-        text = (
-            "build() must give a UniformConfig, a ProfileConfig, or something with velocity() and an interval_s above 0"
-        )
-        raise ValueError(f"{text}, not {type(flow).__name__}")
+        drifting = "something with velocity() and an interval_s above 0"
+        text = f"build() must give a UniformConfig, a ProfileConfig, or {drifting}, not {type(flow).__name__}"
+        raise ValueError(text)
     return flow  # type: ignore[return-value]  # as just checked
 
 

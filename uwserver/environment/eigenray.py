@@ -57,9 +57,8 @@ def eigenray(depth: FloatArray, speed: FloatArray, horizontal: float, a: float, 
     s1, s2 = _sines(w, upper, fastest), _sines(w, lower, fastest)
     p = w / (fastest * math.hypot(1.0, w))
     bend = p * p * (upper + lower) / ((s1 + s2) * (1.0 + s2))
-    time = float(
-        (thickness * (_log_ratio((lower - upper) / upper) / upper + _log_ratio(bend * (lower - upper)) * bend)).sum()
-    )
+    slowness = _log_ratio((lower - upper) / upper) / upper + _log_ratio(bend * (lower - upper)) * bend
+    time = float((thickness * slowness).sum())
     dips = (math.acos(min(1.0, p * float(np.interp(end, depth, speed)))) for end in (a, b))
     down = 1.0 if b > a else -1.0
     return Path(time, *(down * dip for dip in dips))

@@ -126,15 +126,13 @@ class _ClockDrift(Modifier):
         super().__init__(stream)
         self._walk = config.walk_sqrts
         offset, drift = stream.rng.standard_normal(2).tolist()
-        self.memory = ClockError(
-            offset=config.offset_s + config.offset_sigma_s * offset, drift=config.drift + config.drift_sigma * drift
-        )
+        ahead = config.offset_s + config.offset_sigma_s * offset
+        self.memory = ClockError(offset=ahead, drift=config.drift + config.drift_sigma * drift)
 
     def apply(self, reading: Measurement) -> None:
         m, t = self.memory, reading.t_ns / NANOSECONDS
         if self._walk:
-            m.offset += (
-                self._walk * math.sqrt(reading.since(m.last, self.stream.dt)) * self.stream.rng.standard_normal()
-            )
+            spread = self._walk * math.sqrt(reading.since(m.last, self.stream.dt))
+            m.offset += spread * self.stream.rng.standard_normal()
         m.last = t
         reading.stamp_ns += round((m.offset + m.drift * t) * NANOSECONDS)

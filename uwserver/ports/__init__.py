@@ -27,27 +27,6 @@ from uwserver.ports.values import (
 )
 
 __all__ = [
-    "Argument",
-    "Buffer",
-    "Call",
-    "Command",
-    "ErrorCode",
-    "Event",
-    "Fault",
-    "Field",
-    "Item",
-    "Items",
-    "Json",
-    "Layout",
-    "OnReply",
-    "Port",
-    "Progress",
-    "Refused",
-    "Reply",
-    "Sample",
-    "Scalar",
-    "Service",
-    "Value",
-    "binary_form",
-    "matches",
-]
+    "Argument", "Buffer", "Call", "Command", "ErrorCode", "Event", "Fault", "Field", "Item", "Items", "Json", "Layout",
+    "OnReply", "Port", "Progress", "Refused", "Reply", "Sample", "Scalar", "Service", "Value", "binary_form", "matches",
+]  # fmt: skip

@@ -279,3 +279,16 @@ def check_given(fields: Sequence[Field], given: Items) -> None:
             raise ValueError(f'"{field.name}" is of another type')
         # Numbers are flat, and one alone is a tuple too.
         _checked_item(replace(field, shape=(field.size,)) if numeric else field, value)
+
+
+def bind(port: str, fields: Sequence[Field], *names: str) -> tuple[int, ...]:
+    """Where these fields of another component's port stand in the value of each of its samples: found by name once, when a world is built.
+
+    Raises:
+        ValueError: the port has no such field; the text names the nearest, and all that there are.
+    """
+    known = [field.name for field in fields]
+    for name in names:
+        if name not in known:
+            raise ValueError(f'"{port}" has no field "{name}"{suggestion(name, known)}; it has: {", ".join(known)}')
+    return tuple(known.index(name) for name in names)

@@ -1,4 +1,4 @@
-"""What crosses between the simulation thread and the outside in a tick: requests on their way in, and what the tick gives."""
+"""What crosses between the simulation thread and the outside in a tick: requests on their way in, what the tick gives, what comes later."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from dataclasses import dataclass, field
 
 from msgspec import Struct
 
-from uwserver.ports.values import Call, Command, Event, OnReply, Progress, Reply, Sample
+from uwserver.ports.values import Call, Command, Event, Fault, Json, OnReply, Progress, Reply, Sample
+
+Answers = list[tuple[OnReply, Reply | Progress]]
+"""Who is to be told what."""
 
 
 class Posted(Struct):
@@ -23,5 +26,28 @@ class TickOutput:
     tick: int
     t_ns: int
     samples: list[Sample]
-    replies: list[tuple[OnReply, Reply | Progress]] = field(default_factory=list)
+    replies: Answers = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+
+
+class Later:
+    """What a long-running service gives instead of a result: progress, then one reply. Who posted the call adds where its answers go to.
+
+    Attributes:
+        on_reply: receives them; None for a caller in the same process, who does not wait.
+    """
+
+    def __init__(self, answers: Answers) -> None:
+        """answers: of the world, which passes them on at the end of the tick."""
+        self.on_reply: OnReply | None = None
+        self._answers = answers
+
+    def progress(self, fraction: float, t_ns: int) -> None:
+        """Tell how far it has come."""
+        if self.on_reply is not None:
+            self._answers.append((self.on_reply, Progress(fraction, t_ns)))
+
+    def finish(self, tick: int, t_ns: int, result: Json = None, fault: Fault | None = None) -> None:
+        """Tell how it ended; nothing may follow."""
+        if self.on_reply is not None:
+            self._answers.append((self.on_reply, Reply(tick, t_ns, result, fault)))

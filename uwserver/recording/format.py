@@ -265,8 +265,13 @@ class RecordingWriter:
         """One request, carried out at t_ns; a command also on the channel of its port, to be plotted."""
         self._add(self._requests, t_ns, request, t_ns, request.index & 0xFFFFFFFF)
         if request.port in ports:
-            channel, names = self._channels.get(request.port) or self._add_port(ports[request.port])
-            value = dict(zip(names, request.value, strict=True))
+            port = ports[request.port]
+            channel, _ = self._channels.get(request.port) or self._add_port(port)
+            # Of a command one number alone is a tuple too; on the channel it is what the schema says.
+            value = {
+                field.name: given[0] if isinstance(given, tuple) and not field.shape else given
+                for field, given in zip(port.fields, request.value, strict=True)
+            }
             message = {"tick": request.tick, "source": request.source, "value": value}
             self._add(channel, t_ns, message, t_ns, request.index & 0xFFFFFFFF)
 

@@ -9,7 +9,7 @@ from typing import Any
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.files.convert import NO_MORE, Converter, More, Report, check_name, convert, kinds_of
+from uwserver.scenario.files.convert import NO_MORE, Converter, More, check_name, convert, kinds_of
 from uwserver.scenario.files.documents import from_tables
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, did_you_mean
 from uwserver.scenario.load.extensions import extension_kinds
@@ -52,12 +52,11 @@ class ScenarioBuilder:
         path = str(Path(file).resolve())
         files, problems = [*self._raw.get("extensions", []), path], list[Problem]()
         label = self._raw["title"] or "scenario"
-        more = extension_kinds(
-            files,
-            Path.cwd(),
-            lambda _, text: problems.append(Problem(label, 0, 0, "extensions", text)),
-            problems.append,
-        )
+
+        def report(_: KeyPath, text: str) -> None:
+            problems.append(Problem(label, 0, 0, "extensions", text))
+
+        more = extension_kinds(files, Path.cwd(), report, problems.append)
         if problems:
             raise ScenarioError(problems)
         self._more, self._raw["extensions"] = more, files
@@ -189,12 +188,7 @@ class ScenarioBuilder:
         """The result of `conversion(report)`; ScenarioError if anything was reported."""
         problems: list[Problem] = []
         place = from_tables({}, self._raw["title"] or "scenario")
-
-        def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
-            problems.append(place.problem(path, text, at))
-
-        typed: Report = report
-        result = conversion(typed)
+        result = conversion(lambda path, text, at=None: problems.append(place.problem(path, text, at)))
         if problems:
             raise ScenarioError(problems)
         return result

@@ -16,7 +16,7 @@ from msgspec import Meta, Struct, structs
 from uwserver.environment.earth import Earth
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
-from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, rotate
+from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
 from uwserver.modifiers import Measurement, ModifierConfig
 from uwserver.modifiers.base import NOTHING, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
@@ -24,7 +24,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
-from uwserver.units import NANOSECONDS
+from uwserver.units import NANOSECONDS, rad
 
 
 class StreamTable(Table, kw_only=True, frozen=True):
@@ -65,10 +65,16 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """X_BS: where a sensor sits on its vehicle, p_BS (m, B) and q_BS."""
+    """A place and an attitude; X_BS: where a sensor sits on its vehicle, p_BS (m, B) and q_BS."""
 
     p: Vec3 = (0.0, 0.0, 0.0)
     q: Quat = IDENTITY
+
+    @classmethod
+    def from_degrees(cls, rpy_deg: Vec3, p: Vec3 = (0.0, 0.0, 0.0)) -> Pose:
+        """Of roll, pitch and yaw (deg), as tables have them."""
+        roll, pitch, yaw = (rad(angle) for angle in rpy_deg)
+        return cls(p, quat_from_rpy(roll, pitch, yaw))
 
 
 class Place(Protocol):

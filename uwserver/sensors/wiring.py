@@ -16,12 +16,20 @@ class Electric(NamedTuple):
     """How a thruster draws power and turns: both follow from its thrust, as for any propeller at rest.
 
     Attributes:
-        power: W per N**1.5 of open-water thrust.
-        speed: shaft speed, rad/s per sqrt(N).
+        power: W per N**1.5 of open-water thrust, forward and reverse.
+        speed: shaft speed, rad/s per sqrt(N), forward and reverse.
     """
 
-    power: float
-    speed: float
+    power: tuple[float, float]
+    speed: tuple[float, float]
+
+    def draw(self, thrust: float) -> float:
+        """Electric power (W) at an open-water thrust (N)."""
+        return self.power[thrust < 0.0] * math.pow(abs(thrust), 1.5)
+
+    def turn(self, thrust: float) -> float:
+        """Shaft speed (rad/s), signed as the thrust (N)."""
+        return math.copysign(self.speed[thrust < 0.0] * math.sqrt(abs(thrust)), thrust)
 
 
 class Touch(NamedTuple):
@@ -81,14 +89,12 @@ class Wiring:
 
     def shaft_speed(self, name: str) -> float:
         """rad/s of a thruster, signed as its thrust."""
-        thrust = self._thrust(self._thrusters[name])
-        return math.copysign(self._electrics[name].speed * math.sqrt(abs(thrust)), thrust)
+        return self._electrics[name].turn(self._thrust(self._thrusters[name]))
 
     def power(self) -> float:
         """Electric power that all thrusters draw, W."""
         return math.fsum(
-            electric.power * math.pow(abs(self._thrust(self._thrusters[name])), 1.5)
-            for name, electric in self._electrics.items()
+            electric.draw(self._thrust(self._thrusters[name])) for name, electric in self._electrics.items()
         )
 
     @property

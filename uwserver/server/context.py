@@ -18,7 +18,6 @@ from uwserver.ports import (
     OnReply,
     Port,
     Progress,
-    Refused,
     Reply,
     Sample,
     Service,
@@ -182,7 +181,7 @@ class Context:
 
     def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:
         """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""
-        over = False
+        over = asked = False
 
         def answered(answer: Reply | Progress) -> None:
             nonlocal over
@@ -190,14 +189,13 @@ class Context:
             on_reply(answer)
 
         def cancel() -> bool:
-            if over:
-                return False
-            path, _, name = call.service.rpartition("/")
-            try:
-                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None)
-            except Refused:
-                return False  # too much waits for the next tick; the call ends by itself
-            return True
+            nonlocal asked
+            if not over and not asked:
+                asked = True
+                path, _, name = call.service.rpartition("/")
+                # Also when too much waits for the next tick: a call whose peer has left would go on without anybody who could end it.
+                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None, always=True)
+            return not over
 
         self._hub.mailbox.post(call, answered)
         return cancel

@@ -97,36 +97,26 @@ class Metrics:
         yield HistogramMetricFamily(
             "uwserver_tick_lateness_seconds", "Lateness of paced ticks.", buckets, lateness.total_s
         )
-        yield CounterMetricFamily("uwserver_ticks", "Ticks done.", lateness.ticks)
-        yield GaugeMetricFamily(
-            "uwserver_simulation_time_seconds", "Simulation time.", simulation.world.t_ns / NANOSECONDS
-        )
-        yield GaugeMetricFamily(
-            "uwserver_real_time_factor", "Simulated over wall time.", self._monitor.real_time_factor
-        )
-        yield GaugeMetricFamily("uwserver_paused", "1 while time stands still.", int(simulation.paused))
-        yield CounterMetricFamily(
-            "uwserver_overruns", "Times the clock fell behind and started anew.", simulation.pace.overruns
-        )
-        yield CounterMetricFamily(
-            "uwserver_bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped
-        )
         conflicts = sum(slot.conflicts for slot in simulation.world.actuators.values())
-        yield CounterMetricFamily(
-            "uwserver_command_conflicts", "Commands to an actuator that somebody else commands too.", conflicts
-        )
-        for name, doc in _ADAPTER_COUNTERS.items():
-            family = CounterMetricFamily(f"uwserver_adapter_{name}", doc, labels=["adapter"])
+        for family, name, doc, value in (
+            (CounterMetricFamily, "ticks", "Ticks done.", lateness.ticks),
+            (GaugeMetricFamily, "simulation_time_seconds", "Simulation time.", simulation.world.t_ns / NANOSECONDS),
+            (GaugeMetricFamily, "real_time_factor", "Simulated over wall time.", self._monitor.real_time_factor),
+            (GaugeMetricFamily, "paused", "1 while time stands still.", int(simulation.paused)),
+            (CounterMetricFamily, "overruns", "Times the clock fell behind and started anew.", simulation.pace.overruns),
+            (CounterMetricFamily, "bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped),
+            (CounterMetricFamily, "command_conflicts", "Commands to an actuator that somebody else commands too.", conflicts),
+        ):  # fmt: skip
+            yield family(f"uwserver_{name}", doc, value)
+        for name, doc in _OF_ADAPTERS.items():
+            kind = GaugeMetricFamily if name == "peers" else CounterMetricFamily
+            of_each = kind(f"uwserver_adapter_{name}", doc, labels=["adapter"])
             for adapter, stats in self._hub.stats.items():
-                family.add_metric([adapter], getattr(stats, name))
-            yield family
-        peers = GaugeMetricFamily("uwserver_adapter_peers", "Peers connected.", labels=["adapter"])
-        for adapter, stats in self._hub.stats.items():
-            peers.add_metric([adapter], stats.peers)
-        yield peers
+                of_each.add_metric([adapter], getattr(stats, name))
+            yield of_each
 
 
-_ADAPTER_COUNTERS = {
+_OF_ADAPTERS = {
     "samples_sent": "Samples sent to peers.",
     "bytes_sent": "Bytes sent to peers.",
     "commands": "Commands received.",
@@ -134,4 +124,5 @@ _ADAPTER_COUNTERS = {
     "errors": "Requests refused.",
     "dropped": "Samples dropped for slow peers.",
     "restarts": "Restarts after a failure.",
+    "peers": "Peers connected.",
 }

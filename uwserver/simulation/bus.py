@@ -41,13 +41,17 @@ class Mailbox:
         self._posted: deque[Posted] = deque()
         self.wake = threading.Event()
 
-    def post(self, item: Command | Call, on_reply: OnReply | None) -> None:
+    def post(self, item: Command | Call, on_reply: OnReply | None, *, always: bool = False) -> None:
         """Queue for the next tick.
+
+        Args:
+            item, on_reply: what is asked, and who gets the answer.
+            always: never refused; for what who asks bounds, as one cancel for each call.
 
         Raises:
             Refused: `overload` when too many wait already.
         """
-        if len(self._posted) >= MAX_POSTED:
+        if len(self._posted) >= MAX_POSTED and not always:
             raise Refused(
                 "overload",
                 f"{MAX_POSTED} requests wait for the next tick already: send fewer, or wait for their replies",

@@ -4,7 +4,8 @@
 
       asyncio.run(check_adapter(MyAdapter, MyAdapter.Config(port=0), connect=TcpPeer.connect, greeting=b"subscribe everything"))
 
-  With `requests=Requests(...)`, how a peer calls a service, it also covers leaving in the middle of a call, cancel, time-out and flood.
+  With `requests=Requests(...)`, how a peer calls a service, it also covers leaving in the middle of a call, cancel, time-out and flood. It
+  returns what became of each check: passed, or why it does not apply.
 - `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
 - `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
 - `check_modifier` (`uwserver.testing.modifiers`): the contract of a modifier, from its config.

@@ -38,25 +38,33 @@ Connect = Callable[[FakeContext], Awaitable[Peer]]
 """Connects a peer to the running adapter of a context (``context.stats.address`` tells where)."""
 
 
+class DoesNotApply(Exception):
+    """A check asks for what the protocol cannot say; the text tells what."""
+
+
 @dataclass(frozen=True)
 class Requests:
-    """How a peer calls a service in this protocol. What it cannot say is b"", and not checked.
+    """How a peer asks in this protocol. What it cannot say is b"": the checks that need it are reported as such.
 
     Attributes:
-        call: calls `world/run_until` with `t_s` = 9, once for each peer.
+        call: calls `service`, that of the world with `t_s` = 9; once for each peer.
         cancel: cancels that call.
         brief: calls it with a time-out of a second at most.
-        many: calls it, too, and can be sent again and again.
+        many: calls it, too, and can be sent again and again; where there are no calls, whatever the protocol takes most often.
         misspelt: calls `world/run_untill`.
         speak: makes a peer that can say this, where `connect` of the suite makes one that cannot.
+        service: of the context, that is called.
+        outlives: the call is the vehicle's rather than the peer's, as an order of MAVLink: it goes on when the peer has left.
     """
 
-    call: bytes
+    call: bytes = b""
     cancel: bytes = b""
     brief: bytes = b""
     many: bytes = b""
     misspelt: bytes = b""
     speak: Connect | None = None
+    service: str = "world/run_until"
+    outlives: bool = False
 
 
 @dataclass

@@ -10,7 +10,16 @@ import msgspec
 
 from uwserver.adapter import AdapterTable
 from uwserver.ports import Event, Port, Sample
-from uwserver.testing.adapter_kit import AdapterKit, Connect, Requests, cancelled, running, send, until
+from uwserver.testing.adapter_kit import (
+    AdapterKit,
+    Connect,
+    DoesNotApply,
+    Requests,
+    cancelled,
+    running,
+    send,
+    until,
+)
 from uwserver.testing.call_checks import (
     check_cancel,
     check_did_you_mean,
@@ -29,6 +38,7 @@ GARBAGE = (
     b"\x00\xff\xff\xff" + b"x" * 100,
     b"{" * 5000 + b"\n",
 )
+PASSED = "passed"
 _TICKS_TO_SLOW_PEER = 30_000
 _TICKS_ONCE_SLOW = 2000
 
@@ -41,8 +51,8 @@ async def check_adapter(
     greeting: bytes = b"",
     make_context: Callable[[], FakeContext] = FakeContext,
     requests: Requests | None = None,
-) -> list[str]:
-    """Run every check of `CHECKS` and return their names.
+) -> dict[str, str]:
+    """Run every check of `CHECKS`.
 
     Args:
         adapter_class, config: as the server would make it; the config must take a free port on loopback.
@@ -51,18 +61,25 @@ async def check_adapter(
         make_context: ports and services to serve, default those of `FakeContext`.
         requests: how a peer calls services; None for a protocol that has no calls.
 
+    Returns:
+        What became of each check, by its name: `PASSED`, or "does not apply: " and what the protocol cannot say.
+
     Raises:
         AssertionError: the text names the check, what is wrong, and what the contract says.
     """
     kit = AdapterKit(adapter_class, config, connect, greeting, make_context, requests)
+    outcomes = {}
     for name, check in CHECKS.items():
+        outcomes[name] = PASSED
         before = Traces.now()
         try:
             await check(kit)
+        except DoesNotApply as reason:
+            outcomes[name] = f"does not apply: {reason}"
         except AssertionError as error:
             raise AssertionError(f'adapter "{kit.kind}", {name}: {error}') from error
         await assert_no_traces(before, f'adapter "{kit.kind}", {name}')
-    return list(CHECKS)
+    return outcomes
 
 
 # -- the checks ---------------------------------------------------------------------------------------------------------------------

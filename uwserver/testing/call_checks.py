@@ -4,17 +4,54 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
 
 from uwserver.ports import Fault, Reply
 from uwserver.testing import adapter_kit
-from uwserver.testing.adapter_kit import AdapterKit, Peer, Running, running, send, until
+from uwserver.testing.adapter_kit import AdapterKit, DoesNotApply, Peer, Requests, Running, running, send, until
 from uwserver.testing.fake_context import TICK_NS, HeldCall
 
-CALLED = "world/run_until"
-"""The service of `FakeContext` that the checks call: its answers wait for the suite."""
 FLOOD = 5000
 """Requests of one peer that waits for no answer."""
 _QUIET_S = 0.5
+_UNSAID = {
+    "call": "the protocol has no calls of services",
+    "cancel": "the protocol cannot cancel a call",
+    "brief": "the protocol has no time-out of a call",
+    "many": "the protocol cannot ask again and again",
+    "misspelt": "the protocol names no service",
+}
+
+
+@dataclass(frozen=True)
+class _Calling:
+    """A running adapter whose calls wait for the suite, what its peers can say, and one of them."""
+
+    adapter: Running
+    requests: Requests
+    peer: Peer
+
+
+@contextlib.asynccontextmanager
+async def calling(kit: AdapterKit, *needs: str) -> AsyncIterator[_Calling]:
+    """What every check of calls begins with.
+
+    Args:
+        kit: what is checked.
+        needs: fields of `Requests` that the check sends.
+
+    Raises:
+        DoesNotApply: the protocol cannot say one of them.
+    """
+    requests = kit.requests
+    for need in needs:
+        if requests is None or not getattr(requests, need):
+            raise DoesNotApply(_UNSAID[need])
+    assert requests is not None
+    async with running(kit) as adapter:
+        adapter.context.held.add(requests.service)
+        yield _Calling(adapter, requests, await adapter.caller(requests))
 
 
 async def _called(adapter: Running, peer: Peer, request: bytes) -> HeldCall:
@@ -27,22 +64,22 @@ async def _called(adapter: Running, peer: Peer, request: bytes) -> HeldCall:
 
 
 async def check_leaves_in_the_middle_of_a_call(kit: AdapterKit) -> None:
-    """Nobody waits for the long-running call of a peer that has gone: it ends, at its time-out at the latest, and what the world still says
-    of it disturbs nobody."""
-    requests = kit.requests
-    if requests is None:
-        return
-    async with running(kit) as adapter:
-        adapter.context.held.add(CALLED)
-        peer = await adapter.caller(requests)
-        call = await _called(adapter, peer, requests.brief or requests.call)
-        await peer.close()
+    """Nobody waits for the long-running call of a peer that has gone: it ends, at its time-out at the latest, unless it is the vehicle's; and
+    what the world still says of it disturbs nobody."""
+    async with calling(kit, "call") as there:
+        adapter, requests = there.adapter, there.requests
+        call = await _called(adapter, there.peer, requests.brief or requests.call)
+        await there.peer.close()
 
         def has_ended() -> bool:
             adapter.context.emit()  # on TCP, who has gone looks like who only listens on, until something is written to it
             return call.is_done
 
-        await until(has_ended, "the call of a peer that has left goes on: close its Conversation, or cancel the call")
+        if requests.outlives:
+            await _gone(adapter)
+        else:
+            text = "the call of a peer that has left goes on: close its Conversation, or cancel the call"
+            await until(has_ended, text)
         call.progress(0.5)
         call.finish(Reply(1, TICK_NS, fault=Fault("preempted", "too late")))
         adapter.context.emit()
@@ -50,44 +87,36 @@ async def check_leaves_in_the_middle_of_a_call(kit: AdapterKit) -> None:
         await _called(adapter, await adapter.caller(requests), requests.brief or requests.call)
 
 
+async def _gone(adapter: Running) -> None:
+    """Wait until it has noticed who left, and the name is free."""
+    for _ in range(20):
+        adapter.context.emit()
+        await asyncio.sleep(0.01)
+
+
 async def check_cancel(kit: AdapterKit) -> None:
     """A call that its peer cancels ends, and the peer can begin another."""
-    requests = kit.requests
-    if requests is None or not requests.cancel:
-        return
-    async with running(kit) as adapter:
-        adapter.context.held.add(CALLED)
-        peer = await adapter.caller(requests)
+    async with calling(kit, "call", "cancel") as there:
         for _ in range(2):
-            call = await _called(adapter, peer, requests.call)
+            call = await _called(there.adapter, there.peer, there.requests.call)
             call.progress(0.5)
-            await send(peer, requests.cancel)
+            await send(there.peer, there.requests.cancel)
             await until(lambda call=call: call.is_done, "a cancelled call goes on")  # type: ignore[misc]
-        adapter.assert_alive("a cancelled call")
+        there.adapter.assert_alive("a cancelled call")
 
 
 async def check_time_out(kit: AdapterKit) -> None:
     """A call that takes longer than its peer would wait is cancelled, and the peer is told."""
-    requests = kit.requests
-    if requests is None or not requests.brief:
-        return
-    async with running(kit) as adapter:
-        adapter.context.held.add(CALLED)
-        peer = await adapter.caller(requests)
-        call = await _called(adapter, peer, requests.brief)
+    async with calling(kit, "brief") as there:
+        call = await _called(there.adapter, there.peer, there.requests.brief)
         await until(lambda: call.is_done, "a call goes on after its time-out")
-        await _hears(peer, b"not done within", "a call that took too long")
+        await _hears(there.peer, b"not done within", "a call that took too long")
 
 
 async def check_flood(kit: AdapterKit) -> None:
     """A peer that sends requests and waits for no answer: what is kept for it is bounded, and others are served, then and later."""
-    requests = kit.requests
-    if requests is None or not requests.many:
-        return
-    async with running(kit) as adapter:
-        context = adapter.context
-        context.held.add(CALLED)
-        peer = await adapter.caller(requests)
+    async with calling(kit, "many") as there:
+        adapter, requests, peer, context = there.adapter, there.requests, there.peer, there.adapter.context
         listening = asyncio.ensure_future(_listen(peer))
         try:
             await _flood(peer, requests.many)
@@ -106,10 +135,10 @@ async def check_flood(kit: AdapterKit) -> None:
         for call in context.calls:
             if not call.is_done:
                 call.finish(Reply(1, TICK_NS))
-        for _ in range(20):  # until it has noticed who left, and the name is free
-            context.emit()
-            await asyncio.sleep(0.01)
-        await _called(adapter, await adapter.caller(requests), requests.call)
+        await _gone(adapter)
+        other = await adapter.caller(requests)
+        if requests.call:
+            await _called(adapter, other, requests.call)
 
 
 async def _flood(peer: Peer, request: bytes) -> None:
@@ -139,13 +168,9 @@ async def _quiet(adapter: Running) -> None:
 
 async def check_did_you_mean(kit: AdapterKit) -> None:
     """A name that is nearly right is answered with the right one."""
-    requests = kit.requests
-    if requests is None or not requests.misspelt:
-        return
-    async with running(kit) as adapter:
-        peer = await adapter.caller(requests)
-        await send(peer, requests.misspelt)
-        await _hears(peer, b"did you mean", "a misspelt service (the text of `Refused` names the right one)")
+    async with calling(kit, "misspelt") as there:
+        await send(there.peer, there.requests.misspelt)
+        await _hears(there.peer, b"did you mean", "a misspelt service (the text of `Refused` names the right one)")
 
 
 async def _hears(peer: Peer, words: bytes, after: str) -> None:

@@ -6,8 +6,7 @@ import logging
 from collections.abc import Callable, Mapping
 
 from uwserver.ports import Call, Command, OnReply, Refused, Reply
-from uwserver.ports.crossing import Posted, TickOutput
-from uwserver.ports.later import Later
+from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.world.commands import Commands
 from uwserver.world.part import Carry
 

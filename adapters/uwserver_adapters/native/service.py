@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from uwserver.adapter import AdapterContext, RateMeter, Refusals
+from uwserver.ports import Fault
+from uwserver_adapters.native import verbs
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.native.requests import Request
 from uwserver_adapters.native.session import Allowance, Session
 
 
@@ -45,6 +48,13 @@ class NativeService:
         """
         self._last_serial += 1
         return Session(self._last_serial, codec, outbox, self.fanout, wake, self._allowance)
+
+    def take(self, session: Session, request: Request) -> Fault | None:
+        """Carry out a request of a client; gives the fault with which its connection must end, if there is one."""
+        fault = verbs.take(session, request, self.token)
+        if fault is not None:
+            self.refusals.note(fault.code, fault.text)
+        return fault
 
     def rate_meter(self) -> RateMeter:
         """Counts the requests of a new client."""

@@ -30,7 +30,7 @@ LATER: Final = Later.LATER
 """The answer comes when the world has it."""
 
 
-class Rejected(Exception):
+class _Rejected(Exception):
     """The connection ends with this fault: wrong version or token."""
 
     def __init__(self, fault: Fault) -> None:
@@ -38,14 +38,19 @@ class Rejected(Exception):
         self.fault = fault
 
 
-def take(session: Session, request: Request, token: str | None) -> None:
-    """Carry out a request and queue its answer. Never raises but for `Rejected`: a fault of ours is told as `internal` and logged."""
+def take(session: Session, request: Request, token: str | None) -> Fault | None:
+    """Carry out a request and queue its answer. Never raises: a fault of ours is told as `internal` and logged.
+
+    Returns:
+        The fault with which the connection must end; None where it goes on.
+    """
     try:
         result = _carry_out(session, request, token)
     except Refused as refused:
         session.refuse(request.id, refused.fault)
-    except Rejected:
-        raise
+    except _Rejected as rejected:
+        session.refuse(request.id, rejected.fault)
+        return rejected.fault
     except Exception:  # a fault of ours must not end the adapter
         log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.conversation.source)
         session.refuse(
@@ -54,6 +59,7 @@ def take(session: Session, request: Request, token: str | None) -> None:
     else:
         if result is not LATER:
             session.reply(request.id, result)
+    return None
 
 
 def _carry_out(session: Session, request: Request, token: str | None) -> object:
@@ -76,12 +82,12 @@ def _hello(session: Session, request: Request, token: str | None) -> object:
         raise Refused("bad_argument", f'"hello" needs "version": {VERSION}', "version")
     if version != VERSION or isinstance(version, bool):
         text = f"this server speaks version {VERSION} of the protocol, not {str(version)[:20]}: use a client of its release"
-        raise Rejected(Fault("version", text, "version"))
+        raise _Rejected(Fault("version", text, "version"))
     if token is not None:
         given = params.get("token")
         if not isinstance(given, str) or not hmac.compare_digest(given.encode("utf-8", "replace"), token.encode()):
             text = "the token is missing or wrong: use the one that the server was given (UWSERVER_TOKEN) or printed when it started"
-            raise Rejected(Fault("denied", text, "token"))
+            raise _Rejected(Fault("denied", text, "token"))
     if session.greeted:
         raise Refused("invalid_request", '"hello" was said before: once is enough', "hello")
     session.greet(read.optional_name(params, "name", "the client's name"))

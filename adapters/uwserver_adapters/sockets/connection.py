@@ -7,7 +7,6 @@ import asyncio
 from uwserver import adapter
 from uwserver.adapter import Peer, Peers
 from uwserver.ports import Fault
-from uwserver_adapters.native import verbs
 from uwserver_adapters.native.codec import NEED_DATA, WEB, Codec, Control, JsonCodec, choose_codec
 from uwserver_adapters.native.outbox import Outbox
 from uwserver_adapters.native.requests import Malformed, Request
@@ -246,12 +245,9 @@ class Connection(adapter.Connection):
             self._dismiss(Fault("denied", text, "token"))
 
     def _carry_out(self, request: Request, session: Session) -> None:
-        try:
-            verbs.take(session, request, self._service.token)
-        except verbs.Rejected as rejected:
-            self._service.refusals.note(rejected.fault.code, rejected.fault.text)
-            session.refuse(request.id, rejected.fault)
+        fault = self._service.take(session, request)
+        if fault is not None:
             self._outbox.flush()
-            last = session.codec.ending(rejected.fault)
+            last = session.codec.ending(fault)
             self._stats.bytes_sent += len(last)
             self.farewell(last)

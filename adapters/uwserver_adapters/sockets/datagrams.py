@@ -17,7 +17,6 @@ import msgspec
 
 from uwserver.adapter import AdapterStats, Peer, Peers
 from uwserver.ports import Fault
-from uwserver_adapters.native import verbs
 from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
 from uwserver_adapters.native.limits import LOCKOUT_S, WRONG_TOKENS, Lockout
@@ -152,17 +151,11 @@ class DatagramClient:
             self._service.refusals.note(event.fault.code, event.fault.text)
             self.session.refuse(event.id, event.fault)
         else:
-            self._carry_out(event)
-
-    def _carry_out(self, request: Request) -> None:
-        try:
-            verbs.take(self.session, request, self._service.token)
-        except verbs.Rejected as rejected:
-            self._service.refusals.note(rejected.fault.code, rejected.fault.text)
-            self.session.refuse(request.id, rejected.fault)
-            if rejected.fault.code == "denied":
-                self._endpoint.denied(self._address)
-            self.close()
+            fault = self._service.take(self.session, event)
+            if fault is not None:
+                if fault.code == "denied":
+                    self._endpoint.denied(self._address)
+                self.close()
 
     def _refuse(self, fault: Fault) -> None:
         self.session.refuse(None, fault)

@@ -106,14 +106,14 @@ class Requests:
             return
         client = UNNAMED
         try:
-            client = decode_caller(put.attachment).client or UNNAMED
+            caller = decode_caller(put.attachment)
+            client = caller.client or UNNAMED
             if put.is_delete:
                 raise Refused("bad_argument", f'"{path}" cannot be deleted: put a value to command an actuator', path)
             self._check_port(path)
             encoding = encoding_of(put.media, self._default)
             value = command_value(self._context.ports[path], put.payload, put.media, encoding)
-            self._context.stats.commands += 1
-            self._context.command(path, value, client, self._put_refused(client, path))
+            self._conversation(caller).command(path, value, self._put_refused(client, path), client)
         except Refused as refused:
             self._refused_put(client, path, refused.fault)
         except Exception:  # a fault of ours must not end the adapter
@@ -131,12 +131,12 @@ class Requests:
         else:
             self._context.stats.dropped += samples
 
-    def _put_refused(self, client: str, path: str) -> Callable[[Reply | Progress], None]:
-        def on_reply(outcome: Reply | Progress) -> None:
-            if isinstance(outcome, Reply) and outcome.fault is not None:
-                self._refused_put(client, path, outcome.fault)
+    def _put_refused(self, client: str, path: str) -> Callable[[Reply], None]:
+        def answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                self._refused_put(client, path, reply.fault)
 
-        return on_reply
+        return answer
 
     def _refused_put(self, client: str, path: str, fault: Fault) -> None:
         self._count(path, fault)

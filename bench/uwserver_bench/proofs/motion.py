@@ -10,10 +10,12 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.energy import kinetic_energy, rotations
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.layout import NU, STATE_SIZE, P
+from uwserver.physics.kernel.layout import NU, STATE_SIZE, P, Q
 
 DEEP = 500.0
 """Depth (m) from which no run of these measures reaches the surface."""
+FASTEST = 3.0
+"""m/s, of `decay_rise`: no vehicle that ships is meant to go faster ahead."""
 
 
 def momentum(hydro: Hydrodynamics) -> FloatArray:
@@ -28,8 +30,10 @@ def momentum(hydro: Hydrodynamics) -> FloatArray:
 
 def potential_energy(hydro: Hydrodynamics, states: FloatArray) -> FloatArray:
     """(steps, n) energy of weight and buoyancy, J, of states (steps, n, 13), fully submerged."""
-    steps, n, _ = states.shape
-    down = rotations(states.reshape(-1, STATE_SIZE))[:, 2].reshape(steps, n, 3)
+    q = states[:, :, Q : Q + 4]
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=2, keepdims=True), 2, 0)
+    # The third row of R_NB: z_N in B.
+    down = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=2)
     W, B = hydro.bodies["weight"], hydro.bodies["buoyancy"]
     lever = W[:, None] * hydro.bodies["r_g"] - B[:, None] * hydro.bodies["r_b"]
     energy: FloatArray = -(W - B) * states[:, :, 2] - np.einsum("tni,ni->tn", down, lever)
@@ -53,9 +57,9 @@ def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int
     """(n) the largest rise of kinetic energy in one step beyond the work done in it, over the kinetic energy of the step.
 
     Bodies deep in still water, from rest, under `random_wrenches` and random commands to all fins, propellers, ballasts and moving masses, each
-    held over half a second. A stable integrator stays below 1e-6. Work of the wrench, of what servos move and of hull derivatives: Simpson's rule,
-    with the middle of the step from a second world of half the step; work of weight and buoyancy: difference of the potential energy. Damping and
-    the drag of foils and strips only dissipate, so they are left out.
+    held over half a second. A stable integrator stays below 1e-6. Work of the wrench and of what servos move: Simpson's rule, with the middle of
+    the step from a second world of half the step; work of weight and buoyancy: difference of the potential energy. Damping, hull derivatives, and
+    the drag of foils and strips must only dissipate, so they are left out.
 
     Raises:
         FloatingPointError: a state diverged.
@@ -88,15 +92,35 @@ def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int
 
 
 def _power(hydro: Hydrodynamics, t: float) -> FloatArray:
-    """(n) power of all that may add energy, W: the applied wrench, and derivatives of the hull."""
-    nu = hydro.state[:, NU : NU + 6]
-    power: FloatArray = np.einsum("ni,ni->n", nu, hydro.rates_of_change(t)[1])
-    for row, body in enumerate(hydro.bodies):
-        first, count = body["derivative_first"], body["derivative_count"]
-        terms = hydro.derivatives[first : first + count]
-        terms = terms[terms["servo"] < 0]
-        power[row] += terms["coefficient"] @ (nu[row, terms["axis"]] * nu[row, terms["j"]] * nu[row, terms["k"]])
+    """(n) power of what may add energy, W: the applied wrench, and what servos move."""
+    power: FloatArray = np.einsum("ni,ni->n", hydro.state[:, NU : NU + 6], hydro.rates_of_change(t)[1])
     return power
+
+
+def decay_rise(body: BodyParams, dt: float, seconds: float, count: int = 100, seed: int = 1) -> FloatArray:
+    """(count) the largest rise of the energy of a body in one step, over that energy, as it comes to rest from random velocities and attitudes.
+
+    In still, deep water, without thrust, servos still at their neutral. Nothing is taken for an input: the energy is the kinetic one of body and
+    water, and the potential one of weight and buoyancy; the energy that a rise is measured by has the least of the latter, hanging upright, as
+    its zero, and no depth. Each axis gets up to the velocity that alone has the energy of a surge of `FASTEST`.
+
+    Raises:
+        FloatingPointError: a state diverged.
+    """
+    rng, hydro = np.random.default_rng(seed), Hydrodynamics([body] * count, dt)
+    M = np.diag(body.M_RB + body.M_A)
+    hydro.state[:, 2] = DEEP
+    hydro.state[:, NU : NU + 6] = rng.uniform(-1.0, 1.0, (count, 6)) * FASTEST * np.sqrt(M[0] / M)
+    q = rng.normal(size=(count, 4))
+    hydro.state[:, Q : Q + 4] = q / np.linalg.norm(q, axis=1, keepdims=True)
+    _, states = record(hydro, seconds)
+    nu = states[:, :, NU : NU + 6]
+    kinetic = 0.5 * np.einsum("tni,ij,tnj->tn", nu, body.M_RB + body.M_A, nu, optimize=True)
+    potential = potential_energy(hydro, states)
+    lever = np.linalg.norm(body.weight * np.array(body.r_g) - body.buoyancy * np.array(body.r_b))
+    size = kinetic + potential + (body.weight - body.buoyancy) * states[:, :, 2] + lever
+    rise: FloatArray = np.max(np.diff(kinetic + potential, axis=0) / np.maximum(size[:-1], size[1:]), axis=0)
+    return rise
 
 
 def record(hydro: Hydrodynamics, seconds: float) -> tuple[FloatArray, FloatArray]:

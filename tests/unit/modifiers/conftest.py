@@ -38,13 +38,13 @@ def bench() -> Bench:
 @pytest.fixture
 def errors() -> Callable[[Modifier, int], np.ndarray]:
     """`errors(modifier, n)` gives (n, size) errors that it adds to n readings of zero; time goes on from call to call."""
-    clocks: dict[int, int] = {}
+    clocks: dict[Modifier, int] = {}  # not by id(), which another modifier may get when this one has gone
 
     def run(modifier: Modifier, n: int) -> np.ndarray:
         size = modifier.stream.fields[1].size
         rows = []
         for _ in range(n):
-            t_ns = clocks[id(modifier)] = clocks.get(id(modifier), 0) + round(modifier.stream.dt * 1e9)
+            t_ns = clocks[modifier] = clocks.get(modifier, 0) + round(modifier.stream.dt * 1e9)
             reading = Measurement([7.0, (0.0,) * size, True], True, t_ns=t_ns)
             modifier.apply(reading)
             assert reading.values[0] == 7.0  # the other fields stay as they were

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwserver.ports import Argument, Buffer, Field, Layout, Port, Refused, Service
-from uwserver.ports.checks import checked_args, checked_command, find, suggestion
+from uwserver.ports.checks import bind, checked_args, checked_command, find, suggestion
 
 THRUSTERS = Port(
     "rov/thrusters",
@@ -340,3 +340,24 @@ def test_no_bytes_hide_in_the_arguments_of_a_call(value):
 def test_arrays_of_numbers_come_from_the_same_process(numbers):
     name = {0: "gain", 1: "force_B", 2: "matrix"}[numbers.ndim]
     assert checked_command(PUSH, {name: numbers}) == checked_command(PUSH, {name: numbers.tolist()})
+
+
+SONAR = (Field("range", "m", "distance"), Field("confidence", "1", "in it"), Field("gain", "dB", "of this ping"))
+
+
+def test_positions_of_fields_come_in_the_order_of_the_names():
+    assert bind("rov/sonar", SONAR, "gain", "range") == (2, 0)
+    assert bind("rov/sonar", SONAR) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("ranges", '"rov/sonar" has no field "ranges" (did you mean "range"?); it has: range, confidence, gain'),
+        ("salinity", '"rov/sonar" has no field "salinity"; it has: range, confidence, gain'),
+    ],
+)
+def test_an_unknown_field_is_not_bound(name, told):
+    with pytest.raises(ValueError) as refused:
+        bind("rov/sonar", SONAR, "range", name)
+    assert str(refused.value) == told

@@ -184,7 +184,7 @@ def rpm(world):
     force = float(lag["C"] @ row["x"] + lag["D"] * row["demand"]) / float(row["installed"])
     electric = world.sensors["heavy/shafts"].wiring.electrics["t1"]
     assert force != 0.0
-    expected = (math.copysign(electric.speed * math.sqrt(abs(force)), force), 0.0)
+    expected = (math.copysign(electric.speed[force < 0.0] * math.sqrt(abs(force)), force), 0.0)
     assert last(world, "shafts", "speeds") == pytest.approx(expected, abs=1e-9)
 
 

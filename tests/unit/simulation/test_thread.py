@@ -19,6 +19,7 @@ from uwserver.scenario.build.world import build
 from uwserver.simulation.clock import Timing
 from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.world import snapshot
+from uwserver.world.saving import in_one_piece
 
 
 def test_step_runs_exactly_n_ticks_and_pauses(resolved):
@@ -164,6 +165,35 @@ def test_a_diverged_world_stops_is_told_and_runs_again_after_a_reset(resolved):
         assert rig.call("world/resume").fault.code == "denied"
         assert rig.call("world/step", n=1).fault.code == "denied"
         assert rig.post(Call("world/reset", {})).fault is None
+        assert rig.call("world/step", n=3).tick == 3
+        assert rig.simulation.failure == ""
+
+
+def test_a_load_of_a_world_that_diverges_at_once_is_told_in_full(resolved):
+    """The state was good as a state: the load is answered with its tick, those who hear are told of the jump and then of the end, and the world
+    stands as after any other divergence."""
+    wild = build(resolved)
+    wild.step(5)
+    wild.hydro.state[0, 7:13] = 1e200  # finite, but not its square
+    data = snapshot.to_bytes(wild, snapshot.take(wild))
+    with running(resolved) as rig:
+        goal, _ = rig.begin("world/run_until", t_s=1e8)
+        reply = rig.post(Call("world/load", in_one_piece(data)))
+        assert (reply.fault, reply.result) == (None, {"tick": 5, "t_ns": wild.t_ns})
+        told = [rig.events.get(timeout=PATIENCE_S) for _ in range(2)]
+        assert [event.event for event in told] == ["reset", "diverged"]
+        assert told[0].text == "the world is at a saved state of tick 5"
+        assert '"rov" diverged' in told[1].text
+        fault = rig.final(goal).fault
+        assert (fault.code, fault.text) == ("preempted", "the world was reset or restored")
+        later = rig.call("world/resume").fault
+        assert later.code == "denied"
+        assert '"rov" diverged' in later.text
+        assert "world/reset" in later.text
+        assert rig.post(Call("world/load", in_one_piece(data))).fault is None, (
+            "it may be asked again; it does not run by itself"
+        )
+        assert rig.post(Call("world/reset", {})).result is None
         assert rig.call("world/step", n=3).tick == 3
         assert rig.simulation.failure == ""
 

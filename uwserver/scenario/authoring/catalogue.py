@@ -14,9 +14,8 @@ from uwserver.scenario.files.convert import Converter, fields, kinds_of
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load, scenario_tree
+from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.sensors import Pose, SensorConfig, SensorTable
-
-_PROVENANCE = ("source", "status")
 
 
 class Output(NamedTuple):
@@ -60,14 +59,10 @@ def sensor_kinds() -> dict[str, SensorKind]:
     for name, sensor in _examples():
         built = sensor.build(Pose())
         names = tuple(field.name for field in built.fields)
-        found[str(sensor.__struct_config__.tag)].setdefault(
-            names, Output(name, built.doc, built.fields, built.arguments)
-        )
-    devices = _devices()
-    return {
-        kind: SensorKind(kind, table, tuple(found[kind].values()), devices.get(kind, ()))
-        for kind, table in kinds_of(SensorConfig).items()
-    }
+        output = Output(name, built.doc, built.fields, built.arguments)
+        found[str(sensor.__struct_config__.tag)].setdefault(names, output)
+    devices, tables = _devices(), kinds_of(SensorConfig)
+    return {k: SensorKind(k, table, tuple(found[k].values()), devices.get(k, ())) for k, table in tables.items()}
 
 
 def modifier_kinds() -> dict[str, type[Struct]]:
@@ -117,7 +112,7 @@ def _values(table: Mapping[str, Any], prefix: str, group: Mapping[str, Any]) -> 
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _values(value, f"{prefix}{key}.", group)
-        elif key not in _PROVENANCE:
+        elif key not in Sourced.__struct_fields__:
             yield Value(prefix + key, value, str(group["status"]), str(group["source"]))
 
 

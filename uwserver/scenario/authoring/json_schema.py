@@ -27,24 +27,17 @@ def json_schema(kind: FileKind) -> str:
 def _devices() -> dict[str, Any]:
     """Of thrusters, and of each kind of sensor, whose groups of properties hold the keys of its table with their provenance."""
     sensors = kinds_of(SensorConfig)
-    references, definitions = msgspec.json.schema_components(
-        (ThrusterDevice, SensorDevice, Sourced, *sensors.values()), ref_template="#/$defs/{name}"
-    )
+    types = (ThrusterDevice, SensorDevice, Sourced, *sensors.values())
+    references, definitions = msgspec.json.schema_components(types, ref_template="#/$defs/{name}")
     names = [reference["$ref"].rsplit("/", 1)[1] for reference in references]
     device, sourced = definitions.pop(names[1]), definitions.pop(names[2])
     files = [references[0]]
     for (kind, struct), name in zip(sensors.items(), names[3:], strict=True):
         keys = {key: value for key, value in definitions.pop(name)["properties"].items() if key != "kind"}
         group = {**sourced, "title": "Properties", "properties": {**sourced["properties"], **keys}}
-        properties = {
-            **device["properties"],
-            "kind": {"const": kind},
-            "properties": {"type": "object", "additionalProperties": group},
-        }
-        definitions[f"{struct.__name__}Device"] = {
-            **device,
-            "title": f"Device of kind {kind}",
-            "properties": properties,
-        }
-        files.append({"$ref": f"#/$defs/{struct.__name__}Device"})
+        groups = {"type": "object", "additionalProperties": group}
+        properties = {**device["properties"], "kind": {"const": kind}, "properties": groups}
+        own_name = f"{struct.__name__}Device"
+        definitions[own_name] = {**device, "title": f"Device of kind {kind}", "properties": properties}
+        files.append({"$ref": f"#/$defs/{own_name}"})
     return {"anyOf": files, "$defs": definitions}

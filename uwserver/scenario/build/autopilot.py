@@ -40,32 +40,14 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.sensors import (
-    AltimeterConfig,
-    AttitudeConfig,
-    BatteryConfig,
-    DvlConfig,
-    GpsConfig,
-    ImuConfig,
-    LblConfig,
-    LeakConfig,
-    MotionCaptureConfig,
-    Pose,
-    PressureConfig,
-    SensorConfig,
-    UsblConfig,
-)
+from uwserver.sensors import LblConfig, Pose, PressureConfig, SensorConfig, UsblConfig
 from uwserver.world.components import ActuatorSlot, SensorSlot
 from uwserver.world.part import Carry
 from uwserver.world.piloting import Piloting
 from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10
-_HEARD = (
-    ImuConfig, AttitudeConfig, PressureConfig, DvlConfig, AltimeterConfig, GpsConfig, MotionCaptureConfig, UsblConfig,
-    LblConfig, LeakConfig, BatteryConfig,
-)  # fmt: skip
-_ONLY_ONE = (ImuConfig, AttitudeConfig, PressureConfig, BatteryConfig)
+_ONLY_ONE = ("imu", "attitude", "pressure", "battery")
 _UNKNOWN_PUSH = 0.5
 """Acceleration (m/s2, rad/s2) that a vehicle without thrusters is taken to be able to give itself where its file says nothing."""
 
@@ -127,12 +109,11 @@ def build_autopilot(
         on_low_battery=config.on_low_battery,
     )
     pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text), world.answers)
-    slots = tuple(_set_point_slots(world, path, pilot, config))
-    pilot.set_points = {
-        slot.port.path.rsplit("/", 1)[1]: slot for slot in slots if not slot.port.path.endswith("/pilot")
-    }
+    slots = dict(_set_point_slots(world, path, pilot, config))
+    pilot.set_points = {name: slot for name, slot in slots.items() if name != "pilot"}
     pilot.begin()
-    return Piloted(Piloting(pilot), _state_slot(world, path, pilot, config, row), slots, tuple(services(pilot)))
+    state = _state_slot(world, path, pilot, config, row)
+    return Piloted(Piloting(pilot), state, tuple(slots.values()), tuple(services(pilot)))
 
 
 def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
@@ -152,14 +133,16 @@ def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
     return round(physics / Fraction(str(wanted)))
 
 
-def _set_point_slots(world: World, path: str, pilot: Autopilot, config: AutopilotConfig) -> Iterator[ActuatorSlot]:
-    timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S} | dict.fromkeys(
-        ("velocity", "attitude"), config.setpoint_timeout_s
-    )
+def _set_point_slots(
+    world: World, path: str, pilot: Autopilot, config: AutopilotConfig
+) -> Iterator[tuple[str, ActuatorSlot]]:
+    """Its ports for commands, by name."""
+    timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S}
+    timeouts |= dict.fromkeys(("velocity", "attitude"), config.setpoint_timeout_s)
     for name, point in set_points(pilot):
         timeout = timeouts.get(name, 0.0)
         port = Port(f"{path}/{name}", "actuator", "autopilot", point.fields, point.doc, timeout_s=timeout or None)
-        yield ActuatorSlot(port, point, world.rate_hz, round(Fraction(str(timeout)) * world.rate_hz))
+        yield name, ActuatorSlot(port, point, world.rate_hz, round(Fraction(str(timeout)) * world.rate_hz))
 
 
 def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
@@ -178,17 +161,18 @@ def _sources(
     world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose], ports: Mapping[str, Port]
 ) -> dict[str, Source]:
     found: dict[str, Source] = {}
-    taken: set[type] = set()
+    taken: set[str] = set()
     for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
-        if not isinstance(sensor, _HEARD) or (isinstance(sensor, _ONLY_ONE) and type(sensor) in taken):
+        kind = str(sensor.__struct_config__.tag)
+        if kind not in Estimator.UPDATES or (kind in _ONLY_ONE and kind in taken):
             continue
-        taken.add(type(sensor))
+        taken.add(kind)
         mount = mounts[key]
         density = atmosphere = 0.0
         if isinstance(sensor, PressureConfig) and sensor.output == "pressure":
             density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
         found[f"{name}/{key}"] = Source(
-            kind=str(sensor.__struct_config__.tag),
+            kind=kind,
             fields=ports[f"{name}/{key}"].fields,
             p=mount.p,
             q=mount.q,

@@ -9,18 +9,18 @@ import numpy as np
 from msgspec import UNSET, UnsetType, structs
 
 from uwserver.actuators import ActuatorConfig, Body
-from uwserver.frames import quat_from_rpy
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import add_body
+from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
-from uwserver.units import NANOSECONDS, rad
+from uwserver.units import NANOSECONDS
 from uwserver.world.components import ActuatorSlot, Member, SensorSlot, SideStream
 from uwserver.world.services import component_services
 from uwserver.world.vehicle import Vehicle
@@ -62,8 +62,8 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
     row = body.row
     wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
     mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
-    built: dict[str, SensorSlot] = {}
     made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}
+    built: dict[str, SensorSlot] = {}
     for key, sensor in sorted(made.items(), key=lambda item: item[1].repeats):
         built[key] = _sensor(world, f"{name}/{key}", file.sensors[key], sensor, row, mounts[key], built)
     for slot in built.values():
@@ -87,18 +87,22 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, 
 
 def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
     tables = {name: device.electric for name, device in resolved.devices.items()}
-    return {
-        name: Electric(table.power_WpN15, table.speed_radpspN05)
-        for name, table in tables.items()
-        if not isinstance(table, UnsetType)
-    }
+    return {name: electric_of(table) for name, table in tables.items() if not isinstance(table, UnsetType)}
+
+
+def electric_of(table: ElectricTable) -> Electric:
+    """How a thruster draws power and turns, from its device's table."""
+    power, speed = table.reverse_power_WpN15, table.reverse_speed_radpspN05
+    return Electric(
+        (table.power_WpN15, table.power_WpN15 if isinstance(power, UnsetType) else power),
+        (table.speed_radpspN05, table.speed_radpspN05 if isinstance(speed, UnsetType) else speed),
+    )
 
 
 def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
     """X_BS of a sensor: its mount's, or its own."""
     place = config if config.mount is UNSET else file.mounts[str(config.mount)]
-    roll, pitch, yaw = (rad(angle) for angle in place.rpy_deg)
-    return Pose(place.position_frd_m, quat_from_rpy(roll, pitch, yaw))
+    return Pose.from_degrees(place.rpy_deg, place.position_frd_m)
 
 
 def _sensor(
@@ -117,15 +121,8 @@ def _sensor(
     sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
-    slot = SensorSlot(
-        port,
-        row,
-        sensor,
-        _modifiers(world, port, config.modifiers),
-        world.rate_hz,
-        divisor,
-        round((config.latency_s or 0.0) * NANOSECONDS),
-    )
+    modifiers, latency_ns = _modifiers(world, port, config.modifiers), round((config.latency_s or 0.0) * NANOSECONDS)
+    slot = SensorSlot(port, row, sensor, modifiers, world.rate_hz, divisor, latency_ns)
     sides = {name: structs.replace(port, path=f"{path}/{name}") for name in config.streams}
     slot.sides = tuple(
         SideStream(sides[name], stream.ideal, _modifiers(world, sides[name], stream.modifiers))
@@ -165,6 +162,5 @@ def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> Ac
     actuator = config.build(body)
     fields: tuple[Field, ...] = actuator.fields
     kind = str(config.__struct_config__.tag)
-    timeout = config.timeout_s or None
-    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=timeout)
+    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=config.timeout_s or None)
     return ActuatorSlot(port, actuator, world.rate_hz, round(physics_rate(config.timeout_s) * world.rate_hz))

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
-from uwserver.frames import Quat, Vec3, quat_from_rpy
+from uwserver.frames import IDENTITY, Quat, Vec3
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
@@ -21,9 +21,9 @@ from uwserver.scenario.solids.shapes import missing_engines
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.sensors import Pose
 from uwserver.units import rad
 from uwserver.world.components import Member, Population
-from uwserver.world.faults import Faults
 from uwserver.world.part import State
 from uwserver.world.world import World
 
@@ -44,7 +44,7 @@ class Born(Struct, frozen=True):
 class PopulationState(State, frozen=True):
     """All bodies since the start, in the order of their rows; and what the scenario has, of which they are copies."""
 
-    scenario: tuple[str, ...]
+    scenario: Annotated[tuple[str, ...], Meta(max_length=65536)]
     born: Annotated[tuple[Born, ...], Meta(max_length=MAX_BODIES)]
 
 
@@ -54,12 +54,12 @@ class ScenarioPopulation(Population):
     path = "world/population"
     state_type = PopulationState
 
-    def __init__(self, world: World, resolved: Resolved, faults: Faults) -> None:
+    def __init__(self, world: World, resolved: Resolved) -> None:
         self._world = world
         self._resolved = resolved
-        self._faults = faults
         self._born: tuple[Born, ...] = ()
         self._first_spawned = 0
+        self._parts: dict[str, tuple[str, ...]] = {}
         environment = resolved.scenario.environment
         files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
         alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
@@ -76,7 +76,7 @@ class ScenarioPopulation(Population):
         for name, entry in entries.items():
             if entry.present:
                 member = self._member(name, name)
-                self._place(member, entry.position_ned_m, _attitude(entry))
+                self._place(member, entry.position_ned_m, Pose.from_degrees(entry.attitude_rpy_deg).q)
                 nu = world.hydro.state[member.vehicle.row, NU : NU + 6]
                 nu[:3] = entry.velocity_frd_mps
                 if isinstance(entry, VehicleEntry):
@@ -131,8 +131,7 @@ class ScenarioPopulation(Population):
         if member is None:
             there = ", ".join(world.members) or "nothing"
             raise Refused("bad_argument", f'no "{shown(name)}" here, there is: {there}', "name")
-        self._faults.forget(name)
-        world.set_members(other for other in world.members.values() if other is not member)
+        world.dismiss(name)
         row = member.vehicle.row
         self._born = (*self._born[:row], replace(self._born[row], present=False), *self._born[row + 1 :])
         world.hydro.retire(row)
@@ -143,12 +142,23 @@ class ScenarioPopulation(Population):
         """Who is and was there."""
         return PopulationState(tuple(self._params), self._born)
 
+    def is_here(self, state: PopulationState) -> bool:
+        """See `Population.is_here`."""
+        return state.born == self._born and state.scenario == tuple(self._params)
+
+    def parts_of(self, state: PopulationState) -> set[str]:
+        """See `Population.parts_of`."""
+        kinds = {born.like for born in state.born if born.present}
+        parts = {like: self._parts.get(like) or self._try_out(like) for like in kinds}
+        return {f"{born.name}/{part}" for born in state.born if born.present for part in parts[born.like]}
+
+    def params_of(self, state: PopulationState) -> list[BodyParams]:
+        """See `Population.params_of`."""
+        return [self._params[born.like] for born in state.born]
+
     def members_of(self, state: PopulationState) -> list[Member]:
         """See `Population.members_of`."""
-        self.check(state)
         here = {member.vehicle.row: member for member in self._world.members.values()}
-        if state.born == self._born:
-            return list(here.values())
         hydro, members, same = self._world.hydro, list[Member](), True
         hydro.set_bodies(())
         for row, born in enumerate(state.born):
@@ -196,8 +206,18 @@ class ScenarioPopulation(Population):
 
     def _member(self, like: str, name: str) -> Member:
         if like in self._resolved.vehicles:
-            return vehicle_member(self._world, self._resolved.vehicles[like], self._params[like], name)
-        return object_member(self._world, self._resolved.objects[like], name)
+            member = vehicle_member(self._world, self._resolved.vehicles[like], self._params[like], name)
+        else:
+            member = object_member(self._world, self._resolved.objects[like], name)
+        self._parts[like] = tuple(part.path.removeprefix(f"{name}/") for part in member.parts)
+        return member
+
+    def _try_out(self, like: str) -> tuple[str, ...]:
+        """What the parts of a body are called of which none was ever here: from one that is made and forgotten."""
+        undo = self._world.hydro.arrays()
+        self._member(like, like)
+        self._world.hydro.go_back(undo)
+        return self._parts[like]
 
     def _place(self, member: Member, p_NB: Vec3, q_NB: Quat) -> None:
         state = self._world.hydro.state[member.vehicle.row]
@@ -233,31 +253,12 @@ class ScenarioPopulation(Population):
             return None
 
         name = Argument("name", "str", "the first level of its paths")
-        like = Argument(
-            "like", "str", "a vehicle or object of the scenario, whether or not it is in the world now", choices=kinds
-        )
+        alike = "a vehicle or object of the scenario, whether or not it is in the world now"
+        like = Argument("like", "str", alike, choices=kinds)
         p_NB = Argument("p_NB", "float", "position of its origin in N", "m", shape=(3,), minimum=-1e6, maximum=1e6)
-        q_NB = Argument(
-            "q_NB",
-            "float",
-            "attitude, w x y z; normalised",
-            "1",
-            shape=(4,),
-            required=False,
-            default=[1.0, 0.0, 0.0, 0.0],
-        )
+        turned = "attitude, w x y z; normalised"
+        q_NB = Argument("q_NB", "float", turned, "1", shape=(4,), required=False, default=list(IDENTITY))
         if kinds:
-            self._world.offer(
-                Service(
-                    "world/spawn",
-                    "Add a body with its components, built like one of the scenario.",
-                    (name, like, p_NB, q_NB),
-                ),
-                spawn,
-            )
+            add = "Add a body with its components, built like one of the scenario."
+            self._world.offer(Service("world/spawn", add, (name, like, p_NB, q_NB)), spawn)
         self._world.offer(Service("world/remove", "Remove a body and its components from the world.", (name,)), remove)
-
-
-def _attitude(entry: VehicleEntry | ObjectEntry) -> Quat:
-    roll, pitch, yaw = (rad(angle) for angle in entry.attitude_rpy_deg)
-    return quat_from_rpy(roll, pitch, yaw)

@@ -205,10 +205,8 @@ def check_name(path: KeyPath, report: Report) -> bool:
     name = str(path[-1])
     if NAME.fullmatch(name):
         return True
-    report(
-        path,
-        f'"{name}" cannot be a name: begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)',
-    )
+    rule = "begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)"
+    report(path, f'"{name}" cannot be a name: {rule}')
     return False
 
 

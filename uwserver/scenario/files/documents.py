@@ -84,10 +84,9 @@ def from_tables(raw: dict[str, Any], label: str) -> Document:
 
     def visit(value: object, path: KeyPath) -> None:
         locations[path] = (0, 0)
-        items = (
-            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, (list, tuple)) else ()
-        )
-        for key, item in items:
+        if isinstance(value, (list, tuple)):
+            value = dict(enumerate(value))
+        for key, item in value.items() if isinstance(value, dict) else ():
             visit(item, (*path, key))
 
     visit(raw, ())
@@ -119,10 +118,8 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
     if path.is_file():
         return path
     names = list(shipped(folder))
-    hint = did_you_mean(reference, names)
-    fail(
-        f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; a file of your own needs its ".toml"'
-    )
+    hint, there = did_you_mean(reference, names), ", ".join(names) or "none"
+    fail(f'unknown {noun} "{reference}"{hint}; shipped: {there}; a file of your own needs its ".toml"')
     return None
 
 

@@ -23,9 +23,8 @@ def check_scenario(tree: Node, report: Report, warn: Report) -> None:
             if truth is not None:
                 check_rate(truth.rate_hz, world.rate_hz, ("vehicles", name, "truth", "rate_hz"), report)
     if "world" in vehicles:
-        report(
-            ("vehicles", "world"), '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
-        )
+        text = '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
+        report(("vehicles", "world"), text)
     check_environment(tree.at("environment"), report, warn)
     check_density(tree, report, warn)
     if tree.value is not None:
@@ -41,8 +40,6 @@ def _check_ports(scenario: Scenario, warn: Report) -> None:
         if not isinstance(port, int) or port == 0:
             continue
         if port in taken:
-            warn(
-                ("adapters", name, "port"),
-                f"{taken[port]} uses port {port} too: unless one is TCP and one UDP, one of them cannot start",
-            )
+            text = f"{taken[port]} uses port {port} too: unless one is TCP and one UDP, one of them cannot start"
+            warn(("adapters", name, "port"), text)
         taken.setdefault(port, f"adapters.{name}")

@@ -65,18 +65,12 @@ def _run_and_list(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Prob
         yield Problem(label, error.lineno or 0, error.offset or 0, "", f"no valid Python: {error.msg}")
         return
     except Exception as error:  # noqa: BLE001 - a file of the user may fail in any way
-        yield Problem(
-            label,
-            place_of(error, str(path))[1],
-            1,
-            "",
-            f"it failed while it was loaded: {type(error).__name__}: {error}",
-        )
+        text = f"it failed while it was loaded: {type(error).__name__}: {error}"
+        yield Problem(label, place_of(error, str(path))[1], 1, "", text)
         return
     if not any(hasattr(module, name) for name in _LISTS):
-        yield Problem(
-            label, 1, 1, "", f"it adds nothing: list its kinds in {', '.join(_LISTS)}, as SENSORS = (MySensorTable,)"
-        )
+        text = f"it adds nothing: list its kinds in {', '.join(_LISTS)}, as SENSORS = (MySensorTable,)"
+        yield Problem(label, 1, 1, "", text)
     for name, (base, union) in _LISTS.items():
         listed = getattr(module, name, ())
         if not isinstance(listed, Sequence):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.scenario.files.convert import Converter, Known, Node, check_name
+from uwserver.scenario.files.convert import Converter, Known, Node, Report, check_name
 from uwserver.scenario.files.documents import Document, find, from_tables, read
-from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, suggestion
+from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, suggestion
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.checks import check_scenario
 from uwserver.scenario.load.export import tables
@@ -61,15 +62,11 @@ def scenario_tree(raw: dict[str, Any], adapters: Mapping[str, type], converter: 
 def _open(source: str | Path | Scenario) -> Document:
     if isinstance(source, Scenario):
         return from_tables(tables(source), source.title or "scenario")
-    problems: list[Problem] = []
-
-    def fail(text: str) -> None:
-        problems.append(Problem(str(source), 0, 0, "", text))
-
+    problems: list[str] = []
     reference = source if isinstance(source, str) else os.fspath(source.absolute())
-    path = find(reference, "", Path.cwd(), fail)
+    path = find(reference, "", Path.cwd(), problems.append)
     if path is None:
-        raise ScenarioError(problems)
+        raise ScenarioError([Problem(str(source), 0, 0, "", text) for text in problems])
     return read(path)
 
 
@@ -116,12 +113,9 @@ class _Load:
             for name, entry in entries(key, scenario.vehicles[key]).items()
         }
         scenario = msgspec.structs.replace(scenario, vehicles={name: each.entry for name, each in vehicles.items()})
-        path = self._document.path
-        solids = self._solids
-        return Resolved(
-            path.stem if path else self._document.label, scenario, vehicles, path, problems, solids.static, solids.objects,
-            solids.materials.names,
-        )  # fmt: skip
+        path, solids = self._document.path, self._solids
+        name, materials = path.stem if path else self._document.label, solids.materials.names
+        return Resolved(name, scenario, vehicles, path, problems, solids.static, solids.objects, materials)
 
     def _vehicle(self, name: str, entry: Mapping[str, Any]) -> None:
         document, path = self._document, ("vehicles", name, "model")
@@ -159,9 +153,8 @@ class _Load:
             for beacon, vehicle in carriers(sensor):
                 if vehicle not in vehicles:
                     path: KeyPath = ("sensors", name, "beacons", beacon, "vehicle")
-                    self._report(merged)(
-                        path, f'no vehicle "{vehicle}"{suggestion(vehicle, vehicles, "; there are: ")}'
-                    )
+                    text = f'no vehicle "{vehicle}"{suggestion(vehicle, vehicles, "; there are: ")}'
+                    self._report(merged)(path, text)
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:
         devices: dict[str, ThrusterDevice] = {}
@@ -170,10 +163,7 @@ class _Load:
             if not isinstance(reference, str) or not reference:
                 continue
             path: KeyPath = ("thrusters", name, "device")
-
-            def fail(text: str, path: KeyPath = path) -> None:
-                self._report(merged)(path, text)
-
+            fail = partial(self._report(merged), path)
             device = self._device(find(reference, "devices", merged.folder_of(path), fail))
             if device is not None:
                 devices[name] = device
@@ -207,7 +197,7 @@ class _Load:
         beside = document.path.parent if document.path else Path.cwd()
 
         def keys_of(reference: str, place: KeyPath) -> Mapping[str, Any] | None:
-            path = find(reference, "devices", beside, lambda text: report(place, text))
+            path = find(reference, "devices", beside, partial(report, place))
             if path is not None and path not in self._profiles:
                 file = self._read(path)
                 self._profiles[path] = None if file is None else check_profile(file.raw, self._report(file), self._more)
@@ -229,17 +219,14 @@ class _Load:
     def _converter(self, place: Document | MergedFile) -> Converter:
         return Converter(self._report(place), self._more, self._known)
 
-    def _report(self, place: Document | MergedFile) -> Callable[..., None]:
+    def _report(self, place: Document | MergedFile, severity: Severity = "error") -> Report:
         def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
-            self._problems.append(place.problem(path, text, at))
+            self._problems.append(place.problem(path, text, at, severity))
 
         return report
 
-    def _warn(self, place: Document | MergedFile) -> Callable[..., None]:
-        def warn(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
-            self._problems.append(place.problem(path, text, at, "warning"))
-
-        return warn
+    def _warn(self, place: Document | MergedFile) -> Report:
+        return self._report(place, "warning")
 
 
 def _without_disabled(vehicle: VehicleFile) -> VehicleFile:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from msgspec import UNSET
@@ -51,18 +52,12 @@ class SolidFiles:
         materials: numbers of materials.
     """
 
-    def __init__(
-        self,
-        document: Document,
-        scenario: Node,
-        report: Report,
-        warn: Report,
-    ) -> None:
+    def __init__(self, document: Document, scenario: Node, report: Report, warn: Report) -> None:
         self.static: dict[str, Solid] = {}
         self.objects: dict[str, ResolvedObject] = {}
         self.vehicles: dict[str, Solid] = {}
         self.materials = Materials()
-        self._scenario, self._report, self._warn = scenario, report, warn
+        self._scenario, self._report = scenario, report
         self._folder = document.path.parent if document.path else Path.cwd()
         self._reported = False
         self._read_seabed(scenario.at("world").value)
@@ -72,11 +67,8 @@ class SolidFiles:
             if name == "seabed":
                 report(path, '"seabed" is the table [seabed]: choose another name')
             elif table is not None and self._engines(path, report):
-                self._add_static(
-                    path,
-                    name,
-                    lambda n, t=table, p=path: structure_solid(n, t, self._folder, self.materials, self._warning(p)),
-                )
+                made = partial(structure_solid, name, table, self._folder, self.materials, partial(warn, path))
+                self._add_static(path, name, made)
         for name, node in scenario.at("objects").parts.items():
             self._read_object(name, node.value, scenario.at("environment").value)
 
@@ -87,16 +79,14 @@ class SolidFiles:
         contact: Contact | None = tree.at("contact").value
         if not tables or contact is None:
             return
-        if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(
-            ("collision",), report
-        ):
+        path: KeyPath = ("collision",)
+        if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(path, report):
             return
         try:
-            self.vehicles[name] = collision_solid(
-                name, tables, contact, folders, self.materials, lambda text: warn(("collision",), text)
-            )
+            told = partial(warn, path)
+            self.vehicles[name] = collision_solid(name, tables, contact, folders, self.materials, told)
         except BadSolid as error:
-            report(("collision",), str(error))
+            report(path, str(error))
 
     def check_places(self) -> None:
         """Vehicles and objects must not begin inside something."""
@@ -122,7 +112,8 @@ class SolidFiles:
                 origin = float(world.origin_lat_deg), float(world.origin_lon_deg)  # type: ignore[arg-type]
         table: Seabed | None = self._scenario.at("seabed").value
         if table is not None and world is not None and self._engines(("seabed",), self._report):
-            self._add_static(("seabed",), "seabed", lambda _: seabed_solid(table, self._folder, origin, self.materials))
+            made = partial(seabed_solid, table, self._folder, origin, self.materials)
+            self._add_static(("seabed",), "seabed", made)
 
     def _read_object(self, name: str, table: ObjectEntry | None, environment: Environment | None) -> None:
         path: KeyPath = ("objects", name)
@@ -140,14 +131,11 @@ class SolidFiles:
         solid = object_solid(name, table, self.materials)
         self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid)
 
-    def _add_static(self, path: KeyPath, name: str, make: Any) -> None:
+    def _add_static(self, path: KeyPath, name: str, make: Callable[[], Solid]) -> None:
         try:
-            self.static[name] = make(name)
+            self.static[name] = make()
         except BadSolid as error:
             self._report(path, str(error))
-
-    def _warning(self, path: KeyPath) -> Any:
-        return lambda text: self._warn(path, text)
 
     def _engines(self, path: KeyPath, report: Report) -> bool:
         """Whether all that solids need is installed; says so once."""

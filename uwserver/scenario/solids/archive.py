@@ -5,27 +5,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 import zstandard
 
-from uwserver.physics.geometry import shapes
 from uwserver.physics.geometry.shapes import Placed, Shape, Solid
 
-_KINDS: Mapping[str, type[Any]] = {
-    kind.__name__: kind
-    for kind in (
-        shapes.Box,
-        shapes.Sphere,
-        shapes.Cylinder,
-        shapes.Capsule,
-        shapes.HalfSpace,
-        shapes.ConvexHull,
-        shapes.TriangleMesh,
-    )
-}
+_KINDS: Mapping[str, type[Any]] = {kind.__name__: kind for kind in get_args(Shape)}
 LARGEST_BYTES = 1 << 30
 """No archive that is unpacked may be larger."""
 
@@ -53,32 +41,21 @@ def unpack(text: str) -> dict[str, Solid]:
 
 def _solid_to(solid: Solid) -> dict[str, Any]:
     placed = [
-        {
-            "p": each.p,
-            "q": each.q,
-            "material": each.material,
-            "kind": type(each.shape).__name__,
-            **_shape_to(each.shape),
-        }
-        for each in solid.shapes
+        {**vars(each), "kind": type(each.shape).__name__, "shape": _shape_to(each.shape)} for each in solid.shapes
     ]
-    return {
-        "name": solid.name, "friction": solid.friction, "restitution": solid.restitution, "material": solid.material,
-        "shapes": placed,
-    }  # fmt: skip
+    return {**vars(solid), "shapes": placed}
 
 
 def _shape_to(shape: Shape) -> dict[str, Any]:
-    values = {field.name: getattr(shape, field.name) for field in fields(shape)}
     return {
         name: [value.dtype.str, value.shape, value.tobytes()] if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
+        for name, value in vars(shape).items()
     }
 
 
 def _solid_from(table: dict[str, Any]) -> Solid:
     placed = tuple(
-        Placed(_shape_from(_KINDS[each["kind"]], each), tuple(each["p"]), tuple(each["q"]), each["material"])
+        Placed(_shape_from(_KINDS[each["kind"]], each["shape"]), tuple(each["p"]), tuple(each["q"]), each["material"])
         for each in table["shapes"]
     )
     return Solid(table["name"], placed, table["friction"], table["restitution"], table["material"])

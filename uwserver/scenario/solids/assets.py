@@ -75,9 +75,8 @@ def read_hull(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn
     except QhullError as error:
         raise BadSolid(f'the points of "{path.name}" span no volume') from error
     lost = float((corners @ planes[:, :3].T + planes[:, 3]).max())
-    warn(
-        f'the hull of "{path.name}" is simplified from {len(corners)} to {len(kept)} corners: up to {lost:.3g} m are cut off'
-    )
+    fewer = f"from {len(corners)} to {len(kept)} corners"
+    warn(f'the hull of "{path.name}" is simplified {fewer}: up to {lost:.3g} m are cut off')
     return ConvexHull(kept)
 
 

@@ -58,13 +58,10 @@ def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None)
     if table.extent_m is not UNSET:
         grid = _within(grid, table.extent_m)
     if min(grid.depth.shape) < 2:
-        raise BadSolid(
-            f'"{path.name}" has {grid.depth.shape[0]} x {grid.depth.shape[1]} points in reach: at least 2 x 2'
-        )
+        rows, columns = grid.depth.shape
+        raise BadSolid(f'"{path.name}" has {rows} x {columns} points in reach: at least 2 x 2')
     if grid.depth.size > MOST_POINTS:
-        raise BadSolid(
-            f'"{path.name}" has {grid.depth.size} points: take at most {MOST_POINTS}, by extent_m or by thinning'
-        )
+        raise _too_many(path, grid.depth.size)
     bad = int((~np.isfinite(grid.depth)).sum())
     if bad:
         raise BadSolid(f'{bad} of {grid.depth.size} depths in "{path.name}" are not finite: fill them')
@@ -100,9 +97,7 @@ def _from_numpy(table: GridSeabed, path: Path) -> Grid:
     if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "fiu":
         raise BadSolid(f'"{path.name}" must hold an array of numbers with rows and columns')
     if table.extent_m is UNSET and values.size > MOST_POINTS:
-        raise BadSolid(
-            f'"{path.name}" has {values.size} points: take at most {MOST_POINTS}, by extent_m or by thinning'
-        )
+        raise _too_many(path, values.size)
     depth = values.astype(np.float64)
     if table.values == "elevation":
         depth = -depth
@@ -132,7 +127,7 @@ def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | No
                 raise BadSolid(f'"{path.name}": {name} does not rise or fall all along')
         part = _window(axes, origin, table)
         if np.prod([len(axis[p]) for axis, p in zip(axes, part, strict=True)]) > MOST_POINTS:
-            raise BadSolid(f'"{path.name}" has {shape} points: take at most {MOST_POINTS}, by extent_m or by thinning')
+            raise _too_many(path, shape)
         # A global grid is never read whole.
         values = _scaled(variables[table.variable], part)
     latitude, longitude = (axis[p] for axis, p in zip(axes, part, strict=True))
@@ -140,11 +135,13 @@ def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | No
         latitude, values = latitude[::-1], values[::-1]
     if len(longitude) and longitude[0] > longitude[-1]:
         longitude, values = longitude[::-1], values[:, ::-1]
-    to_rad = rad(1.0)
-    north, east = north_east(
-        *np.meshgrid(latitude * to_rad, longitude * to_rad, indexing="ij"), rad(origin[0]), rad(origin[1])
-    )
+    places = np.meshgrid(latitude * rad(1.0), longitude * rad(1.0), indexing="ij")
+    north, east = north_east(*places, rad(origin[0]), rad(origin[1]))
     return Grid(north, east, values if table.values == "depth" else -values)
+
+
+def _too_many(path: Path, points: object) -> BadSolid:
+    return BadSolid(f'"{path.name}" has {points} points: take at most {MOST_POINTS}, by extent_m or by thinning')
 
 
 def _window(axes: list[FloatArray], origin: tuple[float, float], table: GridSeabed) -> tuple[slice, slice]:
@@ -200,8 +197,7 @@ def _within(grid: Grid, extent: float) -> Grid:
     rows = np.flatnonzero((np.abs(grid.north) <= extent).any(axis=1))
     columns = np.flatnonzero((np.abs(grid.east) <= extent).any(axis=0))
     if not len(rows) or not len(columns):
-        raise BadSolid(
-            f"no point of the grid is within {extent:g} m of N's origin: check origin_lat_deg, origin_lon_deg"
-        )
+        text = f"no point of the grid is within {extent:g} m of N's origin"
+        raise BadSolid(f"{text}: check origin_lat_deg, origin_lon_deg")
     part = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
     return Grid(*(values[part] for values in grid))

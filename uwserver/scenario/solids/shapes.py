@@ -9,7 +9,6 @@ from typing import Any
 
 from msgspec import UNSET
 
-from uwserver.frames import Vec3, quat_from_rpy
 from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
@@ -24,7 +23,7 @@ from uwserver.physics.geometry.shapes import (
 from uwserver.scenario.solids.assets import read_hull, read_mesh
 from uwserver.scenario.solids.bathymetry import read_grid, triangulate
 from uwserver.scenario.solids.tables import Collision, Contact, FlatSeabed, ObjectEntry, Seabed, Structure
-from uwserver.units import rad
+from uwserver.sensors.base import Pose
 
 Warn = Callable[[str], None]
 ENGINES = ("pybullet", "embreex", "scipy")
@@ -74,7 +73,7 @@ def seabed_solid(table: Seabed, folder: Path, origin: tuple[float, float] | None
 
 def structure_solid(name: str, table: Structure, folder: Path, materials: Materials, warn: Warn) -> Solid:
     """A structure, in N. Raises BadSolid: see `read_mesh` and `read_hull`."""
-    q = _attitude(table.attitude_rpy_deg)
+    q = Pose.from_degrees(table.attitude_rpy_deg).q
     shapes = tuple(Placed(shape, table.position_ned_m, q) for shape in _shapes(table, folder, warn))
     return _solid(name, shapes, table, materials)
 
@@ -89,7 +88,7 @@ def collision_solid(
 ) -> Solid:
     """The collision shapes of a vehicle, in B; `folders` says where the file name of each starts. Raises BadSolid: see `read_hull`."""
     shapes = tuple(
-        Placed(shape, table.center_frd_m, _attitude(table.rpy_deg))
+        Placed(shape, table.center_frd_m, Pose.from_degrees(table.rpy_deg).q)
         for key, table in tables.items()
         for shape in _shapes(table, folders[key], warn)
     )
@@ -121,8 +120,3 @@ def _shapes(table: Any, folder: Path, warn: Warn) -> tuple[Shape, ...]:
         return (Sphere(table.radius_m),)
     round_shape = Cylinder if kind == "cylinder" else Capsule
     return (round_shape(table.radius_m, 0.5 * table.length_m),)
-
-
-def _attitude(rpy_deg: Vec3) -> tuple[float, float, float, float]:
-    roll, pitch, yaw = (rad(angle) for angle in rpy_deg)
-    return quat_from_rpy(roll, pitch, yaw)

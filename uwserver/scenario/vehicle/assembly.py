@@ -13,14 +13,7 @@ from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath, Problem, Severity
 from uwserver.scenario.files.merge import merged
 from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
-from uwserver.scenario.vehicle.tables import (
-    AddedMass,
-    Buoyancy,
-    Damping,
-    RigidBody,
-    Thruster,
-    ThrusterDevice,
-)
+from uwserver.scenario.vehicle.tables import AddedMass, Buoyancy, Damping, RigidBody, Thruster, ThrusterDevice
 from uwserver.sensors import SensorConfig
 
 

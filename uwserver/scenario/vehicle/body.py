@@ -18,7 +18,6 @@ from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
 from uwserver.scenario.vehicle.appendages import appendages
 from uwserver.scenario.vehicle.tables import (
     BoxShape,
-    Buoyancy,
     Coefficients,
     ForceCurve,
     LagTable,
@@ -75,7 +74,7 @@ def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], env
         buoyancy=buoyancy,
         r_g=vehicle.rigid_body.center_of_mass_frd_m,
         r_b=vehicle.buoyancy.center_frd_m,
-        shapes=_shapes(vehicle.buoyancy),
+        shapes=tuple(map(_shape, vehicle.buoyancy.shapes.values())),
         displaced=environment.density * vehicle.buoyancy.volume_m3,
         thrusters=tuple(
             thruster_params(name, thruster, devices[name], environment.density)
@@ -129,25 +128,24 @@ def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, densi
 
 
 def force_table(device: ThrusterDevice) -> ForceTable:
-    """Static force against command, a curve for each voltage of the device, in rising order of voltage."""
-    curves = sorted(device.curves.values(), key=lambda curve: curve.voltage_V)
-    return ForceTable(
-        tuple(curve.voltage_V for curve in curves), tuple(_curve(curve, device.shape.coefficients) for curve in curves)
-    )
+    """Static force against command, a curve for each voltage of a checked device, in rising order of voltage."""
+    curves = {
+        table.voltage_V: tuple(zip(table.commands, table.forces_N, strict=True)) for table in device.tables.values()
+    }
+    if not isinstance(device.shape, UnsetType):
+        coefficients = device.shape.coefficients
+        curves |= {curve.voltage_V: _curve(curve, coefficients) for curve in device.curves.values()}
+    voltages = sorted(curves)
+    return ForceTable(tuple(voltages), tuple(curves[voltage] for voltage in voltages))
 
 
 def _curve(curve: ForceCurve, coefficients: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
     low, high = curve.dead_band
     n = (TABLE_SIZE - 2) // 2
-    full = _odd(coefficients, 1.0)
-    points = [
-        (-1.0 + k / n * (1.0 + low), -curve.max_reverse_N * _odd(coefficients, 1.0 - k / n) / full) for k in range(n)
-    ]
-    points += [(low, 0.0), (high, 0.0)]
-    points += [
-        (high + k / n * (1.0 - high), curve.max_forward_N * _odd(coefficients, k / n) / full) for k in range(1, n + 1)
-    ]
-    return tuple(points)
+    full, forward, reverse = _odd(coefficients, 1.0), curve.max_forward_N, curve.max_reverse_N
+    astern = [(-1.0 + k / n * (1.0 + low), -reverse * _odd(coefficients, 1.0 - k / n) / full) for k in range(n)]
+    ahead = [(high + k / n * (1.0 - high), forward * _odd(coefficients, k / n) / full) for k in range(1, n + 1)]
+    return (*astern, (low, 0.0), (high, 0.0), *ahead)
 
 
 def _odd(coefficients: tuple[float, ...], v: float) -> float:
@@ -172,17 +170,12 @@ def lag(table: LagTable) -> Lag:
     return Lag(tuple(b), tuple(a))
 
 
-def _shapes(buoyancy: Buoyancy) -> tuple[BuoyancyShape, ...]:
-    return tuple(_shape(shape) for shape in buoyancy.shapes.values())
-
-
 def _shape(shape: BoxShape | SphereShape) -> BuoyancyShape:
     if isinstance(shape, BoxShape):
         x, y, z = shape.size_m
         return BuoyancyShape(SHAPE_BOX, shape.center_frd_m, (x / 2, y / 2, z / 2), x * y * z)
-    return BuoyancyShape(
-        SHAPE_SPHERE, shape.center_frd_m, (shape.radius_m, 0.0, 0.0), 4.0 / 3.0 * math.pi * shape.radius_m**3
-    )
+    volume = 4.0 / 3.0 * math.pi * shape.radius_m**3
+    return BuoyancyShape(SHAPE_SPHERE, shape.center_frd_m, (shape.radius_m, 0.0, 0.0), volume)
 
 
 def _rigid_body(body: RigidBody) -> FloatArray:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from msgspec import UNSET, Struct
 
 from uwserver.actuators import ThrusterConfig, ThrustersConfig
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.vehicle.appendage_checks import check_appendages, check_member
@@ -20,8 +20,8 @@ from uwserver.scenario.world.tables import WorldTable
 _ROUNDING = 1e-9
 _TRIM = 0.05
 """Buoyancy this far from the weight (relative) is worth a word."""
-
-Matrix = npt.NDArray[np.float64]
+_SURFACE = 2.0
+"""With shapes that displace more than this many times its weight a vehicle is meant to float, and is told nothing."""
 
 
 def check_vehicle(
@@ -38,10 +38,8 @@ def check_vehicle(
         _check_matrices(draft, environment, report, warn)
     for name, thruster in draft.thrusters.items():
         if not any(thruster.axis_frd):
-            report(
-                ("thrusters", name, "axis_frd"),
-                "the axis has no direction: give the direction of the force at a positive command",
-            )
+            text = "the axis has no direction: give the direction of the force at a positive command"
+            report(("thrusters", name, "axis_frd"), text)
     _check_members(draft, report)
     check_appendages(draft, report)
     _check_names(draft, report)
@@ -91,16 +89,12 @@ def _check_matrices(draft: Draft, environment: Environment | None, report: Repor
     if worst is not None and draft.added_mass.symmetrise:
         warn(("added_mass",), f"M_A is not symmetric, its symmetric part is used: {worst}")
     elif worst is not None:
-        report(
-            ("added_mass",),
-            f"M_A is not symmetric: {worst}; correct it, or take its symmetric part by symmetrise = true",
-        )
+        text = f"M_A is not symmetric: {worst}; correct it, or take its symmetric part by symmetrise = true"
+        report(("added_mass",), text)
     least = _least_eigenvalue(M_A)
     if least < -_ROUNDING * float(np.abs(M_A).max()):
-        report(
-            ("added_mass",),
-            f"M_A is not positive semi-definite (smallest eigenvalue {least:.3g}): check its signs and couplings",
-        )
+        text = f"M_A is not positive semi-definite (smallest eigenvalue {least:.3g}): check its signs and couplings"
+        report(("added_mass",), text)
     if environment is not None:
         _check_trim(body, environment, warn)
 
@@ -108,15 +102,15 @@ def _check_matrices(draft: Draft, environment: Environment | None, report: Repor
 def _check_trim(body: VehicleFile, environment: Environment, warn: Report) -> None:
     buoyancy, weight = buoyancy_and_weight(body, environment)
     excess = buoyancy - weight
+    if body.buoyancy.shapes and buoyancy > _SURFACE * weight:
+        return
     if abs(excess) > _TRIM * weight:
         what = "floats up" if excess > 0.0 else "sinks"
-        warn(
-            ("buoyancy",),
-            f"the vehicle {what} with {abs(excess):.4g} N (buoyancy {buoyancy:.4g} N, weight {weight:.4g} N)",
-        )
+        text = f"the vehicle {what} with {abs(excess):.4g} N (buoyancy {buoyancy:.4g} N, weight {weight:.4g} N)"
+        warn(("buoyancy",), text)
 
 
-def _asymmetry(M: Matrix) -> str | None:
+def _asymmetry(M: FloatArray) -> str | None:
     """The largest asymmetry in words; None within rounding. Rows and columns count from 1."""
     difference = np.abs(M - M.T)
     i, j = np.unravel_index(int(difference.argmax()), M.shape)
@@ -125,7 +119,7 @@ def _asymmetry(M: Matrix) -> str | None:
     return f"({i + 1},{j + 1}) is {M[i, j]:g} but ({j + 1},{i + 1}) is {M[j, i]:g}"
 
 
-def _least_eigenvalue(M: Matrix) -> float:
+def _least_eigenvalue(M: FloatArray) -> float:
     return float(np.linalg.eigvalsh(0.5 * (M + M.T))[0])
 
 

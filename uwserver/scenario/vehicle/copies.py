@@ -35,10 +35,8 @@ def places(name: str, first: Vector3, copies: Copies | UnsetType) -> Iterator[tu
 
 def entries(name: str, entry: VehicleEntry) -> dict[str, VehicleEntry]:
     """The table of each vehicle, none of which has copies any more."""
-    return {
-        each: replace(entry, position_ned_m=p, copies=UNSET)
-        for each, p in places(name, entry.position_ned_m, entry.copies)
-    }
+    each = places(name, entry.position_ned_m, entry.copies)
+    return {own_name: replace(entry, position_ned_m=p, copies=UNSET) for own_name, p in each}
 
 
 def starts(scenario: Node, table: str) -> Iterator[tuple[str, str, Vector3 | None]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.physics.kernel.layout import TABLE_VOLTAGES
+from uwserver.physics.kernel.layout import TABLE_SIZE, TABLE_VOLTAGES
 from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.vehicle.body import lag
-from uwserver.scenario.vehicle.tables import ForceCurve, LagTable, Shape
+from uwserver.scenario.vehicle.tables import ForceCurve, LagTable, MeasuredCurve, Shape
 
 
 def check_device(device: Node, report: Report) -> None:
@@ -16,27 +18,51 @@ def check_device(device: Node, report: Report) -> None:
     shape: Shape | None = device.at("shape").value
     if shape is not None and not sum(shape.coefficients) > 0.0:
         report(("shape", "coefficients"), "their sum, the force at full command, must be greater than 0")
-    _check_curves(device.at("curves"), report)
+    if "shape" not in device.parts and device.at("curves").parts:
+        report(("curves",), "need a shape, the force between dead band and limits; or give measured points as tables")
+    _check_voltages(device, report)
+    tables: dict[str, MeasuredCurve] = device.at("tables").values()
+    for name, measured in tables.items():
+        _check_points(("tables", name), measured, report)
+    curves: dict[str, ForceCurve] = device.at("curves").values()
+    for name, curve in curves.items():
+        low, high = curve.dead_band
+        if not -1.0 < low <= 0.0 <= high < 1.0:
+            report(("curves", name, "dead_band"), f"({low:g}, {high:g}) must lie inside (-1, 1), with 0 in it")
     table: LagTable | None = device.at("lag").value
     if table is not None:
         _check_lag(table, report)
 
 
-def _check_curves(curves: Node, report: Report) -> None:
-    if not 1 <= len(curves.parts) <= TABLE_VOLTAGES:
-        report(("curves",), f"needs 1 to {TABLE_VOLTAGES} force curves, found {len(curves.parts)}")
+def _check_voltages(device: Node, report: Report) -> None:
+    """A curve for each voltage, and no more than the kernel has room for."""
+    count = sum(len(device.at(part).parts) for part in ("tables", "curves"))
+    if not 1 <= count <= TABLE_VOLTAGES:
+        report(("curves",), f"needs 1 to {TABLE_VOLTAGES} force curves, found {count}")
     voltages: dict[float, str] = {}
-    good: dict[str, ForceCurve] = curves.values()
-    for name, curve in good.items():
-        low, high = curve.dead_band
-        if not -1.0 < low <= 0.0 <= high < 1.0:
-            report(("curves", name, "dead_band"), f"({low:g}, {high:g}) must lie inside (-1, 1), with 0 in it")
-        if curve.voltage_V in voltages:
-            report(
-                ("curves", name, "voltage_V"),
-                f'the curve "{voltages[curve.voltage_V]}" is for {curve.voltage_V:g} V too',
-            )
-        voltages.setdefault(curve.voltage_V, name)
+    for part in ("tables", "curves"):
+        good: dict[str, MeasuredCurve | ForceCurve] = device.at(part).values()
+        for name, curve in good.items():
+            if curve.voltage_V in voltages:
+                report(
+                    (part, name, "voltage_V"),
+                    f'the curve "{voltages[curve.voltage_V]}" is for {curve.voltage_V:g} V too',
+                )
+            voltages.setdefault(curve.voltage_V, name)
+
+
+def _check_points(where: tuple[str, ...], table: MeasuredCurve, report: Report) -> None:
+    u, force = table.commands, table.forces_N
+    if not 2 <= len(u) <= TABLE_SIZE or len(u) != len(force):
+        report(
+            where,
+            f"needs 2 to {TABLE_SIZE} commands and a force for each, found {len(u)} commands and {len(force)} forces",
+        )
+        return
+    if (u[0], u[-1]) != (-1.0, 1.0) or any(b <= a for a, b in pairwise(u)):
+        report((*where, "commands"), "must rise from -1 to 1")
+    if any(b < a for a, b in pairwise(force)) or not force[0] <= 0.0 <= force[-1]:
+        report((*where, "forces_N"), "must not fall, from at most 0 to at least 0")
 
 
 def _check_lag(table: LagTable, report: Report) -> None:

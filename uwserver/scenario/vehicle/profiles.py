@@ -16,7 +16,7 @@ from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 
-_PROVENANCE = ("source", "status")
+_PROVENANCE = Sourced.__struct_fields__
 _BEACONS = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
 _OF_THE_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS, "rpm": {"members": ["t1"]}}
 """Keys that a sensor needs and no device has, as they say where it is used; by kind."""

@@ -44,10 +44,8 @@ def check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTabl
             report((*path, "mount"), text)
         for key in ("position_frd_m", "rpy_deg"):
             if key in draft.tree.at("sensors", name).parts:
-                report(
-                    (*path, key),
-                    f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two',
-                )
+                text = f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two'
+                report((*path, key), text)
     modifiers: dict[KeyPath, ModifierConfig] = {(*path, "modifiers", key): m for key, m in sensor.modifiers.items()}
     for stream_name, stream in sensor.streams.items():
         place: KeyPath = (*path, "streams", stream_name)

@@ -23,7 +23,7 @@ from uwserver.scenario.vehicle.appendage_tables import (
     Sourced,
 )
 from uwserver.sensors import SensorConfig
-from uwserver.table import Name, Positive, Table, Vector3
+from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 Matrix6 = tuple[Six, Six, Six, Six, Six, Six]
@@ -138,8 +138,33 @@ class Autopilot(Sourced, kw_only=True, frozen=True):
     max_wrench: Six | UnsetType = UNSET
 
 
+Quantity = Literal[
+    "ahead_speed_mps", "astern_speed_mps", "sway_speed_mps", "descent_mps", "ascent_mps", "turning_diameter_m", "turn_rate_degps",
+    "spot_turn_rate_degps", "roll_period_s", "pitch_period_s", "glide_speed_mps", "glide_angle_deg", "bollard_ahead_N", "bollard_down_N",
+]  # fmt: skip
+"""What is known of a real vehicle's behaviour; the unit stands in the name."""
+
+
+class Published(Sourced, kw_only=True, frozen=True):
+    """A figure of the real vehicle, beside which `uwserver manoeuvres` puts that of this file. The simulation does not use it.
+
+    Attributes:
+        throttle: part of full thrust at which it was found.
+        rudder_deg: of a turn; default: that of the manoeuvre.
+    """
+
+    quantity: Quantity
+    value: NonNegative
+    throttle: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    rudder_deg: Positive | UnsetType = UNSET
+
+
 class VehicleFile(Table, kw_only=True, frozen=True):
-    """A whole vehicle file."""
+    """A whole vehicle file.
+
+    Attributes:
+        published: figures of the real vehicle, as ``[[published]]``.
+    """
 
     schema: Literal[1]
     name: str
@@ -161,10 +186,24 @@ class VehicleFile(Table, kw_only=True, frozen=True):
     actuators: dict[str, ActuatorConfig] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
     autopilot: Autopilot | UnsetType = UNSET
+    published: tuple[Published, ...] = ()
+
+
+class MeasuredCurve(Sourced, kw_only=True, frozen=True):
+    """Static force at one supply voltage as measured: straight lines between the points.
+
+    Attributes:
+        commands: rising from -1 to 1; the edges of the dead band are among them.
+        forces_N: of each command, not falling; 0 within the dead band.
+    """
+
+    voltage_V: Positive
+    commands: tuple[float, ...]
+    forces_N: tuple[float, ...]
 
 
 class ForceCurve(Sourced, kw_only=True, frozen=True):
-    """Static force at one supply voltage: limits, dead band, and the common `shape` between them."""
+    """Static force at one supply voltage of which only limits and dead band are known, with the device's `shape` between them."""
 
     voltage_V: Positive
     max_forward_N: Positive
@@ -207,21 +246,31 @@ class Electric(Sourced, kw_only=True, frozen=True):
     Attributes:
         power_WpN15: electric power is this times |T|**1.5.
         speed_radpspN05: shaft speed is this times sqrt(|T|).
+        reverse_power_WpN15: the same of negative thrust; as forward unless given.
+        reverse_speed_radpspN05: the same of negative thrust; as forward unless given.
     """
 
     power_WpN15: Positive
     speed_radpspN05: Positive
+    reverse_power_WpN15: Positive | UnsetType = UNSET
+    reverse_speed_radpspN05: Positive | UnsetType = UNSET
 
 
 class ThrusterDevice(Table, kw_only=True, frozen=True):
-    """A device file of a thruster."""
+    """A device file of a thruster: force curves of one or several supply voltages, linear in the voltage between them.
+
+    Attributes:
+        tables: curves that are measured point by point.
+        curves: those of which the limits are known; they need `shape`.
+    """
 
     schema: Literal[1]
     kind: Literal["thruster"]
     name: str
     default_voltage_V: Positive
-    shape: Shape
-    curves: dict[str, ForceCurve]
+    tables: dict[str, MeasuredCurve] = field(default_factory=dict)
+    shape: Shape | UnsetType = UNSET
+    curves: dict[str, ForceCurve] = field(default_factory=dict)
     lag: LagTable
     propeller: Propeller
     electric: Electric | UnsetType = UNSET

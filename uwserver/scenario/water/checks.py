@@ -37,9 +37,8 @@ def check_density(scenario: Node, report: Report, warn: Report) -> None:
     given = not isinstance(environment.density_kgpm3, UnsetType)
     path: KeyPath = ("environment", "density_kgpm3" if given else "water")
     if not (1.0 - WRONG) * least <= density <= (1.0 + WRONG) * most:
-        text = (
-            f"forces would act with {density:g} kg/m3, but the water of environment.water has {least:.1f} to {most:.1f}"
-        )
+        has = f"the water of environment.water has {least:.1f} to {most:.1f}"
+        text = f"forces would act with {density:g} kg/m3, but {has}"
         report(path, f"{text}: leave density_kgpm3 out, or change the water")
         return
     starts = [
@@ -48,9 +47,8 @@ def check_density(scenario: Node, report: Report, warn: Report) -> None:
         for name, entry in scenario.at(table).parts.items()
         if (p := entry.at("position_ned_m").value) is not None
     ]
-    off, depth, name = max(
-        ((abs(column.density_at(depth) - density), depth, name) for depth, name in starts), default=(0.0, 0.0, "")
-    )
+    differences = ((abs(column.density_at(depth) - density), depth, name) for depth, name in starts)
+    off, depth, name = max(differences, default=(0.0, 0.0, ""))
     if off > TELLING * density:
         there = column.density_at(depth)
         text = f"forces act with {density:.1f} kg/m3 at every depth, but at {depth:g} m, where {name} starts, the water has {there:.1f}"

@@ -20,11 +20,10 @@ def check_rate(rate_hz: float, physics_hz: float, path: KeyPath, report: Report)
     if ratio < 1.0:
         report(path, f"{rate_hz:g} Hz is above the physics rate of {physics_hz:g} Hz: use at most {physics_hz:g}")
         return
-    nearest = (
-        f"the nearest that do are {physics_hz / math.ceil(ratio):.12g} and {physics_hz / math.floor(ratio):.12g}"
-        if math.isfinite(ratio)
-        else "it is far too low"
-    )
+    nearest = "it is far too low"
+    if math.isfinite(ratio):
+        below, above = physics_hz / math.ceil(ratio), physics_hz / math.floor(ratio)
+        nearest = f"the nearest that do are {below:.12g} and {above:.12g}"
     report(path, f"{rate_hz:g} Hz does not divide the physics rate of {physics_hz:g} Hz: {nearest}")
 
 
@@ -37,9 +36,8 @@ def check_time(world: WorldTable, report: Report) -> None:
         report(path, f'"{world.epoch_utc}" is no instant: {error}')
     clock = world.clock
     if clock.mode == "lockstep" and not clock.lockstep_clients:
-        report(
-            ("world", "clock"), 'mode "lockstep" needs lockstep_clients, the names of the clients that grant each tick'
-        )
+        text = 'mode "lockstep" needs lockstep_clients, the names of the clients that grant each tick'
+        report(("world", "clock"), text)
     if clock.mode != "lockstep" and clock.max_speed is not UNSET:
         report(("world", "clock", "max_speed"), f'max_speed is for mode "lockstep"; mode "{clock.mode}" has speed')
     if len(set(clock.lockstep_clients)) < len(clock.lockstep_clients):

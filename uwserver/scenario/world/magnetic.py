@@ -34,13 +34,7 @@ def magnetic_about(latitude: float, longitude: float, year: float) -> tuple[Vec3
 
     at = field(0.0, 0.0, 0.0)
     slopes = []
-    for axis in range(3):
-        ahead, behind = field(*_step(axis, _STEP)), field(*_step(axis, -_STEP))
+    for x, y, z in ((_STEP, 0.0, 0.0), (0.0, _STEP, 0.0), (0.0, 0.0, _STEP)):
+        ahead, behind = field(x, y, z), field(-x, -y, -z)
         slopes.append(tuple((a - b) / (2.0 * _STEP) for a, b in zip(ahead, behind, strict=True)))
     return at, slopes[0], slopes[1], slopes[2]  # type: ignore[return-value]  # three components each
-
-
-def _step(axis: int, length: float) -> Vec3:
-    step = [0.0, 0.0, 0.0]
-    step[axis] = length
-    return step[0], step[1], step[2]

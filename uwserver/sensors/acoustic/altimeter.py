@@ -146,9 +146,8 @@ class Altimeter(Sensor):
             return reach
         if self.settings.sound_speed:
             reach *= self.settings.sound_speed / c
-        return (
-            reach + math.hypot(config.range_sigma_m, config.range_sigma_relative * reach) * self.rng.standard_normal()
-        )
+        sigma = math.hypot(config.range_sigma_m, config.range_sigma_relative * reach)
+        return reach + sigma * self.rng.standard_normal()
 
     def _echo(self, scope: Scope, p_NS: Vec3) -> tuple[float, float] | None:
         """Range (m) of the echo that is taken for the first, and the confidence."""
@@ -218,7 +217,5 @@ def cone(half: float, rings: int) -> FloatArray:
         for j in range(6 * k):
             # Each ring is turned against the last, so that no plane holds more rays than others.
             azimuth = 2.0 * math.pi * (j + 0.5 * (k % 2)) / (6 * k)
-            rays.append(
-                (math.sin(angle) * math.cos(azimuth), math.sin(angle) * math.sin(azimuth), math.cos(angle)),
-            )
+            rays.append((math.sin(angle) * math.cos(azimuth), math.sin(angle) * math.sin(azimuth), math.cos(angle)))
     return np.array(rays)

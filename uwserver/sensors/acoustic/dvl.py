@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3, conjugate, matrix, quat_from_rpy, rotate
+from uwserver.frames import Vec3, conjugate, matrix, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import SURFACE, Hits
@@ -129,8 +129,8 @@ class Dvl(Sensor):
         self._believed = np.array(
             [(math.sin(angle) * math.cos(a), math.sin(angle) * math.sin(a), self._cosine) for a in azimuths]
         )
-        roll, pitch, yaw = (0.0, 0.0, 0.0) if config.ideal else config.misalignment_rpy_deg
-        self._beams: FloatArray = self._believed @ np.array(matrix(quat_from_rpy(rad(roll), rad(pitch), rad(yaw)))).T
+        askew = Pose() if config.ideal else Pose.from_degrees(config.misalignment_rpy_deg)
+        self._beams: FloatArray = self._believed @ np.array(matrix(askew.q)).T
         self._listed: list[list[float]] = self._beams.tolist()
         self._all = tuple(range(n))
         self._to_S = conjugate(mount.q)
@@ -218,9 +218,8 @@ class Dvl(Sensor):
         if self.settings.tracking != "water":
             snr = [math.inf] * n if ideal else self._snr(scope, ranges, hits, direction, p_NS[2])
             locks, speeds, seen = [], [], []
-            for (ux, uy, uz), r, body, s, e, f in zip(
-                self._listed, ranges, hits.body.tolist(), snr, noise[0], noise[1], strict=True
-            ):
+            beams = zip(self._listed, ranges, hits.body.tolist(), snr, noise[0], noise[1], strict=True)
+            for (ux, uy, uz), r, body, s, e, f in beams:
                 vx, vy, vz = v_water_S if body == SURFACE else v_S
                 speed = ux * vx + uy * vy + uz * vz
                 locks.append(low <= r * cosine <= high and abs(speed) <= config.max_speed_mps and s >= THRESHOLD)
@@ -232,10 +231,8 @@ class Dvl(Sensor):
             self._bottom(reading, locks, speeds, seen)
         if self.settings.tracking != "bottom" and config.water_far_m <= _CLEAR * min(ranges) * cosine:
             sigma, (vx, vy, vz) = config.water_sigma_mps, v_water_S
-            drawn = [
-                gain * (ux * vx + uy * vy + uz * vz) + sigma * e
-                for (ux, uy, uz), e in zip(self._listed, noise[2], strict=True)
-            ]
+            beams_and_noise = zip(self._listed, noise[2], strict=True)
+            drawn = [gain * (ux * vx + uy * vy + uz * vz) + sigma * e for (ux, uy, uz), e in beams_and_noise]
             reading.values[7] = _times(self._solution(self._all).inverse, drawn)
         heard = [r for r in ranges if r < math.inf]
         return max(heard) if heard else 0.0
@@ -292,11 +289,8 @@ class Dvl(Sensor):
             beams = self._believed[list(used)]
             spread = np.linalg.inv(beams.T @ beams)
             sigma = 0.0 if self._config.ideal else self._config.beam_sigma_mps
-            self._solutions[used] = _Solution(
-                (spread @ beams.T).tolist(),
-                tuple((sigma * sigma * spread).ravel().tolist()),
-                sigma * math.sqrt(spread.trace()),
-            )
+            covariance, merit = tuple((sigma * sigma * spread).ravel().tolist()), sigma * math.sqrt(spread.trace())
+            self._solutions[used] = _Solution((spread @ beams.T).tolist(), covariance, merit)
         return self._solutions[used]
 
 

@@ -345,9 +345,8 @@ class Interrogator(Sensor):
         """End the exchange; the next question goes to the next beacon, when this reading is delivered."""
         m, table, name = self.memory, self._table, self._name
         turn_around, asked = table.beacons[name].turn_around_s, m.asked
-        patience = (
-            2.0 * self.settings.max_range / scope.water.sound_speed(scope.position(self._mount.p)[2]) + turn_around
-        )
+        c = scope.water.sound_speed(scope.position(self._mount.p)[2])
+        patience = 2.0 * self.settings.max_range / c + turn_around
         if answer is not None and answer.travel_time + turn_around > patience:
             answer = None
         wait = (patience if answer is None else answer.travel_time + turn_around) + table.processing_s

@@ -128,25 +128,19 @@ class ScanningSonar(Sensor):
         self._fan.cells["emitted"] *= level
         self._noise = 10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(width, height)
         self._absorption = Absorption(config.frequency_hz)
-        counts = config.output == "counts"
+        bins = Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
+        if config.output == "pressure":
+            bins = Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,))
         self.fields = (
             Field("head_angle", "rad", "where the beam points, from x towards y of the sensor"),
             Field("range", "m", "distance at the end of the last bin"),
             Field("gain", "dB", "gain of this ping"),
-            Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
-            if counts
-            else Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,)),
+            bins,
         )
         self.arguments = _arguments(config)
-        super().__init__(
-            SonarSettings(
-                config.range_m,
-                config.gain_db,
-                rad(config.step_deg),
-                rad(config.sector_center_deg),
-                2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg),
-            )
-        )
+        step, middle = rad(config.step_deg), rad(config.sector_center_deg)
+        sector = 2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg)
+        super().__init__(SonarSettings(config.range_m, config.gain_db, step, middle, sector))
 
     def load_kernels(self) -> None:
         load_kernels()
@@ -196,9 +190,8 @@ class ScanningSonar(Sensor):
         hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
         if config.model == "paper":
             picture = dot_products(self._fan, hits, R, reach, config.bins)
-            return tuple(
-                (picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)).tolist()
-            )
+            shown = picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)
+            return tuple(shown.tolist())
         alpha = self._absorption.at(scope, p_NS[2])
         intensity = self._intensity(scope, hits, R, p_NS[2], stretch, alpha)
         if not config.ideal:

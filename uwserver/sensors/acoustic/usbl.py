@@ -8,14 +8,14 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from uwserver.frames import Vec3, conjugate, quat_from_rpy, rotate
+from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.acoustic.interrogation import Answer, InterrogationTable, Interrogator
 from uwserver.sensors.base import Pose, Scope, blank
 from uwserver.table import Vector3
-from uwserver.units import NANOSECONDS, rad
+from uwserver.units import NANOSECONDS
 
 _FLAT = 1e-6
 """An array this thin (ratio of singular values) knows nothing of the direction across it."""
@@ -65,8 +65,7 @@ class Usbl(Interrogator):
         about = self._places - self._places.mean(axis=0)
         self._flat = bool(np.ptp(self._places[:, 2]) < _FLAT * np.ptp(self._places))
         self._inverse: FloatArray = np.linalg.pinv(about[:, :2] if self._flat else about)
-        roll, pitch, yaw = (0.0, 0.0, 0.0) if config.ideal else config.misalignment_rpy_deg
-        self._q_SA = quat_from_rpy(rad(roll), rad(pitch), rad(yaw))
+        self._q_SA = (Pose() if config.ideal else Pose.from_degrees(config.misalignment_rpy_deg)).q
         self.fields = (
             Field("beacon", "1", "name of the beacon", type="str"),
             Field("range", "m", "distance at the sound speed that the device believes"),
@@ -94,15 +93,8 @@ class Usbl(Interrogator):
             reach, u, ranges = self._heard(scope, answer)
         bearing, elevation = math.atan2(u[1], u[0]), math.atan2(u[2], math.hypot(u[0], u[1]))
         position = straight_S if self._config.ideal else (reach * u[0], reach * u[1], reach * u[2])
-        values: list[Value] = [
-            over.name,
-            reach,
-            bearing,
-            elevation,
-            position,
-            answer.travel_time,
-            tuple(ranges.tolist()),
-        ]
+        heard = tuple(ranges.tolist())
+        values: list[Value] = [over.name, reach, bearing, elevation, position, answer.travel_time, heard]
         return Measurement(values, True, delay_ns, since_ns=since_ns)
 
     def _heard(self, scope: Scope, answer: Answer) -> tuple[float, Vec3, FloatArray]:

@@ -117,11 +117,8 @@ class Triad:
         (x, y, z), (gx, gy, gz), (rx, ry, rz) = memory.turn_on, memory.instability, memory.walk
         if self._wanders:
             decay, step = self._decay, self._wander_step
-            gx, gy, gz = (
-                decay * gx + step * draws[k],
-                decay * gy + step * draws[k + 1],
-                decay * gz + step * draws[k + 2],
-            )
+            p, q, r = draws[k : k + 3]
+            gx, gy, gz = decay * gx + step * p, decay * gy + step * q, decay * gz + step * r
             k += 3
         if self._walks:
             step = self._walk_step

@@ -86,14 +86,7 @@ class Battery(Sensor):
         )  # fmt: skip
         self._capacity = config.capacity_Ah * 3600.0
         self.arguments = (
-            Argument(
-                "hotel_load_W",
-                "float",
-                "power that everything but the thrusters draws",
-                "W",
-                required=False,
-                minimum=0.0,
-            ),
+            Argument("hotel_load_W", "float", "power that everything but the thrusters draws", "W", False, minimum=0.0),
         )
         super().__init__(BatterySettings(config.hotel_load_W))
 

@@ -49,13 +49,8 @@ class Contact(IdealSensor):
         """Always valid; missing values where there are fewer contacts."""
         touches = [] if scope.wiring is None else scope.wiring.touches()
         to_B = conjugate(scope.q_NB)
-        found = [
-            (touch.other, rotate(to_B, _less(touch.point, scope.p_NB)), rotate(to_B, touch.impulse))
-            for touch in touches
-        ]
-        found = [
-            entry for entry in found if entry[2][0] ** 2 + entry[2][1] ** 2 + entry[2][2] ** 2 > self._threshold**2
-        ]
+        found = [(t.other, rotate(to_B, _less(t.point, scope.p_NB)), rotate(to_B, t.impulse)) for t in touches]
+        found = [touch for touch in found if sum(part**2 for part in touch[2]) > self._threshold**2]
         total = tuple(sum(entry[2][i] for entry in found) + 0.0 for i in range(3))
         missing = (None,) * (3 * max(0, self._points - len(found)))
         told = found[: self._points]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
-from uwserver.adapter import Connection, Peers, cannot_listen
+from uwserver.adapter import Connection, Peers, serve_tcp
 from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RETRY_S, RIVAL, WAITING, Address, Link, shown
 from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
@@ -67,24 +68,20 @@ class TcpIn(Link):
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpin", address), router)
         self._at = address
-        self._server: asyncio.Server | None = None
         self._peers: Peers[TcpPeer] = Peers(PEERS)
+        self._open = contextlib.AsyncExitStack()
 
     async def open(self) -> None:
         """Listen."""
-        loop = asyncio.get_running_loop()
-        try:
-            self._server = await loop.create_server(lambda: TcpPeer(self._router, self._peers), *self._at)
-        except OSError as error:
-            raise cannot_listen(error, *self._at, key=PORT_KEY, rival=RIVAL) from error
-        self.address = shown("tcpin", self._server.sockets[0].getsockname()[:2])
+        serving = serve_tcp(
+            lambda: TcpPeer(self._router, self._peers), self._peers, *self._at, key=PORT_KEY, rival=RIVAL
+        )
+        server = await self._open.enter_async_context(serving)
+        self.address = shown("tcpin", server.sockets[0].getsockname()[:2])
 
     async def close(self) -> None:
         """Close all."""
-        if self._server is not None:
-            self._server.close()
-        for peer in self._peers:
-            peer.abort()
+        await self._open.aclose()
 
 
 class TcpOut(Link):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Final, Literal
+from typing import Literal
 
 from msgspec import Struct, structs
 
@@ -21,9 +21,8 @@ from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
 from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
 
-Result = Literal["ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED", "IN_PROGRESS", 8]
+Result = Literal["ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED", "IN_PROGRESS"]
 """Of MAV_RESULT, without its prefix."""
-UNSUPPORTED_FRAME: Final = 8
 """The dialect has no name that says so."""
 FORCE = 21196
 """Parameter 2 of ARM_DISARM."""
@@ -154,7 +153,7 @@ class Commands:
         system, component = request.peer
         fields: Fields = {
             "command": request.command.number,
-            "result": result if isinstance(result, int) else f"MAV_RESULT_{result}",
+            "result": f"MAV_RESULT_{result}",
             "target_system": system,
             "target_component": component,
         }
@@ -294,7 +293,7 @@ class Commands:
         if not request.is_int:
             return "UNSUPPORTED"
         if request.frame not in GLOBAL_FRAMES:
-            return UNSUPPORTED_FRAME
+            return "DENIED"  # as ArduSub; no released dialect has MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME (9) yet
         bridge = self._bridge
         x, y, z = request.place_e7
         point = bridge.home.point(x, y, z, GLOBAL_FRAMES[request.frame])

@@ -17,8 +17,8 @@ from uwserver_adapters.sockets.config import SocketsConfig
 from websockets.asyncio.client import connect
 
 from uwserver.adapter import CannotListen
-from uwserver.testing import FakeContext, TcpPeer, check_adapter
-from uwserver.testing.adapters import CHECKS
+from uwserver.testing import FakeContext, Requests, TcpPeer, check_adapter
+from uwserver.testing.adapters import CHECKS, PASSED
 
 Serving = Callable[..., Any]
 PING = b'{"id":1,"method":"ping","params":5}\n'
@@ -178,12 +178,21 @@ def test_conformance(certificate: Any, trusting: ssl.SSLContext) -> None:
         await asyncio.get_running_loop().sock_connect(stream, (host, int(port)))
         return TcpPeer(*await asyncio.open_connection(sock=stream, ssl=trusting, server_hostname=host, limit=4096))
 
-    async def scene() -> list[str]:
+    async def scene() -> dict[str, str]:
         table = SocketsConfig(port=0, tls_cert=certificate[0], tls_key=certificate[1])
         greeting = b'{"method":"subscribe","params":{"pattern":"**"}}\n'
-        return await asyncio.wait_for(check_adapter(SocketsAdapter, table, connect=connect_tls, greeting=greeting), 60)
+        call = b'"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n'
+        requests = Requests(
+            b'{"id":1,' + call,
+            cancel=b'{"id":2,"method":"cancel","params":{"id":1}}\n',
+            many=b"{" + call,
+            misspelt=b"{" + call.replace(b"until", b"untill"),
+        )
+        checking = check_adapter(SocketsAdapter, table, connect=connect_tls, greeting=greeting, requests=requests)
+        return await asyncio.wait_for(checking, 60)
 
-    assert asyncio.run(scene()) == list(CHECKS)
+    unsaid = {"check_time_out": "does not apply: the protocol has no time-out of a call"}
+    assert asyncio.run(scene()) == dict.fromkeys(CHECKS, PASSED) | unsaid
 
 
 @pytest.mark.parametrize("tls", [False, True])

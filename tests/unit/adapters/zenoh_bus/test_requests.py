@@ -14,7 +14,7 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 
 from uwserver.adapter import UNANSWERED
-from uwserver.ports import Reply
+from uwserver.ports import Fault, Reply
 from uwserver.testing import FakeContext
 
 U = b'{"u":[0,0,0,0,0,0,0,0.5]}'
@@ -105,6 +105,27 @@ def test_a_refused_put_is_told_and_logged_once(path, payload, code, where, caplo
         assert {told["code"] for _, told in desk.told} == {code}
         assert desk.context.stats.errors == 3
         assert len(caplog.records) == 1
+
+    within_loop(test)
+
+
+def test_puts_that_wait_for_the_world_are_bounded():
+    """All peers share one limit, with what they ask: a peer has no connection of its own by which it could be told apart."""
+
+    async def test(desk: Desk) -> None:
+        desk.context.held.add("rov/thrusters")
+        for k in range(UNANSWERED):
+            desk.put("rov/thrusters", attachment=b'{"client":"c%d"}' % (k % 3))
+        assert desk.told == []
+        desk.put("rov/thrusters")
+        ((key, told),) = desk.told
+        assert (key, told["code"]) == ("uw/s/@error/unnamed/rov/thrusters", "overload")
+        assert (len(desk.context.commands), desk.context.stats.commands) == (UNANSWERED, UNANSWERED + 1)
+        desk.context.calls[0].finish(Reply(1, 1))
+        desk.put("rov/thrusters")
+        assert len(desk.context.commands) == UNANSWERED + 1
+        desk.context.calls[1].finish(Reply(1, 1, fault=Fault("denied", "held by the autopilot", "rov/thrusters")))
+        assert (desk.told[1][0], desk.told[1][1]["code"]) == ("uw/s/@error/c1/rov/thrusters", "denied")
 
     within_loop(test)
 

@@ -12,13 +12,16 @@ from msgspec import UNSET
 from msgspec.structs import replace
 
 from uwserver.autopilot.config import AutopilotConfig
+from uwserver.autopilot.estimator import Estimator
 from uwserver.autopilot.gains import Gains
 from uwserver.scenario.build.autopilot import divisor_of, gains_of
 from uwserver.scenario.build.world import build
+from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import Autopilot
+from uwserver.sensors import SensorConfig
 from uwserver.world.world import World
 
 Built = Callable[..., World]
@@ -34,6 +37,10 @@ def built() -> Built:
         return build(load(Scenario(schema=1, vehicles={"rov": entry}), adapters={}))
 
     return make
+
+
+def test_the_estimator_listens_to_shipped_kinds_only() -> None:
+    assert set(Estimator.UPDATES) <= kinds_of(SensorConfig).keys()
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------------------------
@@ -136,7 +143,22 @@ def test_set_points_that_the_mode_does_not_follow_say_which_does(built: Built) -
     assert "set_mode with position_hold or guided first" in world.actuators["rov/autopilot/position"].refusal
 
 
-@pytest.mark.parametrize("model", ["bluerov2", "bluerov2_heavy", "remus100", "lauv", "rexrov"])
+@pytest.mark.parametrize(
+    "model",
+    [
+        "bluerov2",
+        "bluerov2_heavy",
+        "remus100",
+        "lauv",
+        "rexrov",
+        "minerva",
+        "lbv150",
+        "videoray_pro4",
+        "girona500",
+        "eca_a9",
+        "otter",
+    ],
+)
 def test_shipped_vehicles_are_steered(model: str, built: Built) -> None:
     world = built(model, armed=True)
     world.step(24)

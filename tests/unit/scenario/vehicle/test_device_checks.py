@@ -71,6 +71,48 @@ def test_the_dead_band_holds_zero(band: list[float], fits: bool, told) -> None:
     assert lines == ([] if fits else [text])
 
 
+def points(commands: list[float], forces: list[float], voltage: float = 12.0) -> dict[str, Any]:
+    return {**SOURCE, "voltage_V": voltage, "commands": commands, "forces_N": forces}
+
+
+def test_measured_points_need_no_shape_and_limits_do(told) -> None:
+    assert told(tables={"a": points([-1, 0, 1], [-5, 0, 5])}, shape=None, curves=None) == []
+    text = "curves: need a shape, the force between dead band and limits; or give measured points as tables"
+    assert told(tables={"a": points([-1, 0, 1], [-5, 0, 5])}, shape=None) == [text]
+
+
+@pytest.mark.parametrize(
+    ("commands", "forces", "fault"),
+    [
+        ([-1, -0.1, 0.1, 1], [-5, 0, 0, 5], ""),
+        ([-1, 1], [0, 5], ""),  # one that cannot reverse
+        ([-1, 0, 1], [-5, 5], ": needs 2 to 48 commands and a force for each, found 3 commands and 2 forces"),
+        ([1], [5], ": needs 2 to 48 commands and a force for each, found 1 commands and 1 forces"),
+        (
+            [-1, *(k / 60 for k in range(48))],
+            [0.0] * 49,
+            ": needs 2 to 48 commands and a force for each, found 49 commands and 49 forces",
+        ),
+        ([-0.9, 0, 1], [-5, 0, 5], ".commands: must rise from -1 to 1"),
+        ([-1, 0, 0, 1], [-5, 0, 0, 5], ".commands: must rise from -1 to 1"),
+        ([-1, 0, 1], [-5, 1, 0], ".forces_N: must not fall, from at most 0 to at least 0"),
+        ([-1, 0, 1], [1, 2, 3], ".forces_N: must not fall, from at most 0 to at least 0"),
+    ],
+)
+def test_measured_points_rise_over_the_whole_command(
+    commands: list[float], forces: list[float], fault: str, told
+) -> None:
+    lines = told(tables={"a": points(commands, forces)}, curves=None)
+    assert lines == ([f"tables.a{fault}"] if fault else [])
+
+
+def test_tables_and_curves_share_their_voltages_and_their_room(told) -> None:
+    table = points([-1, 0, 1], [-5, 0, 5], 16.0)
+    assert told(tables={"t": table}, curves={"a": curve()}) == ['curves.a.voltage_V: the curve "t" is for 16 V too']
+    many = {f"c{k}": curve(voltage_V=20 + k) for k in range(8)}
+    assert told(tables={"t": table}, curves=many) == ["curves: needs 1 to 8 force curves, found 9"]
+
+
 def test_two_curves_of_one_voltage_are_told_with_the_first(told) -> None:
     lines = told(curves={"a": curve(), "b": curve(voltage_V=12), "c": curve(), "d": curve()})
     assert lines == [f'curves.{name}.voltage_V: the curve "a" is for 16 V too' for name in "cd"]
@@ -122,4 +164,5 @@ def test_all_faults_of_a_device_are_told(told) -> None:
 
 def test_holes_are_left_out(told) -> None:
     assert told(shape={**SOURCE, "coefficients": "x"}, lag={**SOURCE, "time_constant_s": -1}) == []
-    assert told(shape=None, lag=None) == []
+    assert told(lag=None) == []
+    assert told(tables={"a": {**SOURCE, "voltage_V": 12, "commands": "x"}}) == []

@@ -129,7 +129,7 @@ async def test_reposition(bench):
     (value,) = bench.rov.commanded("position")
     assert value["p_N"] == pytest.approx((30.0, -20.0, 12.0), abs=0.02)
     assert value["heading"] == pytest.approx((math.pi / 2,))
-    assert await station.command_int(192, (-1.0, 1.0, 0.0, 0.0), x, y, -12.0, frame=10) == 8
+    assert await station.command_int(192, (-1.0, 1.0, 0.0, 0.0), x, y, -12.0, frame=10) == DENIED
     assert await station.command_int(192, (-1.0, 0.0, 0.0, math.nan), 10**9, y, -12.0) == DENIED
 
 

@@ -1,0 +1,269 @@
+"""What an adapter sees of a running server: what it may serve, who answers what, and calls that end whatever waits for the next tick."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Iterator
+
+import pytest
+from simulation_rig import PATIENCE_S, Rig, running
+
+from uwserver.adapter import AdapterStats, Conversation, installed_adapters
+from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
+from uwserver.ports.checks import bind
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.server.context import Context, Hub
+from uwserver.server.state_files import StateFiles
+from uwserver.simulation.clock import Timing
+from uwserver.world.world import World
+
+GOTO = {"position_ned_m": [90.0, 0.0, 3.0], "radius_m": 0.5}
+
+
+def hub_of(rig: Rig) -> Hub:
+    files = StateFiles(None, rig.simulation, rig.mailbox, lambda function: function())
+    ended: list[str] = []
+    return Hub("pool", rig.simulation, rig.bus, rig.mailbox, ended.append, lambda: {"ended": list(ended)}, files)
+
+
+class Heard:
+    """Takes in answers, samples and events."""
+
+    def __init__(self) -> None:
+        self.answers: queue.Queue[Reply] = queue.Queue()
+        self.samples: list[Sample] = []
+        self.events: list[Event] = []
+
+    def __call__(self, answer: object) -> None:
+        if isinstance(answer, Reply):
+            self.answers.put(answer)
+
+    def put_samples(self, samples: list[Sample]) -> None:
+        self.samples += samples
+
+    def put_event(self, event: Event) -> None:
+        self.events.append(event)
+
+    def reply(self) -> Reply:
+        return self.answers.get(timeout=PATIENCE_S)
+
+
+class Notes:
+    """An observer that keeps what was carried out."""
+
+    def __init__(self) -> None:
+        self.items: list[Command | Call] = []
+
+    @classmethod
+    def of(cls, rig: Rig) -> list[Command | Call]:
+        notes = cls()
+        rig.simulation.observe(notes)
+        return notes.items
+
+    def requested(self, item: Command | Call, tick: int) -> None:
+        self.items.append(item)
+
+    def ticked(self, world: World) -> None: ...
+
+
+@pytest.fixture
+def still(resolved: Resolved) -> Iterator[Rig]:
+    with running(resolved, Timing(paused=True)) as rig:
+        yield rig
+
+
+def test_ground_truth_is_only_for_who_may_tell_it(still: Rig) -> None:
+    hub = hub_of(still)
+    open_, plain = Context(hub, "tool", True), Context(hub, "robot", False)
+    everything, robots = Heard(), Heard()
+    open_.attach(everything)
+    detach = plain.attach(robots)
+    still.call("world/step", n=24)
+    still.call("world/step", n=1)  # its answer comes behind all samples of the ticks before
+    hidden = [path for path in open_.ports if "/truth/" in path]
+    assert hidden
+    assert set(open_.ports) - set(plain.ports) == set(hidden)
+    assert {sample.port for sample in everything.samples} - {sample.port for sample in robots.samples} <= set(hidden)
+    assert any(sample.port in hidden for sample in everything.samples)
+    assert not any(sample.port in hidden for sample in robots.samples)
+    assert plain.last(hidden[0]) is None
+    assert open_.last(hidden[0]) is not None
+    assert [p["path"] for p in plain.describe("**/truth/**")["ports"]] == []
+    with pytest.raises(Refused, match="no port"):
+        plain.command(hidden[0], {}, "", None)
+    detach()
+    before = len(robots.samples)
+    still.call("world/step", n=24)
+    still.call("world/step", n=1)
+    assert len(robots.samples) == before
+
+
+def test_stats_of_an_adapter_outlive_a_restart(still: Rig) -> None:
+    hub = hub_of(still)
+    Context(hub, "robot", False).stats.restarts = 3
+    assert Context(hub, "robot", False).stats.restarts == 3
+    assert hub.stats == {"robot": AdapterStats(restarts=3)}
+
+
+def test_who_answers_which_service(still: Rig) -> None:
+    hub, heard = hub_of(still), Heard()
+    context = Context(hub, "robot", False)
+
+    def ask(service: str, **args: object) -> Reply:
+        context.call(service, args, "7", heard)
+        return heard.reply()
+
+    assert ask("world/status").result == {"ended": []}
+    described = ask("world/describe").result
+    assert {entry["path"] for entry in described["services"]} == set(context.services)
+    assert ask("world/step", n=3).tick == 3  # of the clock
+    assert ask("world/state_hash").tick == 3  # of the world
+    assert ask("world/shutdown").fault is None
+    assert ask("world/status").result == {"ended": ["world/shutdown by robot:7"]}
+    with pytest.raises(Refused, match="state_folder"):
+        ask("world/save", name="mine")
+    with pytest.raises(Refused, match=r'did you mean "world/pause"'):
+        ask("world/paus")
+    with pytest.raises(Refused, match="has no argument"):
+        ask("world/step", m=3)
+
+
+def test_a_command_says_who_sent_it(still: Rig) -> None:
+    heard, context = Heard(), Context(hub_of(still), "robot", False)
+    posted = Notes.of(still)
+    context.command("rov/thrusters", {"u": [0.1] * 8}, "7", heard)
+    assert heard.reply().fault is None
+    assert [(item.port, item.source) for item in posted] == [("rov/thrusters", "robot:7")]
+    with pytest.raises(Refused, match="u"):
+        context.command("rov/thrusters", {"u": [2.0] * 8}, "7", heard)
+
+
+class Held:
+    """The simulation thread waits, as in a very long tick, until it is let go."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._gate, reached = threading.Event(), threading.Event()
+        rig.simulation.steer(lambda: (reached.set(), self._gate.wait(PATIENCE_S)))
+        assert reached.wait(PATIENCE_S)
+
+    def let_go(self) -> None:
+        self._gate.set()
+
+
+class Loop(Rig):
+    """A rig whose loop the test plays itself: what the world says is delivered while it waits for an answer, and not beside it."""
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def end(self) -> None:
+        self.simulation.stop()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+
+    def reply(self, heard: Heard) -> Reply:
+        while heard.answers.empty():
+            work = self._work.get(timeout=PATIENCE_S)
+            assert work is not None
+            work()
+        return heard.answers.get()
+
+    def second(self) -> None:
+        """A second of simulation time; its samples are delivered."""
+        for ticks in (int(self.world.rate_hz) - 1, 1):  # samples of a tick come behind its answers
+            heard = Heard()
+            self.simulation.call("world/step", {"n": ticks}, "", heard)
+            assert self.reply(heard).fault is None
+
+
+def bound_for(context: Context) -> object:
+    """Where the autopilot wants to be, m north, as it says itself."""
+    sample = context.last("rov/autopilot/state")
+    assert sample is not None
+    place = sample.value[bind(sample.port, context.ports[sample.port].fields, "p_ref_N")[0]]
+    assert isinstance(place, tuple)
+    return place[0]
+
+
+@pytest.fixture
+def piloted() -> Iterator[Loop]:
+    """A paused world with an autopilot that knows where it is, and is armed."""
+    rig = Loop(load("rov_autopilot", adapters=installed_adapters()), Timing(paused=True))
+    rig.start()
+    try:
+        for _ in range(3):
+            rig.second()
+        heard = Heard()
+        rig.mailbox.post(Call("rov/autopilot/arm", {"force": True}), heard)
+        assert rig.reply(heard).fault is None
+        yield rig
+    finally:
+        rig.end()
+
+
+def fill(rig: Rig) -> None:
+    """Post as much as there is room for."""
+    with contextlib.suppress(Refused):
+        while True:
+            rig.mailbox.post(Call("world/state_hash", {}), None)
+
+
+def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) -> None:
+    """A peer with a goto, a run, a command and a subscription goes while no more can be posted: all of it ends, others are served in the tick in
+    which they would have been, and what it is still answered reaches nobody."""
+    rig = piloted
+    context, leaver, other = Context(hub_of(rig), "robots", False), Heard(), Heard()
+    detach = context.attach(leaver)
+    gone, stays = Conversation(context, "1"), Conversation(context, "2")
+    gone.call("rov/autopilot/goto", GOTO, leaver, key="goto")
+    stays.call("world/state_hash", {}, other)
+    assert rig.reply(other).fault is None  # it was carried out behind the goto
+    rig.second()
+    assert bound_for(context) == pytest.approx(90.0)
+    leaver.samples.clear()
+    tick = rig.world.tick
+    held = Held(rig)
+    gone.call("world/run_until", {"t_s": 3600.0}, leaver, key="run")
+    gone.command("rov/autopilot/depth", {"depth": 3.0}, leaver)
+    stays.call("world/state_hash", {}, other)
+    fill(rig)
+    with pytest.raises(Refused, match="wait for the next tick"):
+        stays.command("rov/autopilot/depth", {"depth": 2.0}, other)
+    detach()
+    gone.close()
+    held.let_go()
+    assert rig.reply(other).tick == tick
+    rig.second()  # the run of the one who left has ended: it keeps nobody from stepping
+    assert bound_for(context) == pytest.approx(0.0, abs=5.0), "the goto has ended, and the vehicle holds where it is"
+    assert (gone.owed.count, gone.is_running("goto"), gone.is_running("run"), stays.owed.count) == (0, False, False, 0)
+    assert leaver.answers.empty()
+    assert leaver.samples == []
+
+
+def test_one_cancel_for_each_call_goes_past_a_full_mailbox(piloted: Loop) -> None:
+    heard, context = Heard(), Context(hub_of(piloted), "robots", False)
+    held, carried_out = Held(piloted), Notes.of(piloted)
+    cancel = context.call("rov/autopilot/goto", GOTO, "1", heard)
+    fill(piloted)
+    assert all(cancel() for _ in range(1000)), "it is still under way"
+    held.let_go()
+    answer = piloted.reply(heard).fault
+    assert answer is not None
+    assert answer.code == "preempted", answer.text
+    assert not cancel(), "it is over"
+    cancels = [item for item in carried_out if item.service == "rov/autopilot/cancel_goto"]
+    assert [(item.source, item) for item in cancels] == [("robots:1", carried_out[-1])]
+
+
+def test_a_client_is_there_until_it_leaves(resolved: Resolved) -> None:
+    timing = Timing(mode="lockstep", lockstep_clients=("a", "b"), lockstep_timeout_s=0.0)
+    with running(resolved, timing) as rig:
+        context, barrier = Context(hub_of(rig), "robots", False), rig.simulation.lockstep.barrier
+        assert context.world.mode == "lockstep"
+        leave = context.join("a")
+        assert barrier.absent() == ["b"]
+        leave()
+        assert barrier.absent() == ["a", "b"]

@@ -1,0 +1,130 @@
+"""The numbers of a vehicle: mass, size, added mass, damping, righting arm and thrust, each with the status that its file gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+from msgspec import UnsetType
+
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams
+from uwserver.physics.geometry.shapes import Solid
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.scenario.load.resolved import ResolvedVehicle
+from uwserver.scenario.vehicle.appendage_tables import Sourced
+from uwserver.scenario.vehicle.body import matrices
+from uwserver.validation.manoeuvres.helm import DEPTH, Helm, Sticks
+from uwserver.validation.manoeuvres.outline import outline
+
+_HEAVY = 1e12
+"""kg and kg m2 of a body that no thrust moves."""
+_SPUN_UP_S = 10.0
+THRUSTS = {
+    "ahead": (Sticks(surge=1.0), 0),
+    "astern": (Sticks(surge=-1.0), 0),
+    "to starboard": (Sticks(sway=1.0), 1),
+    "down": (Sticks(heave=1.0), 2),
+    "up": (Sticks(heave=-1.0), 2),
+    "turning": (Sticks(yaw=1.0), 5),
+}
+"""Full command of one stick, and the axis of the wrench that it makes."""
+
+
+@dataclass(frozen=True)
+class Particular:
+    """One number, or the six of a diagonal (surge, sway, heave, roll, pitch, yaw), with the statuses of the tables that it comes from."""
+
+    name: str
+    unit: str
+    values: tuple[float, ...]
+    status: str
+
+
+def particulars(resolved: ResolvedVehicle, body: BodyParams, helm: Helm) -> list[Particular]:
+    """All of a checked vehicle, `body` being its parameters in the water of the report."""
+    file = resolved.vehicle
+    rigid = file.rigid_body
+    found = [
+        Particular("mass", "kg", (rigid.mass_kg,), rigid.status),
+        Particular("weight in the water", "N", (body.weight - body.buoyancy,), _statuses(rigid, file.buoyancy)),
+    ]
+    if resolved.solid is not None:
+        found.append(Particular("length, width, height of its collision shapes", "m", _size(resolved.solid), ""))
+    arm = (body.weight * body.r_g[2] - body.buoyancy * body.r_b[2]) / max(body.weight, 1e-9)
+    found.append(Particular("righting arm", "m", (arm,), _statuses(rigid, file.buoyancy)))
+    found.append(
+        Particular("moments of inertia about the origin", "kg m2", tuple(np.diag(body.M_RB)[3:].tolist()), rigid.status)
+    )
+    found.append(Particular("added mass, diagonal", "kg, kg m2", _diagonal(body.M_A), file.added_mass.status))
+    M, damping = matrices(file), file.damping
+    for name, matrix, tables in (
+        ("linear damping, diagonal", M.D_L, (damping.linear, damping.at_rest)),
+        ("quadratic damping, diagonal", M.D_Q, (damping.quadratic,)),
+        ("damping by speed, diagonal", M.D_S, (damping.speed,)),
+    ):
+        if matrix.any():
+            found.append(Particular(name, "SI", _diagonal(matrix), _statuses(*tables)))
+    driven = (*file.thrusters.values(), *file.propellers.values()) or (file.autopilot,)
+    status = _statuses(*driven)
+    found += [Particular(f"thrust {name}" if axis < 5 else "moment of thrust", "N" if axis < 5 else "N m", (value,), status)
+              for name, axis, value in _thrust(helm)]  # fmt: skip
+    return found
+
+
+def guesses(resolved: ResolvedVehicle) -> tuple[int, int]:
+    """How many groups of numbers of hull, thrusters, fins and their devices are guesses, and how many there are."""
+    tables = [resolved.vehicle, *{id(device): device for device in resolved.devices.values()}.values()]
+    statuses = [sourced.status for table in tables for sourced in _sourced(table)]
+    return statuses.count("guess"), len(statuses)
+
+
+def _sourced(value: Any) -> Iterator[Sourced]:
+    """All tables with a source within a table, but for what is published of the real vehicle."""
+    if isinstance(value, Sourced):
+        yield value
+    if isinstance(value, msgspec.Struct):
+        for name in value.__struct_fields__:
+            if name not in ("published", "autopilot", "sensors"):
+                yield from _sourced(getattr(value, name))
+    elif isinstance(value, dict):
+        for part in value.values():
+            yield from _sourced(part)
+
+
+def _statuses(*tables: Sourced | UnsetType) -> str:
+    return ", ".join(dict.fromkeys(table.status for table in tables if not isinstance(table, UnsetType)))
+
+
+def _diagonal(M: FloatArray) -> tuple[float, ...]:
+    return tuple(np.diag(M).tolist())
+
+
+def _size(solid: Solid) -> tuple[float, ...]:
+    points = np.concatenate(outline(solid))
+    return tuple(np.ptp(points, axis=0).tolist())
+
+
+def _thrust(helm: Helm) -> Iterator[tuple[str, int, float]]:
+    """Name, axis and size of what each stick makes at rest, held fast: N or N m."""
+    body, zero, eye = helm.body, np.zeros((6, 6)), np.eye(6)
+    fast = replace(
+        body, M_RB=_HEAVY * eye, M_A=zero, D_L=zero, D_Q=zero, D_S=zero, weight=0.0, buoyancy=0.0, displaced=0.0
+    )
+    known = {name: (sticks, axis) for name, (sticks, axis) in THRUSTS.items() if helm.has(_moved(sticks))}
+    hydro = Hydrodynamics([fast] * len(known), 0.02)
+    hydro.state[:, 2] = DEPTH
+    for row, (sticks, _) in enumerate(known.values()):
+        helm.tell(hydro, row, sticks)
+    for k in range(round(_SPUN_UP_S / hydro.dt)):
+        hydro.advance(k * hydro.dt)
+    wrench = hydro.rates_of_change(_SPUN_UP_S)[1]
+    for row, (name, (_, axis)) in enumerate(known.items()):
+        yield name, axis, abs(float(wrench[row, axis]))
+
+
+def _moved(sticks: Sticks) -> str:
+    return next(name for name, value in sticks._asdict().items() if value)

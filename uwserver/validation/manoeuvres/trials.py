@@ -1,0 +1,233 @@
+"""The manoeuvres but for the turns: which sticks are moved, and which figures are read from the track. All in SI and radians."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.units import rad
+from uwserver.validation.manoeuvres.figures import (
+    APPROACH_S,
+    TURNING_S,
+    Column,
+    Row,
+    Trial,
+    Value,
+    ahead,
+    degrees,
+    first_time,
+    level,
+    mean,
+    settled,
+)
+from uwserver.validation.manoeuvres.helm import Sticks
+from uwserver.validation.manoeuvres.runs import Plan, Track, Waters, hold, still, then
+
+THROTTLES = (0.3, 0.6, 1.0)
+LOOK_S, LONG_S = 20.0, 600.0
+"""After which a straight run and a dive are looked at; of ballast, which is slow."""
+PLANES, HEEL = rad(5.0), rad(10.0)
+
+
+def left_alone(waters: Waters) -> Trial:
+    """Without any command: whether it is trimmed, and how it rises or sinks."""
+    (track,) = waters.sail([still], APPROACH_S)
+    end = track.steady
+    columns = (Column("roll", "roll", "rad"), Column("pitch", "pitch", "rad"), Column("sink", "sinks at", "m/s"))
+    row = Row("hands off", (mean(end.roll), mean(end.pitch), mean(end.down)))
+    return Trial("rest", "Left alone", f"Let go level, {APPROACH_S:g} s without any command.", columns, (row,))
+
+
+STRAIGHT = (
+    Column("speed", "speed then", "m/s"),
+    Column("tilt", "largest tilt until then", "rad"),
+    Column("pitch", "pitch then", "rad"),
+    Column("heading", "change of heading", "rad"),
+    Column("way", "way ahead", "m"),
+    Column("depth", "change of depth", "m"),
+    Column("steady", "steady speed", "m/s"),
+)
+
+
+def straight(waters: Waters, throttles: Sequence[float] = THROTTLES) -> Trial:
+    """From rest, throttle stepped, all else at neutral."""
+    title = "Straight line"
+    if not waters.helm.has("surge"):
+        return Trial("straight", title, "", reason="nothing pushes it ahead")
+    asked = (*throttles, -1.0) if waters.helm.has("yaw") else tuple(throttles)
+    tracks = waters.sail([hold(Sticks(surge=throttle)) for throttle in asked], APPROACH_S)
+    rows = []
+    for throttle, track in zip(asked, tracks, strict=True):
+        begin = track.until(LOOK_S)
+        values = (
+            float(begin.speed[-1]), float(begin.tilt.max()), float(begin.pitch[-1]),
+            float(begin.heading[-1] - begin.heading[0]), float(begin.p[-1, 0]), float(begin.p[-1, 2]), settled(track.steady.speed),
+        )  # fmt: skip
+        rows.append(Row(ahead(throttle), values))
+    text = f"From rest, throttle stepped, everything else at neutral; looked at after {LOOK_S:g} s. Steady: mean of 108 to 120 s."
+    return Trial("straight", title, text, STRAIGHT, tuple(rows))
+
+
+RISE = (
+    Column("sink", "sinks at", "m/s"),
+    Column("pitch", "pitch", "rad"),
+    Column("tilt", "largest tilt", "rad"),
+    Column("speed", "speed", "m/s"),
+    Column("depth", "change of depth", "m"),
+)
+
+
+def dive(waters: Waters) -> Trial:
+    """By vertical thrust, by planes at full throttle, by ballast; whatever there is."""
+    title, helm = "Dive", waters.helm
+    if waters.floats:
+        return Trial("dive", title, "", reason="it stays at the surface")
+    rows: list[Row] = []
+    if helm.has("heave"):
+        rows += _risen(
+            waters, (("down 100 %", hold(Sticks(heave=1.0))), ("up 100 %", hold(Sticks(heave=-1.0)))), 0.0, 60.0
+        )
+    if helm.has("planes") and helm.has("surge"):
+        angle = min(PLANES, helm.planes)
+        plans = [
+            (f"planes {degrees(angle)} to {word}", then(Sticks(surge=1.0), APPROACH_S, Sticks(surge=1.0, planes=side * angle)))
+            for word, side in (("dive", 1.0), ("rise", -1.0))
+        ]  # fmt: skip
+        rows += _risen(waters, plans, APPROACH_S, LOOK_S)
+    if helm.has("sink"):
+        plans = [
+            (f"ballast as {word} as it gets", hold(Sticks(sink=side)))
+            for word, side in (("heavy", 1.0), ("light", -1.0))
+        ]
+        rows += _risen(waters, plans, 0.0, LONG_S)
+    if not rows:
+        return Trial("dive", title, "", reason="it has neither vertical thrust nor planes nor ballast")
+    text = (
+        f"Vertical thrust for 60 s from rest; planes for {LOOK_S:g} s after {APPROACH_S:g} s ahead at full throttle; ballast for "
+        f"{LONG_S:g} s from rest. Rates are means of the last tenth."
+    )
+    return Trial("dive", title, text, RISE, tuple(rows))
+
+
+def _risen(waters: Waters, plans: Sequence[tuple[str, Plan]], begin: float, seconds: float) -> list[Row]:
+    rows = []
+    for (told, _), track in zip(plans, waters.sail([plan for _, plan in plans], begin + seconds), strict=True):
+        run = track.since(begin)
+        end = run.steady
+        values = (mean(end.down), mean(end.pitch), float(run.tilt.max()), mean(end.speed), float(run.p[-1, 2]))
+        rows.append(Row(told, values))
+    return rows
+
+
+GLIDE = (
+    Column("speed", "speed", "m/s"),
+    Column("angle", "angle of the path below the horizon", "rad"),
+    Column("pitch", "pitch", "rad"),
+    Column("sink", "sinks at", "m/s"),
+)
+
+
+def glide(waters: Waters) -> Trial:
+    """Heavy and nose down, then light and nose up, without thrust: for what has ballast, a moving mass and no propulsor."""
+    helm = waters.helm
+    if not (helm.has("sink") and helm.has("nose_down")) or helm.has("surge"):
+        return Trial(
+            "glide", "Glide", "", reason="it is no glider: that needs ballast and a moving mass, and no propulsor"
+        )
+    sticks = {"down": Sticks(sink=1.0, nose_down=1.0), "up": Sticks(sink=-1.0, nose_down=-1.0)}
+    rows = []
+    for told, track in zip(sticks, waters.sail([hold(each) for each in sticks.values()], LONG_S), strict=True):
+        end = track.steady
+        down = mean(end.down)
+        angle = math.atan2(down, mean(np.hypot(*level(end))))
+        rows.append(Row(told, (mean(end.speed), angle, mean(end.pitch), down)))
+    return Trial(
+        "glide",
+        "Glide",
+        f"Ballast and moving mass as far as they go, {LONG_S:g} s from rest; the last tenth.",
+        GLIDE,
+        tuple(rows),
+    )
+
+
+def sway(waters: Waters) -> Trial:
+    """Full sideways thrust from rest."""
+    if not waters.helm.has("sway"):
+        return Trial("sway", "Sideways", "", reason="nothing pushes it sideways")
+    (track,) = waters.sail([hold(Sticks(sway=1.0))], 60.0)
+    end = track.steady
+    columns = (
+        Column("speed", "speed", "m/s"),
+        Column("tilt", "largest tilt", "rad"),
+        Column("heading", "change of heading", "rad"),
+    )
+    row = Row(
+        "to starboard 100 %", (mean(end.speed), float(track.tilt.max()), float(track.heading[-1] - track.heading[0]))
+    )
+    return Trial("sway", "Sideways", "From rest, 60 s; the speed is the mean of the last tenth.", columns, (row,))
+
+
+DECAY = (
+    Column("period", "period", "s"),
+    Column("ratio", "damping ratio", "1"),
+    Column("settle", "falls to 1/e after", "s"),
+)
+
+
+def free_decay(waters: Waters) -> Trial:
+    """Heeled and pitched by 10 degrees at rest, and let go, beside one that is not."""
+    rolled, pitched, level = waters.sail([still] * 3, APPROACH_S, ((HEEL, 0.0, 0.0), (0.0, HEEL, 0.0), (0.0, 0.0, 0.0)))
+    rows = (
+        Row("roll", _swing(level.t, rolled.roll - level.roll)),
+        Row("pitch", _swing(level.t, pitched.pitch - level.pitch)),
+    )
+    text = (
+        "At rest, turned by 10 degrees and let go; the angle over that of one let go level. Period from the zero crossings, damping ratio from\n"
+        "the decrement of the first swings; no period: it creeps back without a swing."
+    )
+    return Trial("decay", "Free decay", text, DECAY, rows)
+
+
+def _swing(t: FloatArray, angle: FloatArray) -> tuple[Value, ...]:
+    crossings = np.flatnonzero(angle[:-1] * angle[1:] < 0.0)
+    size = np.abs(angle)
+    late = np.flatnonzero(size > size[0] / math.e)
+    settle = float(t[late[-1]]) if late[-1] < len(t) - 1 else None
+    edges = [0, *crossings.tolist()]
+    peaks = [float(size[a : b + 1].max()) for a, b in zip(edges, [*edges[1:], len(t)], strict=True)]
+    peaks = [peak for peak in peaks if peak > 0.01 * size[0]][:4]
+    if len(peaks) < 2:
+        return None, None, settle
+    decrement = math.log(peaks[0] / peaks[-1]) / (len(peaks) - 1)
+    moments = t[crossings[: max(len(peaks), 2)]]
+    # A swing crosses zero first between a quarter and a half of its period; what comes much later is another, slower motion.
+    if len(moments) < 2 or float(moments[1]) > 3.2 * float(moments[0]):
+        return None, None, settle
+    return 2.0 * float(np.diff(moments).mean()), decrement / math.hypot(math.pi, decrement), settle
+
+
+STOP = (Column("approach", "speed before", "m/s"), Column("time", "after", "s"), Column("way", "way", "m"))
+
+
+def stop(waters: Waters) -> Trial:
+    """From full speed: thrust off until a tenth of it is left, and full astern until it stands."""
+    helm = waters.helm
+    if not helm.has("surge"):
+        return Trial("stop", "Stop", "", reason="nothing pushes it ahead")
+    full = Sticks(surge=1.0)
+    plans = [then(full, APPROACH_S, still), then(full, APPROACH_S, Sticks(surge=-1.0))]
+    parts: tuple[tuple[str, Callable[[Track, float], npt.NDArray[np.bool_]]], ...] = (
+        ("thrust off, to a tenth of the speed", lambda run, before: run.u <= 0.1 * before),
+        ("full astern, to a standstill", lambda run, _: run.u <= 0.0),
+    )
+    rows = []
+    for (told, reached), track in zip(parts, waters.sail(plans, APPROACH_S + TURNING_S), strict=True):
+        run, before = track.since(APPROACH_S), float(track.until(APPROACH_S).u[-1])
+        at = first_time(run.t, reached(run, before))
+        way = None if at is None else float(np.linalg.norm(np.diff(run.until(at).p, axis=0), axis=1).sum())
+        rows.append(Row(told, (before, at, way)))
+    return Trial("stop", "Stop", f"After {APPROACH_S:g} s at full throttle.", STOP, tuple(rows))
