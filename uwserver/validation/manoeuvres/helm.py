@@ -117,7 +117,7 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
     highs = np.array([servos[propeller.servo].high for propeller in propellers])
     strengths = [max(force for _, force in _curve(t.table.curves, t.table.voltages, t.voltage)) for t in thrusters]
     strengths += [
-        p.density * p.diameter**4 * (high / (2.0 * np.pi)) ** 2 * max(p.curve[0][1], 1e-9)
+        p.density * p.diameter**4 * (high / (2.0 * np.pi)) ** 2 * max(p.line[0], 1e-9)
         for p, high in zip(propellers, highs, strict=True)
     ]
     placed = [(t.r, t.axis) for t in thrusters] + [(p.r, p.axis) for p in propellers]
