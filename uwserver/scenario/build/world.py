@@ -47,7 +47,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
         lambda text: world.say("fault", text),
     )  # fmt: skip
     world.add(faults)
-    world.population = ScenarioPopulation(world, resolved, faults)
+    world.population = ScenarioPopulation(world, resolved)
     world.add(world.population)
     world.identity = cache(partial(identity, resolved))
     world.population.begin()

@@ -24,7 +24,7 @@ class Server(Table, kw_only=True, frozen=True):
     metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
     metrics: serve them.
     state_folder: where clients may save and load states of the world as files (``world/save``, ``world/load``), beside this file unless it
-        is absolute; default: nowhere.
+        is absolute; at most 64 of them; default: nowhere.
     uvloop: run the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
     """
 

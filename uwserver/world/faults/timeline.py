@@ -129,7 +129,7 @@ class Faults(Part):
         return True
 
     def forget(self, body: str) -> None:
-        """Clear the faults of a body that goes."""
+        """Clear the faults of a body."""
         for entry in list(self.entries.values()):
             if entry.fault.target.split("/")[0] == body:
                 self.clear(entry.name)
@@ -161,8 +161,10 @@ class Faults(Part):
     def load(self, state: FaultsState) -> None:
         """Take over the entries; nothing is told."""
         self.entries = {entry.name: entry for entry in state.entries}
-        for path in self._sensors:
-            self._mark_sensor(path)
+        for slot in self._sensors.values():
+            slot.fault = ""
+        for target in {fault.target for fault in self._active() if isinstance(fault, SensorFrozen | SensorSilent)}:
+            self._mark_sensor(target)
         self._plan()
 
     def tick_of(self, t_s: float) -> int:
