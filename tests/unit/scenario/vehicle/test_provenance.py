@@ -32,6 +32,10 @@ def tables(value: dict[str, Any], path: str = "") -> Iterator[tuple[str, dict[st
     for key, child in value.items():
         if isinstance(child, dict):
             yield from tables(child, f"{path}.{key}" if path else key)
+        elif isinstance(child, list):
+            for item in child:
+                if isinstance(item, dict):
+                    yield from tables(item, f"{path}.{key}" if path else key)
 
 
 def has_number(value: Any) -> bool:
@@ -85,6 +89,7 @@ def test_all_shipped_files_are_looked_at() -> None:
         ("# of somebody\n[sensors.imu.modifiers.noise]\nsigma = 10.0\n", ["sensors.imu.modifiers.noise"]),
         ("[mounts.a]\nposition_frd_m = [1.0, 0.0, 0.0]\n", []),
         ("[thrusters.t1]\naxis_frd = [1, 0, 0]\n", ["thrusters.t1"]),
+        ("[[published]]\nvalue = 1.5\n", ["published"]),
     ],
 )
 def test_the_rule_finds_what_is_missing(text: str, missing: list[str]) -> None:
