@@ -46,6 +46,9 @@ class Sticks(NamedTuple):
     nose_down: float = 0.0
 
 
+GLIDE_DOWN = Sticks(sink=1.0, nose_down=1.0)
+
+
 @dataclass(frozen=True)
 class _Mix:
     """Commands per unit of each stick: of thrusters (n, 4) and shafts in rad/s (m, 4) for surge, sway, heave and yaw; of the wrench (4).
@@ -91,6 +94,11 @@ class Helm:
             return bool((self._sink if stick == "sink" else self._down).any())
         column = Sticks._fields.index(stick)
         return any(part[..., column].any() for part in (self._mix.thrusters, self._mix.shafts, self._mix.wrench))
+
+    @property
+    def glides(self) -> bool:
+        """Whether ballast and a moving mass drive it, and no propulsor."""
+        return self.has("sink") and self.has("nose_down") and not self.has("surge")
 
     def tell(self, hydro: Hydrodynamics, row: int, sticks: Sticks) -> None:
         """Command the body in this row from now on."""
