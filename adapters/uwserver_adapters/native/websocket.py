@@ -16,10 +16,11 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
+from uwserver.adapter import MESSAGE_LIMIT
 from uwserver.ports import ErrorCode, Fault
-from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
+from uwserver_adapters.native.codec import LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK
-from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, id_of_json, parse_json, parse_msgpack
 
 LOCAL_ORIGINS = ("http://localhost", "http://localhost:*", "http://127.0.0.1", "http://127.0.0.1:*")
 """Pages that may connect unless the configuration says otherwise: those of this machine."""
@@ -30,6 +31,8 @@ HTTP_ANSWER = (
     b"printf '" + EXAMPLE.encode() + b"\\n' | nc HOST PORT\n"
 )
 
+WEB_LIMIT = LINE_LIMIT + 4096
+"""Longest message taken in one or more frames, bytes: of more than `LINE_LIMIT` only the one message is refused, above this the peer."""
 SLICE = 2048
 """Bytes parsed at once: a slice full of the smallest frames must not take the loop's time from others."""
 _OVERHEAD = 1 << 10
@@ -64,7 +67,7 @@ class Handshake:
         self.fault: Fault | None = None
         self._origins = origins
         self._tail = b""
-        self._protocol = ServerProtocol(max_size=FRAME_LIMIT, logger=_quiet)
+        self._protocol = ServerProtocol(max_size=WEB_LIMIT, logger=_quiet)
 
     def receive(self, data: bytes) -> bytes:
         """Take bytes in pieces of any size, until there is an answer. Returns those after the request, which are the codec's."""
@@ -133,7 +136,7 @@ class WebSocketCodec(Codec):
 
     def __init__(self, protocol: ServerProtocol) -> None:
         super().__init__(JSON, _text_frame)
-        self.limit = FRAME_LIMIT
+        self.limit = WEB_LIMIT
         self._protocol = protocol
         self._buffer = bytearray()
         self._events: deque[Request | Malformed | Control] = deque()
@@ -207,11 +210,13 @@ class WebSocketCodec(Codec):
             self._has_heard = True
             if not is_text:
                 self.encoding, self.frame = MSGPACK, _binary_frame
-        if not is_text:
+        if len(body) > LINE_LIMIT:
+            self._events.append(Malformed(self._too_large(LINE_LIMIT), id_of_json(body) if is_text else None))
+        elif not is_text:
             self._events.append(parse_msgpack(body))
-        elif len(body) > LINE_LIMIT:
-            self._events.append(Malformed(self._too_large(LINE_LIMIT)))
-        elif _is_utf8(body):
+        elif (
+            body.isascii() or len(body) > MESSAGE_LIMIT or _is_utf8(body)
+        ):  # a longer one is refused unless it is ASCII
             self._events.append(parse_json(body))
         else:
             self._end(

@@ -17,8 +17,10 @@ from uwserver_adapters.sil.channels import Outputs
 
 log = logging.getLogger(__name__)
 
-READ = 1 << 16
-"""Bytes read at a time."""
+READ = 1 << 12
+"""Bytes read at a time: an autopilot says some 100 in a step, and what is no MAVLink takes long to read."""
+BAD_IN_A_ROW = 100
+"""Messages and pieces that were not understood, none between them that was, after which the connection is ended."""
 WAITING = 1 << 20
 """Bytes that may wait for an autopilot that does not read; then the connection is ended."""
 
@@ -37,6 +39,7 @@ class Connection:
         self.codec = codec.Codec()
         self.unsent = b""
         self.is_greeted = False
+        self.bad_in_a_row = 0
         self.controls: codec.Controls | None = None
         self.is_fresh = False
         self.told_s = math.inf
@@ -178,7 +181,9 @@ class Px4Driver:
         if not data:
             self._drop("it closed")
             return
-        for event in link.codec.receive(data):
+        events = link.codec.receive(data)
+        link.bad_in_a_row = 0 if events else link.bad_in_a_row + link.codec.bad
+        for event in events:
             link.is_greeted = True
             if isinstance(event, codec.Controls):
                 link.controls = event
@@ -194,6 +199,8 @@ class Px4Driver:
             self._counts["bad"] += link.codec.bad
             self._stats.errors += link.codec.bad
             link.codec.bad = 0
+        if link.bad_in_a_row > BAD_IN_A_ROW:
+            self._drop("what it says is no MAVLink")
 
     def _send(self, link: Connection, data: bytes) -> None:
         unsent = link.unsent + data

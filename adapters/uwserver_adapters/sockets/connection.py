@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from uwserver import adapter
-from uwserver.adapter import Peer, Peers
+from uwserver.adapter import STRANGER_LIMIT, Peer, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.native.codec import NEED_DATA, WEB, Codec, Control, JsonCodec, choose_codec
 from uwserver_adapters.native.outbox import Outbox
@@ -17,8 +17,6 @@ from uwserver_adapters.sockets.config import SocketsConfig
 
 TRIES = 3
 """Messages before a valid `hello` where a token is set."""
-STRANGER_LIMIT = 1 << 16
-"""Longest message of a peer that has not shown the token, bytes."""
 
 
 class Connection(adapter.Connection):

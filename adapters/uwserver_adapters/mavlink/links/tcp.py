@@ -55,6 +55,11 @@ class TcpPeer(Connection):
         """Take the next frame."""
         return self._channel is not None and self._router.work(self._channel)
 
+    def quiet_until(self) -> float:
+        """The end of the window, when the peer floods."""
+        meter = None if self._channel is None else self._channel.meter
+        return meter.end if meter is not None and meter.is_flooded(self.loop.time()) else 0.0
+
     def _send(self, data: bytes) -> bool:
         if self.is_closing or self.waiting > WAITING:
             return False

@@ -52,6 +52,20 @@ def test_nothing_moves_before_the_autopilot_speaks() -> None:
             assert r.order() is not None
 
 
+@pytest.mark.parametrize("garbage", [b"\x00\xfd\x01\x00" * 200, b"\xfd\x00\x00" + bytes(9)])
+def test_who_says_no_mavlink_is_sent_away(garbage: bytes) -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() == Order(4, ())
+        for _ in range(400):
+            try:
+                px4.stream.send(garbage)
+            except OSError:
+                break
+            r.order()
+        assert r.stats.peers == 0
+        assert "is no MAVLink" in r.stats.last_error
+
+
 def test_armed_in_lockstep_each_step_waits_for_its_controls() -> None:
     with rig() as r, connected(r) as px4:
         assert r.order() == Order(4, ())
