@@ -9,10 +9,12 @@ from __future__ import annotations
 import re
 from typing import Final, Literal
 
+from uwserver.adapter.bounds import STRANGER_LIMIT
+
 Speech = Literal["unknown", "own", "http", "tls"]
 """What a peer speaks: not known yet, neither HTTP nor TLS (so perhaps ours), HTTP (RFC 9112, and the preface of RFC 9113), TLS (RFC 8446)."""
 
-HEAD_LIMIT = 1 << 14
+HEAD_LIMIT = STRANGER_LIMIT
 """Bytes after which a target without an end is taken for HTTP's, and a method without one is none: browsers know no long ones."""
 
 # What is left of a word: a method is any token (RFC 9110, 5.6.2), a target anything without a blank.
