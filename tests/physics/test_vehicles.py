@@ -11,7 +11,9 @@ from uwserver.validation.manoeuvres.figures import Trial
 from uwserver.validation.manoeuvres.report import Report, report
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"
-VEHICLES = tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+IDENTIFIED = {"bluerov2_heavy_von_benzon", "bluerov2_wu"}
+"""A paper's numbers as they stand, for comparison with it; their files say that they are not to be driven."""
+VEHICLES = tuple(sorted({path.stem for path in SHIPPED.glob("*.toml")} - IDENTIFIED))
 MOST_TILT, MOST_YAW = math.radians(25.0), math.radians(20.0)
 """Of a straight run with the throttle stepped, within 20 s: nobody somersaults, and nobody leaves his course."""
 NEAR = 0.3
