@@ -46,6 +46,9 @@ class Sticks(NamedTuple):
     nose_down: float = 0.0
 
 
+GLIDE_DOWN = Sticks(sink=1.0, nose_down=1.0)
+
+
 @dataclass(frozen=True)
 class _Mix:
     """Commands per unit of each stick: of thrusters (n, 4) and shafts in rad/s (m, 4) for surge, sway, heave and yaw; of the wrench (4).
@@ -92,6 +95,11 @@ class Helm:
         column = Sticks._fields.index(stick)
         return any(part[..., column].any() for part in (self._mix.thrusters, self._mix.shafts, self._mix.wrench))
 
+    @property
+    def glides(self) -> bool:
+        """Whether ballast and a moving mass drive it, and no propulsor."""
+        return self.has("sink") and self.has("nose_down") and not self.has("surge")
+
     def tell(self, hydro: Hydrodynamics, row: int, sticks: Sticks) -> None:
         """Command the body in this row from now on."""
         record, asked, mix = hydro.bodies[row], np.array(sticks[:4]), self._mix
@@ -117,7 +125,7 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
     highs = np.array([servos[propeller.servo].high for propeller in propellers])
     strengths = [max(force for _, force in _curve(t.table.curves, t.table.voltages, t.voltage)) for t in thrusters]
     strengths += [
-        p.density * p.diameter**4 * (high / (2.0 * np.pi)) ** 2 * max(p.curve[0][1], 1e-9)
+        p.density * p.diameter**4 * (high / (2.0 * np.pi)) ** 2 * max(p.line[0], 1e-9)
         for p, high in zip(propellers, highs, strict=True)
     ]
     placed = [(t.r, t.axis) for t in thrusters] + [(p.r, p.axis) for p in propellers]

@@ -24,7 +24,7 @@ from uwserver.validation.manoeuvres.figures import (
     mean,
     settled,
 )
-from uwserver.validation.manoeuvres.helm import Sticks
+from uwserver.validation.manoeuvres.helm import GLIDE_DOWN, Sticks
 from uwserver.validation.manoeuvres.runs import Plan, Track, Waters, hold, still, then
 
 THROTTLES = (0.3, 0.6, 1.0)
@@ -134,11 +134,11 @@ GLIDE = (
 def glide(waters: Waters) -> Trial:
     """Heavy and nose down, then light and nose up, without thrust: for what has ballast, a moving mass and no propulsor."""
     helm = waters.helm
-    if not (helm.has("sink") and helm.has("nose_down")) or helm.has("surge"):
+    if not helm.glides:
         return Trial(
             "glide", "Glide", "", reason="it is no glider: that needs ballast and a moving mass, and no propulsor"
         )
-    sticks = {"down": Sticks(sink=1.0, nose_down=1.0), "up": Sticks(sink=-1.0, nose_down=-1.0)}
+    sticks = {"down": GLIDE_DOWN, "up": Sticks(sink=-1.0, nose_down=-1.0)}
     rows = []
     for told, track in zip(sticks, waters.sail([hold(each) for each in sticks.values()], LONG_S), strict=True):
         end = track.steady
