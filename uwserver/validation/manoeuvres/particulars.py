@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import msgspec
 import numpy as np
 from msgspec import UnsetType
 
-from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.scenario.vehicle.body import matrices
-from uwserver.validation.manoeuvres.helm import DEPTH, Helm, Sticks
+from uwserver.validation.manoeuvres.bollard import bollard
+from uwserver.validation.manoeuvres.helm import Helm, Sticks
 from uwserver.validation.manoeuvres.outline import outline
 
-_HEAVY = 1e12
-"""kg and kg m2 of a body that no thrust moves."""
-_SPUN_UP_S = 10.0
 THRUSTS = {
     "ahead": (Sticks(surge=1.0), 0),
     "astern": (Sticks(surge=-1.0), 0),
@@ -110,18 +108,8 @@ def _size(solid: Solid) -> tuple[float, ...]:
 
 def _thrust(helm: Helm) -> Iterator[tuple[str, int, float]]:
     """Name, axis and size of what each stick makes at rest, held fast: N or N m."""
-    body, zero, eye = helm.body, np.zeros((6, 6)), np.eye(6)
-    fast = replace(
-        body, M_RB=_HEAVY * eye, M_A=zero, D_L=zero, D_Q=zero, D_S=zero, weight=0.0, buoyancy=0.0, displaced=0.0
-    )
     known = {name: (sticks, axis) for name, (sticks, axis) in THRUSTS.items() if helm.has(_moved(sticks))}
-    hydro = Hydrodynamics([fast] * len(known), 0.02)
-    hydro.state[:, 2] = DEPTH
-    for row, (sticks, _) in enumerate(known.values()):
-        helm.tell(hydro, row, sticks)
-    for k in range(round(_SPUN_UP_S / hydro.dt)):
-        hydro.advance(k * hydro.dt)
-    wrench = hydro.rates_of_change(_SPUN_UP_S)[1]
+    wrench = bollard(helm.body, [partial(helm.tell, sticks=sticks) for sticks, _ in known.values()])
     for row, (name, (_, axis)) in enumerate(known.items()):
         yield name, axis, abs(float(wrench[row, axis]))
 

@@ -11,7 +11,8 @@ from uwserver.frames import multiply, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, STATE_SIZE, P, Q
-from uwserver.validation.manoeuvres.helm import DEPTH, Helm, Sticks
+from uwserver.validation.manoeuvres.bollard import DEPTH
+from uwserver.validation.manoeuvres.helm import Helm, Sticks
 
 DT = 0.02
 """s, of a tick."""
