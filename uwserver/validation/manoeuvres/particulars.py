@@ -20,6 +20,7 @@ from uwserver.scenario.vehicle.body import matrices
 from uwserver.validation.manoeuvres.bollard import bollard
 from uwserver.validation.manoeuvres.helm import Helm, Sticks
 from uwserver.validation.manoeuvres.outline import outline
+from uwserver.validation.manoeuvres.runs import floats
 
 THRUSTS = {
     "ahead": (Sticks(surge=1.0), 0),
@@ -52,8 +53,9 @@ def particulars(resolved: ResolvedVehicle, body: BodyParams, helm: Helm) -> list
     ]
     if resolved.solid is not None:
         found.append(Particular("length, width, height of its collision shapes", "m", _size(resolved.solid), ""))
-    arm = (body.weight * body.r_g[2] - body.buoyancy * body.r_b[2]) / max(body.weight, 1e-9)
-    found.append(Particular("righting arm", "m", (arm,), _statuses(rigid, file.buoyancy)))
+    if not floats(body):
+        arm = (body.weight * body.r_g[2] - body.buoyancy * body.r_b[2]) / max(body.weight, 1e-9)
+        found.append(Particular("righting arm", "m", (arm,), _statuses(rigid, file.buoyancy)))
     found.append(
         Particular("moments of inertia about the origin", "kg m2", tuple(np.diag(body.M_RB)[3:].tolist()), rigid.status)
     )
