@@ -161,7 +161,7 @@ class StateFiles:
             write_state(path, data)
             return len(data)
 
-        t_ns = world.time_of(kept.tick)
+        t_ns = world.ticks.time_of(kept.tick)
         try:
             async with self._one_at_a_time:
                 size = await asyncio.get_running_loop().run_in_executor(None, write)

@@ -102,7 +102,7 @@ def from_bytes(world: World, data: bytes) -> None:
     if (file.scenario, file.seed) != (world.identity(), world.seed):
         text = "the state is of another scenario: load the scenario, with the seed, of which it was saved"
         raise _refused(f"{text} (seed {file.seed}, here {world.seed})" if file.seed != world.seed else text)
-    if not 0 <= world.time_of(file.tick) < 2**62:
+    if not 0 <= world.ticks.time_of(file.tick) < 2**62:
         raise _refused(f"tick {file.tick} cannot be")
     _restore(world, file.tick, file.parts, checked=False)
 

@@ -23,6 +23,7 @@ from uwserver.world.part import Carry, Part, Stage, takes_part
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.surroundings import Bodies, Flowing
+from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class World:
 
     Attributes:
         t_ns: simulation time, ns, computed from `tick`.
+        ticks: which tick is when.
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         members: all bodies with their components, by name; `vehicles`, `sensors` and `actuators` follow from them.
         vehicles: the bodies by name, free objects too.
@@ -73,7 +75,7 @@ class World:
         self.earth = Earth()
         self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
-        self._double_ns, self._double_rate = 2 * NANOSECONDS * rate_hz.denominator, 2 * rate_hz.numerator
+        self.ticks = Ticks(rate_hz)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
         self.ports: Mapping[str, Port] = {}
@@ -224,11 +226,6 @@ class World:
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
 
-    def time_of(self, tick: int) -> int:
-        """Simulation time of a tick, ns: computed from its number, never accumulated."""
-        # In whole numbers (half up), as Fraction arithmetic would cost as much as a sensor.
-        return (tick * self._double_ns + self._rate[0]) // self._double_rate
-
     @property
     def tick(self) -> int:
         """Ticks done."""
@@ -236,7 +233,7 @@ class World:
 
     @tick.setter
     def tick(self, tick: int) -> None:
-        self._tick, self.t_ns = tick, self.time_of(tick)
+        self._tick, self.t_ns = tick, self.ticks.time_of(tick)
 
     def jump(self, tick: int) -> None:
         """Set the time to that of a tick; what was read at another time is forgotten."""

@@ -6,10 +6,9 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from uwserver.ports.later import Later
 
 from uwserver.ports import Call, Command, Refused, Reply
-from uwserver.ports.crossing import Posted, TickOutput
+from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.world.commands import Commands
 from uwserver.world.requests import Requests
 

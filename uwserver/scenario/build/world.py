@@ -43,7 +43,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     if resolved.is_solid:
         build_scene(world, resolved)
     faults = Faults(
-        hydro, water, world.vehicles, world.sensors, world.actuators, rate, lambda: world.tick,
+        hydro, water, world.vehicles, world.sensors, world.actuators, world.ticks, lambda: world.tick,
         lambda text: world.say("fault", text),
     )  # fmt: skip
     world.add(faults)

@@ -16,10 +16,14 @@ from uwserver.ports import ErrorCode, Refused
 
 VERBS = ("SUBSCRIBE", "UNSUBSCRIBE", "LIST", "GET", "CALL", "HELP", "QUIT")
 LINE_LIMIT = 1 << 16
+PAIRS = 256
+"""Variables that one line may write."""
+NUMBER_LIMIT = 64
+"""Longest number, characters."""
 
 _TAG = re.compile(r"#(\S{1,64})(?:\s+|$)")
 _NAME = re.compile(r"[^\s=,;\"#]{1,256}")
-_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"')
+_QUOTED = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 _BARE = re.compile(r"[^\s,;\"]+")
 _GAP = re.compile(r"[\s,;]*")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -94,6 +98,8 @@ def _pairs(text: str) -> tuple[tuple[str, float | str], ...]:
             raise ValueError(f'"{text[at : at + 40]}" is neither NAME=value nor one of {", ".join(VERBS)}')
         value, at = _value(text, name.end() + 1)
         pairs.append((name[0], value))
+        if len(pairs) > PAIRS:
+            raise ValueError(f"a line writes at most {PAIRS} variables: write several lines")
         gap = _GAP.match(text, at)
         assert gap is not None
         if gap.end() == at and at < len(text):
@@ -117,7 +123,7 @@ def _value(text: str, at: int) -> tuple[float | str, int]:
     if bare is None:
         raise ValueError('a value is missing: write "" for an empty text')
     word = bare[0]
-    if _NUMBER.fullmatch(word):
+    if len(word) <= NUMBER_LIMIT and _NUMBER.fullmatch(word):
         number = float(word)
         if not math.isfinite(number):
             raise ValueError(f"{word[:40]} is too large")

@@ -20,9 +20,20 @@ def faults_of(world: World) -> Faults:
     return part
 
 
-@pytest.mark.parametrize(("t_s", "tick"), [(0.0, 0), (0.1, 24), (0.101, 25), (0.0041, 1), (3.0, 720)])
+@pytest.mark.parametrize(
+    ("t_s", "tick"), [(0.0, 0), (0.1, 24), (0.101, 25), (0.0041, 1), (3.0, 720), *((k / 240, k) for k in range(1, 12))]
+)
 def test_a_fault_acts_from_the_first_tick_at_or_after_its_time(world: World, t_s: float, tick: int) -> None:
-    assert faults_of(world).tick_of(t_s) == tick
+    faults = faults_of(world)
+    faults.set("dead", ThrusterDead(target="rov/thrusters", at_s=t_s))
+    assert faults.entries["dead"].begin == tick
+
+
+def test_the_time_that_a_status_tells_is_the_tick_of_a_fault(world: World) -> None:
+    faults = faults_of(world)
+    for tick in range(1, 30):
+        faults.set("dead", ThrusterDead(target="rov/thrusters", at_s=world.ticks.time_of(tick) / 1e9))
+        assert faults.entries["dead"].begin == tick
 
 
 def test_it_has_nothing_to_do_until_the_next_begin_or_end(world: World) -> None:
