@@ -17,7 +17,7 @@ from uwserver_adapters.sil.channels import Outputs
 
 log = logging.getLogger(__name__)
 
-READ = 1 << 12
+READ = 1 << 10
 """Bytes read at a time: an autopilot says some 100 in a step, and what is no MAVLink takes long to read."""
 BAD_IN_A_ROW = 100
 """Messages and pieces that were not understood, none between them that was, after which the connection is ended."""
