@@ -14,14 +14,16 @@ MESSAGE_LIMIT = 64 << 10
 """Longest message, bytes; binary values and plain texts do not count."""
 PLAIN_TEXT = 1 << 10
 """Length from which a text of ASCII without backslashes (base64, say) is plain, bytes: it costs no more than its copy."""
-MAX_PLAIN = 1 << 20
+MAX_PLAIN = 512 << 10
 """Longest JSON message with its plain texts, and bytes in all plain texts of a msgpack message."""
 MAX_BINARY = 4 << 20
 """Bytes in all binary values of one msgpack message."""
 LONG_NUMBER = 17
 """Digits from which a number is long. Decoders are slow with what lies half-way between two doubles, which takes 17 digits or an exponent."""
+FEW = 16
+"""Exponents and long numbers that any decoder may have to do with."""
 LONG_NUMBERS_LIMIT = 16 << 10
-"""Longest JSON message with exponents or long numbers, bytes."""
+"""Longest JSON message with more of them, bytes."""
 MAX_DIGITS = 400
 """Digits of a number in JSON: more than any double needs."""
 MAX_DEPTH = 32
@@ -36,7 +38,7 @@ MAX_TEXTS = 4096
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 # Every digit becomes 0 and every point goes, so that a number is a row of zeros and an exponent "0e".
 _NUMBERS = bytes.maketrans(b"123456789E", b"000000000e")
-_LONG_ROW, _ENDLESS_ROW = b"0" * LONG_NUMBER, b"0" * (MAX_DIGITS + 1)
+_EXPONENT, _LONG_ROW, _ENDLESS_ROW = b"0e", b"0" * LONG_NUMBER, b"0" * (MAX_DIGITS + 1)
 
 
 class Excess(Exception):
@@ -52,7 +54,7 @@ class Excess(Exception):
 
 
 def weigh_json(text: bytes) -> bool:
-    """Whether a JSON text has exponents or long numbers. What is no JSON is the decoder's to say.
+    """Whether a JSON text has more than a few exponents and long numbers. What is no JSON is the decoder's to say.
 
     Raises:
         Excess: it is not to be decoded.
@@ -61,34 +63,30 @@ def weigh_json(text: bytes) -> bool:
         # Nearly all there are; what stands in texts is counted too, which does not matter below the limits.
         separators = text.count(b",") + text.count(b":")
         brackets = text.count(b"[") + text.count(b"{")
-        if separators < MAX_VALUES and brackets <= MAX_DEPTH and not _has_long_numbers(text):
+        if separators < MAX_VALUES and brackets <= MAX_DEPTH and not _has_costly_numbers(text):
             return False
-    outside, weight = _outside(text)
+    outside = _outside(text)
     if outside.count(b",") + outside.count(b":") >= MAX_VALUES:
         raise _too_many(MAX_VALUES, "values")
     _check_brackets(outside)
-    shape = _shape(outside)
-    if _ENDLESS_ROW in shape:
+    if not _has_costly_numbers(outside):
+        return False
+    if _ENDLESS_ROW in outside.translate(_NUMBERS, b"."):
         raise Excess(f"a number has at most {MAX_DIGITS} digits")
-    is_long = b"0e" in shape or _LONG_ROW in shape
-    if is_long and weight > LONG_NUMBERS_LIMIT:
-        what = f"numbers with an exponent, or of {LONG_NUMBER} digits and more"
+    if len(text) > LONG_NUMBERS_LIMIT:
+        what = f"more than {FEW} numbers with an exponent, or of {LONG_NUMBER} digits and more"
         advice = "write fewer digits, or send a buffer"
         raise Excess(f"{what}, in a message of more than {LONG_NUMBERS_LIMIT} bytes: {advice}", "too_large")
-    return is_long
+    return True
 
 
-def _has_long_numbers(text: bytes) -> bool:
-    shape = _shape(text)
-    return b"0e" in shape or _LONG_ROW in shape
+def _has_costly_numbers(text: bytes) -> bool:
+    shape = text.translate(_NUMBERS, b".")
+    return shape.count(_EXPONENT) + shape.count(_LONG_ROW) > FEW or _ENDLESS_ROW in shape
 
 
-def _shape(text: bytes) -> bytes:
-    return text.translate(_NUMBERS, b".")
-
-
-def _outside(text: bytes) -> tuple[bytes, int]:
-    """What stands outside of the texts of a JSON message (of each text, its quotes), and its bytes without plain texts."""
+def _outside(text: bytes) -> bytes:
+    """What stands outside of the texts of a JSON message; of each text, its quotes."""
     is_larger = len(text) > MESSAGE_LIMIT
     if is_larger and (len(text) > MAX_PLAIN or b"\\" in text or not text.isascii()):
         raise _too_large()
@@ -98,11 +96,11 @@ def _outside(text: bytes) -> tuple[bytes, int]:
     if bare.count(b'"') > 2 * MAX_TEXTS:
         raise _too_many(MAX_TEXTS, "texts")
     pieces = bare.split(b'"')
-    plain = (len(piece) for piece in pieces[1::2] if len(piece) >= PLAIN_TEXT and piece.isascii())
-    weight = len(text) - sum(plain)
-    if weight > MESSAGE_LIMIT:
-        raise _too_large()
-    return b'"'.join(pieces[::2]), weight
+    if is_larger:
+        plain = sum(len(piece) for piece in pieces[1::2] if len(piece) >= PLAIN_TEXT)
+        if len(text) - plain > MESSAGE_LIMIT:
+            raise _too_large()
+    return b'"'.join(pieces[::2])
 
 
 def _check_brackets(outside: bytes) -> None:

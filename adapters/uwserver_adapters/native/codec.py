@@ -17,9 +17,9 @@ from uwserver.ports import Event, Fault, Progress, Refused, Sample
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding, RequestId
 from uwserver_adapters.native.requests import Malformed, Request, id_of_json, parse_json, parse_msgpack
 
-LINE_LIMIT = 1 << 20
+LINE_LIMIT = 512 << 10
 """Longest JSON line or text, bytes: what `decode` takes at most, with texts in base64."""
-FRAME_LIMIT = 6 << 20
+FRAME_LIMIT = 5 << 20
 """Longest msgpack frame, bytes: more than `decode` takes at most, with texts and binary values."""
 
 

@@ -14,7 +14,7 @@ from uwserver_adapters.px4 import codec
 
 log = logging.getLogger(__name__)
 
-READ = 1 << 12
+READ = 1 << 10
 """Bytes read at a time: an autopilot says some 100 in a step, and what is no MAVLink takes long to read."""
 GUESTS = 4
 """Connections that have not said a message yet; the oldest makes way."""

@@ -18,6 +18,8 @@ VERBS = ("SUBSCRIBE", "UNSUBSCRIBE", "LIST", "GET", "CALL", "HELP", "QUIT")
 LINE_LIMIT = 1 << 16
 PAIRS = 256
 """Variables that one line may write."""
+TEXT_LIMIT = 1 << 15
+"""Longest quoted text, characters."""
 NUMBER_LIMIT = 64
 """Longest number, characters."""
 
@@ -112,7 +114,9 @@ def _pairs(text: str) -> tuple[tuple[str, float | str], ...]:
 
 def _value(text: str, at: int) -> tuple[float | str, int]:
     if text[at : at + 1] == '"':
-        quoted = _QUOTED.match(text, at)
+        quoted = _QUOTED.match(text, at, at + TEXT_LIMIT)
+        if quoted is None and len(text) > at + TEXT_LIMIT:
+            raise ValueError(f"a quoted text has at most {TEXT_LIMIT} characters")
         if quoted is None:
             raise ValueError('a quoted text that does not end: close it with ", write " within it as \\"')
         try:
