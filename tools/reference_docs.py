@@ -9,9 +9,10 @@ import argparse
 import inspect
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 from msgspec import NODEFAULT, UNSET
@@ -27,11 +28,13 @@ from uwserver.ports import Field, Port, Service
 from uwserver.scenario.authoring.catalogue import keys_of, sensor_kinds
 from uwserver.scenario.authoring.json_schema import FILES, json_schema
 from uwserver.scenario.build.world import build
+from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load import tables as scenario_tables
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.solids import tables as solid_tables
-from uwserver.scenario.vehicle import entry
+from uwserver.scenario.vehicle import appendage_tables, entry
 from uwserver.scenario.vehicle import tables as vehicle_tables
+from uwserver.scenario.vehicle.appendage_tables import Status
 from uwserver.scenario.water import tables as water_tables
 from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
@@ -60,6 +63,9 @@ What each kind tells (as `one_of_everything` configures it), the keys of its own
 [every sensor has](../scenario.md#sensors), and the named devices with source and status of every number; `guess` wants a look before you trust it.
 Every sample has `valid`, `seq`, `t_ns` and `t_sent_ns` too. `ideal = true` switches the errors off; [modifiers](modifiers.md) add more. The same
 list: `uwserver list sensors`. Pictures: `uwserver plot sensor`, drawn by `tools/sensor_plots.py` and `tools/sonar_pictures.py`."""
+STATUSES = get_args(Status)
+STATUS = re.compile(rf'^(?:status = "|# )({"|".join(STATUSES)})(?:"|: )', re.MULTILINE)
+"""Of a group of numbers: its key, or the comment above a table that has no such key."""
 MODELS = {"dvl": "dvl", "altimeter": "altimeter", "scanning_sonar": "scanning_sonar", "usbl": "usbl", "lbl": "lbl"}
 """Pages that are not about navigation."""
 
@@ -101,7 +107,7 @@ def kinds_page() -> str:
     """Each kind of sensor: what it tells, its keys, what can be set, and its devices with the source of every number."""
     lines = [HEAD, "# Kinds of sensors", "", KINDS_INTRODUCTION, ""]
     lines.append(", ".join(f"[{kind}](#{kind})" for kind in sensor_kinds()))
-    lines.append("")
+    lines += ["", *_provenance(), ""]
     for kind in sensor_kinds().values():
         lines += [f"## {kind.kind}", ""]
         page = MODELS.get(kind.kind, "navigation")
@@ -125,6 +131,20 @@ def kinds_page() -> str:
             lines += [f"| `{v.key}` | {v.value} | {v.status} | {v.source} |" for v in device.values]
             lines.append("")
     return "\n".join(lines)
+
+
+def _provenance() -> Iterator[str]:
+    """How many groups of numbers of the shipped files are of which status."""
+    yield "## How sure the numbers are"
+    yield ""
+    yield "Groups of numbers of the shipped files by their status. A test keeps guesses under a quarter of the devices' groups."
+    yield ""
+    yield f"| files | {' | '.join(STATUSES)} | all | guesses |"
+    yield "|---" * (len(STATUSES) + 3) + "|"
+    for folder in ("devices", "vehicles"):
+        found = Counter(status for path in shipped(folder).values() for status in STATUS.findall(path.read_text()))
+        counts = " | ".join(str(found[status]) for status in STATUSES)
+        yield f"| {folder} | {counts} | {found.total()} | {found['guess'] / found.total():.1%} |"
 
 
 def _fields(fields: Iterable[Field]) -> Iterator[str]:
@@ -162,7 +182,7 @@ def scenario_page() -> str:
         "",
         *_tables(scenario_tables, world_tables, water_tables, entry, first=scenario_tables.Scenario),
     ]
-    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, first=vehicle_tables.VehicleFile)]
+    lines += ["## Vehicle and device", "", *_tables(vehicle_tables, appendage_tables, first=vehicle_tables.VehicleFile)]
     lines += ["## Solid things", "", *_tables(solid_tables)]
     lines += ["## Autopilot", "", *_table("vehicles.*.autopilot", AutopilotConfig), *_table("Gains", Gains)]
     lines += ["## Waves", "", *_table("environment.waves", WavesConfig)]

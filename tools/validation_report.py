@@ -52,7 +52,8 @@ INTRODUCTION = """\
 Written by `python tools/validation_report.py`; do not edit. `--check` computes the numbers again. The same bars are asserted by
 `tests/physics`, together with what has no number to show: each force term alone against its formula, a circular turn in a current,
 the Galilean shift by a uniform current (1e-8 m), thruster tables, lag, inflow and immersion, sub-steps and the implicit fallback of
-stiff bodies, fins from attached flow to a plate, propeller curves in four quadrants, ballast, strips and derivatives, and bit-identical
+stiff bodies, fins from attached flow to a plate, propellers by the open-water curves of their source in the first quadrant, and as a Wageningen
+B4-70 in all four (signs, drag when stopped, crash stop, no power from nothing), ballast, strips and derivatives, and bit-identical
 repeats in another process and in any company of bodies. Of contacts, `tests/physics/test_contact.py`
 also holds hits between bodies, momentum across them, stillness at rest, and eight directions of breaking loose.
 """

@@ -1,8 +1,7 @@
 """A real ArduSub dives our vehicles: what ArduPilot's own autotests (`Tools/autotest/ardusub.py`) ask of their vehicle, with their numbers.
 
 Opt-in, see `ground_station`. The autopilot steps the physics at 400 Hz, so a dive of minutes takes some ten seconds; figures are printed
-(``pytest -s``). The vehicle is as strong as von Benzon et al. measured it, 0.72 m/s ahead: weaker than ArduPilot's, so that it is asked for less
-where that is said.
+(``pytest -s``). The vehicle makes 1.2 m/s ahead; where ArduPilot's is stronger it is asked for less, as is said there.
 """
 
 from __future__ import annotations
@@ -96,8 +95,8 @@ def test_modes_change_without_a_jump_in_depth(tmp_path: Path, gcs: Gcs) -> None:
 def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> None:
     """PositionHold: less than 1 m of drift in 10 s, then at least 2 m north in 10 s with the stick at 1600 us, against the current.
 
-    ArduPilot asks both in 1 m/s. No BlueROV2 Heavy as von Benzon et al. measured it can: at full thrust ahead it makes 0.72 m/s through the water,
-    and 1 m/s carries it off with the rest. It must hold in 0.6 m/s, and make that way against 0.3 m/s.
+    ArduPilot asks both in 1 m/s. At full thrust ahead this vehicle makes 1.2 m/s through the water, little more than that: it must hold in 0.6 m/s
+    and make that way against 0.3 m/s; in 1 m/s it must be stronger than nothing.
     """
     by_dvl = aid == "dvl"
     with diving(
@@ -139,7 +138,7 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
         gcs.hold(10.0)
         swept = drifts(1.0)[-1]
         print(f"{aid}, 1 m/s: carried {swept:.2f} m in 10 s")
-        assert 2.0 < swept < 10.0, "full thrust against it, and still too weak"
+        assert swept < 5.0, "full thrust against it"
 
 
 def test_it_keeps_its_height_over_ground(tmp_path: Path, gcs: Gcs) -> None:
@@ -207,8 +206,7 @@ def test_it_follows_the_ground(tmp_path: Path, gcs: Gcs) -> None:
 def test_the_vehicle_with_six_thrusters(tmp_path: Path, gcs: Gcs) -> None:
     """FRAME_CONFIG 1, `vectored`, is `bluerov2`: depth within 0.3 m, the stick to the right turns it right, ahead is ahead.
 
-    Ahead is gentle: nothing but 2 cm between its centres holds the pitch of this model (Wu 2018), and its horizontal thrusters push below them. At
-    1575 us it leans by 28 degrees, from 1600 us on it turns over.
+    Nothing but 5 cm between its centres holds its pitch, and its horizontal thrusters push below them: it nods and stays upright.
     """
     with diving(tmp_path, gcs, model="bluerov2", frame=1) as server:
         gcs.locate()
@@ -230,14 +228,15 @@ def test_the_vehicle_with_six_thrusters(tmp_path: Path, gcs: Gcs) -> None:
         kept(gcs, server, "after turning")
         steer(gcs, 0.0)
         start = place(server)
-        gcs.sticks[5] = 1550
-        leaned = max(gcs.hold(10.0, lambda: pitch_of(server)))
+        gcs.sticks[5] = 1700
+        leaned = max(gcs.hold(10.0, lambda: abs(pitch_of(server))))
         north, east, _ = (a - b for a, b in zip(place(server), start, strict=True))
         print(
-            f"six thrusters, ahead 1550 us: {north:.2f} m north, {east:.2f} m east in 10 s, pitch up to {leaned:.1f} deg"
+            f"six thrusters, ahead 1700 us: {north:.2f} m north, {east:.2f} m east in 10 s, pitch up to {leaned:.1f} deg"
         )
         assert north > 1.0
         assert abs(east) < 0.3 * north
+        assert leaned < 20.0
 
 
 def pitch_of(server: Server) -> float:

@@ -106,6 +106,17 @@ def test_clients_save_and_load_files_by_name(client: Any, scenario: Path) -> Non
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_a_full_folder_is_told_and_nothing_is_written(client: Any, scenario: Path) -> None:
+    folder = scenario.parent / "states"
+    client.call("world/save", name="first")
+    for k in range(63):
+        (folder / f"{k}.uwstate").write_bytes(b"")
+    with pytest.raises(uwclient.CallRefused, match="64 states"):
+        client.call("world/save", name="second")
+    assert not (folder / "second.uwstate").exists()
+    assert client.call("world/save", name="first")["name"] == "first.uwstate"
+
+
 @pytest.mark.parametrize("name", ["../calm", "/etc/passwd", "a/b", ".hidden", "", "x" * 200, "a\\b", "a\0b"])
 def test_no_name_leads_out_of_the_folder(client: Any, scenario: Path, name: str) -> None:
     for service in ("world/save", "world/load"):

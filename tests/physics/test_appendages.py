@@ -19,10 +19,12 @@ from uwserver.physics.dynamics.appendage_params import (
     PropellerParams,
     ServoParams,
     WeightParams,
+    quadrant_coefficients,
 )
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
+from uwserver.scenario.vehicle.wageningen import b4_70
 
 RHO = 1025.0
 NU0 = np.array([1.4, -0.3, 0.2, 0.2, -0.1, 0.3])
@@ -213,12 +215,78 @@ def test_propeller_astern_is_its_mirror_and_at_rest_there_is_none() -> None:
 
 
 @pytest.mark.parametrize("speed", [150.0, -150.0])
-def test_propeller_force_falls_with_inflow_in_all_four_quadrants(speed: float) -> None:
-    """Ahead and astern, with and against the water: more speed along the axis is always less thrust along it."""
+def test_by_its_curves_thrust_falls_with_inflow_beyond_their_quadrant_too(speed: float) -> None:
+    """Ahead and astern, with and against the water: more speed along the axis is always less thrust along it. An extrapolation."""
     appendages = Appendages((SHAFT,), propellers=(PROPELLER,))
     thrust = [actuated(appendages, np.array([u, 0, 0, 0, 0, 0]), speed)[0] for u in np.linspace(-3.0, 3.0, 25)]
     assert np.all(np.diff(thrust) < 0.0)
     assert np.sign(thrust[12]) == np.sign(speed)
+
+
+def four_quadrants(**changes: object) -> Appendages:
+    """The Wageningen B4-70 of pitch ratio 1 in place of the curves."""
+    return Appendages((SHAFT,), propellers=(replace(PROPELLER, curve=(), series=b4_70(1.0), **changes),))  # type: ignore[arg-type]
+
+
+def test_in_four_quadrants_no_shaft_gives_the_body_more_than_it_takes() -> None:
+    """Thrust along the way and the reaction of the torque, at random speeds of shaft and body: P = Q omega - T u >= 0, also of a windmill."""
+    rng = np.random.default_rng(5)
+    free = four_quadrants(wake=1.0, deduction=1.0)
+    for _ in range(300):
+        u, speed = float(rng.uniform(-3.0, 3.0)), float(rng.uniform(-200.0, 200.0))
+        tau = actuated(free, np.array([u, 0, 0, 0, 0, 0]), speed)
+        assert -tau[3] * speed - tau[0] * u > 0.0
+
+
+def test_a_stopped_propeller_brakes_a_body_unless_its_damping_has_that() -> None:
+    """Alone with its drag c u|u|, u = u0 / (1 + c u0 t / m)."""
+    m, u0 = 40.0, 1.5
+    ends = []
+    for included in (False, True):
+        propeller = four_quadrants(damping_includes_stopped=included, sense=0.0)
+        hydro = Hydrodynamics([fixed(propeller, M_RB=m * np.eye(6))], 0.01)
+        hydro.state[0, 2], hydro.state[0, NU] = 50.0, u0
+        record(hydro, 4.0)
+        ends.append(hydro.state[0, NU])
+    stopped = quadrant_coefficients(b4_70(1.0), np.array([0.5 * math.pi]))[0, 0]
+    c = -0.85 * 0.9**2 * RHO * math.pi / 8.0 * 0.14**2 * stopped
+    assert ends[0] == pytest.approx(u0 / (1.0 + c * u0 * 4.0 / m), rel=1e-8)
+    assert ends[1] == u0
+
+
+def test_a_reversed_shaft_stops_a_body_sooner_than_a_stopped_one_and_then_drives_it_astern() -> None:
+    tracks = {}
+    for command in (0.0, -120.0):
+        hydro = Hydrodynamics([fixed(four_quadrants(sense=0.0), M_RB=40.0 * np.eye(6))], 0.01)
+        hydro.state[0, 2], hydro.state[0, NU] = 50.0, 1.5
+        hydro.servos["command"] = command
+        tracks[command] = record(hydro, 6.0)[1][:, 0, NU]
+    assert (tracks[-120.0][10:] < tracks[0.0][10:]).all()
+    assert tracks[0.0][-1] > 0.0 > tracks[-120.0][-1]
+
+
+def test_the_bound_of_the_damping_s_rate_holds_for_a_propeller_in_four_quadrants() -> None:
+    """By differences of the thrust over the speed ahead, against `rate_L + rate_Q |nu|` of a body of 1 kg."""
+    appendages = four_quadrants(deduction=1.0)
+    row = Hydrodynamics([fixed(appendages, M_RB=np.eye(6))], 0.01).bodies[0]
+    for speed in np.linspace(-200.0, 200.0, 21):
+        for u in np.linspace(-4.0, 4.0, 33):
+            low, high = (actuated(appendages, np.array([u + d, 0, 0, 0, 0, 0]), speed)[0] for d in (-1e-4, 1e-4))
+            assert abs(high - low) / 2e-4 <= 1.001 * (row["rate_L"] + row["rate_Q"][0] * abs(u))
+
+
+def test_a_crash_stop_keeps_its_accuracy_at_half_the_rate() -> None:
+    """Through n = 0, and then through V_a = 0."""
+    servos = (replace(SHAFT, tau=0.5),)
+    appendages = replace(four_quadrants(sense=0.0), servos=servos)
+    finals = []
+    for rate in (60, 120, 240):
+        hydro = Hydrodynamics([fixed(appendages, M_RB=40.0 * np.eye(6))], 1.0 / rate)
+        hydro.state[0, 2], hydro.state[0, NU] = 50.0, 1.0
+        hydro.servos["value"], hydro.servos["command"] = 60.0, -80.0
+        record(hydro, 6.0)
+        finals.append(hydro.state[0, 0])
+    assert abs(finals[1] - finals[2]) < 1e-8
 
 
 def test_propeller_sees_rotation_whole_speed_and_off_axis_mount() -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from uwserver_bench.proofs.closed_forms import table_a1
 
 from uwserver.frames import rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
@@ -107,9 +108,18 @@ def test_a_step_of_thrust_makes_a_bluerov_nod_and_no_more(load_vehicle: LoadVehi
 @pytest.mark.parametrize("name", IDENTIFIED)
 def test_the_identifications_as_published_do_not_meet_these_bars(load_vehicle: LoadVehicle, name: str) -> None:
     """Righting arms of 1 and 2 cm, drag without a moment, the whole Munk moment."""
-    stepped = drive(load_vehicle(name), ahead((0.3, 0.5)), 20.0)
+    stepped = drive(load_vehicle(name), ahead((0.5, 1.0)), 20.0)
     assert np.abs(stepped.rpy[:, 0, 1]).max() > 45.0
     assert stepped.upright[:, 1].min() < -0.9
+
+
+def test_the_identified_heavy_is_that_of_the_closed_forms(load_vehicle: LoadVehicle) -> None:
+    """Terminal velocities and natural frequencies are proven with Table A1; its file has the same numbers, but for damping at rest."""
+    body, table = load_vehicle("bluerov2_heavy_von_benzon", density_kgpm3=1000.0, gravity_mps2=9.82), table_a1()
+    for name in ("M_RB", "M_A", "D_Q", "D_S", "buoyancy", "r_g", "r_b"):
+        np.testing.assert_allclose(getattr(body, name), getattr(table, name), rtol=1e-9, err_msg=name)
+    np.testing.assert_allclose(body.D_L, table.D_L + np.diag([0.0, 1.0, 0.0, 0.1, 0.0, 0.1]))
+    assert not body.appendages.derivatives
 
 
 @pytest.mark.parametrize("name", BLUEROVS)
@@ -141,17 +151,18 @@ def test_the_two_files_of_one_hull_are_consistent(load_vehicle: LoadVehicle) -> 
     """The Heavy is the same hull with four thrusters more: no less drag along any axis, and no more than their frontal areas explain."""
     standard, heavy = (load_vehicle(name) for name in BLUEROVS)
     ratio = np.diag(heavy.D_Q)[:3] / np.diag(standard.D_Q)[:3]
-    assert np.all((ratio >= 1.0) & (ratio <= 1.6))
+    assert np.all((ratio >= 1.0) & (ratio <= 1.7))
     np.testing.assert_allclose(heavy.D_S, standard.D_S)
     np.testing.assert_allclose(np.subtract(heavy.r_b, heavy.r_g), np.subtract(standard.r_b, standard.r_g))
 
 
 @pytest.mark.parametrize(("name", "identified"), list(zip(BLUEROVS, IDENTIFIED, strict=True)))
 def test_a_bluerov_spins_as_both_identifications_say(load_vehicle: LoadVehicle, name: str, identified: str) -> None:
-    """Yaw drag 1.55 (Wu 2018) and 1.5 (von Benzon et al. 2022): 3.7 rad/s at full stick."""
+    """Yaw drag 1.55 (Wu 2018) and 1.5 (von Benzon et al. 2022): 3.7 rad/s at full stick with the
+    identified thruster, which loses less in the inflow than the T200 of open water."""
     track = drive(load_vehicle(name), [{"yaw": 1.0}], 10.0)
     level = replace(load_vehicle(identified), r_g=(0.0, 0.0, 0.2))  # which a pilot would have to hold upright
-    assert track.nu[-1, 0, 5] == pytest.approx(drive(level, [{"yaw": 1.0}], 10.0).nu[-1, 0, 5], rel=0.05)
+    assert track.nu[-1, 0, 5] == pytest.approx(drive(level, [{"yaw": 1.0}], 10.0).nu[-1, 0, 5], rel=0.12)
     assert np.abs(track.rpy[:, 0, :2]).max() <= 10.0
 
 

@@ -210,7 +210,7 @@ def test_reaction_torque_opposes_the_propeller(
     entry = Thruster(
         device="t200", position_frd_m=(0.0, 0.0, 0.0), axis_frd=(1.0, 0.0, 0.0), handedness=handedness, source="x", status="guess"  # type: ignore[arg-type]
     )  # fmt: skip
-    tau = wrench(fixed(replace(thruster_params("t", entry, t200), lag=Lag())), command)
+    tau = wrench(fixed(replace(thruster_params("t", entry, t200, 1025.0), lag=Lag())), command)
     assert tau[3] == pytest.approx(sign * t200.propeller.torque_per_force_m * tau[0])
     assert abs(tau[0]) > 30.0
 
@@ -245,17 +245,40 @@ def test_thrust_scales_with_the_submerged_part_of_the_disc() -> None:
         assert hydro.rates_of_change(0.0)[1][0, 0] == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("u", [1.5, -1.5])
+def test_a_t200_stopped_or_against_the_inflow_stays_within_bounds(t200: ThrusterDevice, u: float) -> None:
+    """At 1.5 m/s: the stopped one drags by 4 N where the hull's damping has not got it, and no command gives more than twice its thrust at rest."""
+    entry = Thruster(
+        device="t200", position_frd_m=(0.0, 0.0, 0.0), axis_frd=(1.0, 0.0, 0.0), damping_includes_stopped=False, source="x", status="guess"
+    )  # fmt: skip
+    bare = replace(thruster_params("t", entry, t200, 1025.0), lag=Lag())
+    nu = np.array([u, 0.0, 0.0, 0.0, 0.0, 0.0])
+    drag = -math.copysign(0.5 * 1025.0 * math.pi / 4.0 * 0.076**2 * t200.propeller.stopped_drag * u**2, u)
+    assert 2.0 < abs(drag) < 6.0
+    assert wrench(fixed(bare), 0.0, nu=nu)[0] == pytest.approx(drag)
+    assert wrench(fixed(replace(bare, drag=0.0)), 0.0, nu=nu)[0] == 0.0
+    commands = np.linspace(-1.0, 1.0, 41)
+    rest = np.array([wrench(fixed(bare), command)[0] for command in commands])
+    moving = np.array([wrench(fixed(bare), command, nu=nu)[0] for command in commands])
+    assert (np.abs(moving - drag) <= 2.0 * np.abs(rest) + 1e-9).all()
+    assert ((moving - drag) * rest >= -1e-9).all()
+    assert (np.diff(moving) >= -0.3).all()  # as the polynomial of the table at rest
+
+
+def test_no_inflow_however_fast_makes_thrust_without_end(t200: ThrusterDevice) -> None:
+    for u in (-1e3, 1e3):
+        nu = np.array([u, 0.0, 0.0, 0.0, 0.0, 0.0])
+        for command in (0.1, 1.0, -1.0):
+            bare = thruster(table=force_table(t200), inflow=t200.propeller.inflow_sqrtN_spm)
+            assert abs(wrench(fixed(bare), command, nu=nu)[0]) <= 2.0 * abs(wrench(fixed(bare), command)[0])
+
+
 @pytest.mark.parametrize(("u", "sign"), [(0.715, 1.0), (0.725, -1.0)])
 def test_bluerov2_heavy_held_level_at_full_power_ends_at_the_measured_speed(
-    load_vehicle: Callable[..., BodyParams], t200_von_benzon: ThrusterDevice, u: float, sign: float
+    load_vehicle: Callable[..., BodyParams], u: float, sign: float
 ) -> None:
     """About 0.72 m/s, with the thruster of the same paper (von Benzon et al.): below it still gains speed, above it loses some."""
     body: BodyParams = load_vehicle("bluerov2_heavy_von_benzon", density_kgpm3=1000.0, gravity_mps2=9.82)
-    identified = thruster_params("t", Thruster(
-        device="t200_von_benzon", position_frd_m=(0.0, 0.0, 0.0), axis_frd=(1.0, 0.0, 0.0), source="x", status="paper"
-    ), t200_von_benzon)  # fmt: skip
-    thrusters = tuple(replace(identified, name=t.name, r=t.r, axis=t.axis) for t in body.thrusters)
-    body = replace(body, thrusters=thrusters)
     hydro = Hydrodynamics([body], 1.0 / 240.0)
     hydro.thrusters["command"], hydro.thrusters["fresh"] = [-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0], 1
     level = np.array([0.0, 0.0, 50.0, 1.0, 0.0, 0.0, 0.0, u, 0.0, 0.0, 0.0, 0.0, 0.0])

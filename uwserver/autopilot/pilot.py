@@ -11,7 +11,7 @@ from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.estimator import Known, known
-from uwserver.autopilot.mission import MAX_ITEMS, Item
+from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
 from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders
 from uwserver.autopilot.sticks import enter, stay
@@ -328,8 +328,7 @@ class Autopilot:
         for q in (estimate.q, orders.attitude or estimate.q):
             if not abs(math.hypot(*q) - 1.0) < 1e-3:
                 raise ValueError(f'"{self.craft.path}" has an attitude that is no rotation')
-        count = len(orders.items)
-        if count > MAX_ITEMS or not -1 <= orders.index < count or not 0 <= orders.reached <= count:
+        if not -1 <= orders.index < len(orders.items) or not 0 <= orders.reached <= len(orders.items):
             raise ValueError(f'"{self.craft.path}" is at an item that its mission does not have')
         if any(len(parts) not in (0, len(self.craft.outputs.names)) for parts in (memory.outputs, orders.test)):
             raise ValueError(f'"{self.craft.path}" commands other actuators')
@@ -340,8 +339,10 @@ class Autopilot:
     def load(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
         """Go on from there; a call that waits ends."""
         self.preempt("the world was reset or restored")
-        self.estimate, self.memory, self.orders = estimate, memory, orders
-        self._take_hold()
+        before, self.orders = self.orders, orders
+        self.estimate, self.memory = estimate, memory
+        if (before.mode, before.armed, before.waits) != (orders.mode, orders.armed, orders.waits):
+            self._take_hold()
 
 
 def _floats(value: object) -> Iterator[float]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.mission import Item
+from uwserver.autopilot.mission import MAX_ITEMS, Item
 from uwserver.frames import IDENTITY, Quat, Vec3
 
 NAN = math.nan
@@ -23,6 +23,8 @@ Mode = Literal[
 ]  # fmt: skip
 
 Six = tuple[float, float, float, float, float, float]
+Parts = Annotated[tuple[float, ...], Meta(max_length=1024)]
+"""Parts of the full commands of a vehicle's actuators."""
 
 
 class Estimate(Struct):
@@ -82,7 +84,7 @@ class Memory(Struct):
     through: float = 0.0
     tau: Six = (0.0,) * 6
     lack: Six = (0.0,) * 6
-    outputs: tuple[float, ...] = ()
+    outputs: Parts = ()
 
 
 class Orders(Struct):
@@ -123,7 +125,7 @@ class Orders(Struct):
     place: Vec3 = NOWHERE
     turn: float = NAN
     turn_limit: float = math.inf
-    given: tuple[str, ...] = ()
+    given: Annotated[tuple[str, ...], Meta(max_length=64)] = ()
     attitude: Quat | None = None
     heave: float = 0.0
     velocity: Vec3 = STILL
@@ -137,10 +139,10 @@ class Orders(Struct):
     length: float = 0.0
     pace: float = NAN
     bound: float = NAN
-    items: tuple[Item, ...] = ()
+    items: Annotated[tuple[Item, ...], Meta(max_length=MAX_ITEMS)] = ()
     index: int = -1
     reached: int = 0
     entered: bool = False
     waited: float = 0.0
-    test: tuple[float, ...] = ()
-    failsafe: str = ""
+    test: Parts = ()
+    failsafe: Annotated[str, Meta(max_length=64)] = ""

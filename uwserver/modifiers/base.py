@@ -109,9 +109,14 @@ class Stream:
 
 
 class Modifier(ABC):
-    """One change of a stream, which depends on the reading, on `memory` and on the random numbers of `stream`, and on nothing else."""
+    """One change of a stream, which depends on the reading, on `memory` and on the random numbers of `stream`, and on nothing else.
+
+    Attributes:
+        draws: `apply` draws random numbers, whose stream is then saved with the world; False for one that draws when it is built, or never.
+    """
 
     memory: Memory = NOTHING
+    draws = True
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream

@@ -33,6 +33,7 @@ class _Drawn(Modifier):
     """Keeps, for each component of a field, what key `key` gives and an error of it drawn once."""
 
     memory: Constants
+    draws = False
 
     def __init__(self, stream: Stream, field: str, key: str, given: float | tuple[float, ...], sigma: float) -> None:
         super().__init__(stream)

@@ -49,6 +49,7 @@ class Turn(Memory):
 
 class _Misalignment(Modifier):
     memory: Turn
+    draws = False
 
     def __init__(self, config: Misalignment, stream: Stream) -> None:
         super().__init__(stream)

@@ -23,6 +23,8 @@ class Quantise(ModifierTable, tag="quantise", kw_only=True, frozen=True):
 
 
 class _Quantise(Modifier):
+    draws = False
+
     def __init__(self, config: Quantise, stream: Stream) -> None:
         super().__init__(stream)
         self._index = stream.index(config.field)
@@ -64,6 +66,8 @@ class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
 
 
 class _Saturate(Modifier):
+    draws = False
+
     def __init__(self, config: Saturate, stream: Stream) -> None:
         super().__init__(stream)
         self._index = stream.index(config.field)

@@ -200,18 +200,38 @@ class Hydrodynamics:
                 raise ValueError(f'{len(saved[name])} bytes of "{name}", not {size}')
             _check_rows(name, np.frombuffer(saved[name], array.dtype), array)
         q = np.frombuffer(saved["state"]).reshape(-1, layout.STATE_SIZE)[:, layout.Q : layout.Q + 4]
-        if (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
+        # Bounded first, as the square of a number that is no part of a rotation may be too large to be one.
+        if (np.abs(q) > 2.0).any() or (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
             raise ValueError("a quaternion that is no rotation")
         for name in ("body_a", "body_b"):
             rows = np.frombuffer(saved[name], np.int64)
             if ((rows < -1) | (rows >= len(self))).any():
                 raise ValueError(f'a row in "{name}" that is no body\'s')
 
+    @staticmethod
+    def check_sizes(saved: Saved, bodies: Sequence[BodyParams]) -> None:
+        """Refuse arrays that are no rows of these bodies, before anybody makes them.
+
+        Raises:
+            ValueError: another number of rows.
+        """
+        counts = {
+            "state": (len(bodies), 8 * layout.STATE_SIZE),
+            "bodies": (len(bodies), layout.BODY.itemsize),
+            "thrusters": (sum(len(body.thrusters) for body in bodies), layout.THRUSTER.itemsize),
+        }
+        for name, (count, size) in counts.items():
+            if len(saved.get(name, b"")) != count * size:
+                raise ValueError(f'"{name}" has not {count} rows')
+
     def load(self, saved: Saved) -> None:
         """Put all arrays back, bit for bit; they are of these bodies (`check`)."""
         for name in _RUNNING:
-            array = getattr(self, name)
-            array[...] = np.frombuffer(saved[name], array.dtype).reshape(array.shape)
+            # As plain bytes: records are copied field by field.
+            getattr(self, name).reshape(-1).view(np.uint8)[:] = np.frombuffer(saved[name], np.uint8)
+        if not saved["gap"]:
+            self.touched = NO_IMPULSES
+            return
         found = {
             name: np.frombuffer(saved[name], array.dtype).reshape(-1, *array.shape[1:]).copy()
             for name, array in self._running()

@@ -234,7 +234,7 @@ class Recorder:
             self._samples += len(item)
             self._samples_taken += len(item)
         elif isinstance(item, Request):
-            writer.request(item, self._world.time_of(item.tick), ports)
+            writer.request(item, self._world.ticks.time_of(item.tick), ports)
             self._requests_taken += 1
         elif isinstance(item, _State):
             writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)

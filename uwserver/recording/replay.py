@@ -180,7 +180,7 @@ class _Run:
         return True
 
     def _differs(self, entry: Request | StateHash, expected: str, found: str) -> None:
-        self.difference = Difference(entry.tick, self._world.time_of(entry.tick), entry.index, expected, found)
+        self.difference = Difference(entry.tick, self._world.ticks.time_of(entry.tick), entry.index, expected, found)
 
 
 class _Reading:

@@ -17,7 +17,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from uwserver.adapter import AdapterStats, load_adapter
+from uwserver.adapter import AdapterStats, CannotListen, load_adapter
 from uwserver.ports import Event, Json, Progress, Reply
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
@@ -134,7 +134,7 @@ class Server:
             thread = threading.Thread(target=self._simulate, name="simulation", daemon=True)
             self._options.announce({name: stats.address for name, stats in self._hub.stats.items()})
             if self._options.until_s is not None:
-                self._simulation.until_tick = self._simulation.tick_at(self._options.until_s)
+                self._simulation.until_tick = self._simulation.world.ticks.at(self._options.until_s)
             thread.start()
             # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
             stack.callback(thread.join, STOP_TIMEOUT_S)
@@ -148,7 +148,7 @@ class Server:
             self._hub.bus.dispatch()
             await self._hub.files.finish()
             for t_s, path in self._options.save_at:
-                if world.tick < self._simulation.tick_at(t_s):
+                if world.tick < self._simulation.world.ticks.at(t_s):
                     log.warning("%s was not written: the run ended before %g s", path, t_s)
         return 1 if self._simulation.failure else 0
 
@@ -162,7 +162,7 @@ class Server:
 
     def _save_at(self) -> None:
         for t_s, path in self._options.save_at:
-            tick = self._simulation.tick_at(t_s)
+            tick = self._simulation.world.ticks.at(t_s)
             if tick < self._simulation.world.tick:
                 raise StartFailed(f"the state at {t_s:g} s cannot be saved: the run begins later")
             self._simulation.appoint(tick, partial(self._hub.files.save_now, path, _told))
@@ -182,14 +182,11 @@ class Server:
         if not config.metrics:
             return
         metrics = Metrics(self._hub, self._monitor)
-        serving = serve_http(config.metrics_bind, config.metrics_port, self._status, metrics.text)
+        serving = serve_http(config.metrics_bind, config.metrics_port, self._status, metrics.text, config.allowed_hosts)
         try:
             port = await stack.enter_async_context(serving)
-        except OSError as error:
-            log.warning(
-                "no /health and /metrics: %s:%d cannot be bound (%s); set [server] metrics_port = 0 for a free one",
-                config.metrics_bind, config.metrics_port, error,
-            )  # fmt: skip
+        except CannotListen as error:
+            log.warning("no /health and /metrics: %s", error)
             return
         log.info("health and metrics on http://%s:%d/health and /metrics", config.metrics_bind, port)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import fcntl
 import logging
 import os
 import re
@@ -22,7 +24,10 @@ log = logging.getLogger(__name__)
 
 SUFFIX = ".uwstate"
 """Added to every name, so that a client can reach no other file."""
+MAX_FILES = 64
+"""States in a folder: a GiB at most."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_PART = re.compile(rf"{_NAME.pattern}\{SUFFIX}\.[a-z0-9_]{{8}}\.part")
 
 
 def read_state(path: Path) -> bytes:
@@ -31,8 +36,7 @@ def read_state(path: Path) -> bytes:
     Raises:
         OSError: it cannot be read, or is no file.
     """
-    # A link could lead out of the folder, and a pipe would never end.
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+    with os.fdopen(_open(path), "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(f"{path} is no file")
         return file.read(MAX_BYTES + 1)
@@ -46,6 +50,8 @@ def write_state(path: Path, data: bytes) -> None:
     """
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.", suffix=".part", delete=False) as file:
         try:
+            # Held as long as the writer lives, so that `remove_parts` knows the dead from the living.
+            fcntl.flock(file, fcntl.LOCK_EX)
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -53,6 +59,34 @@ def write_state(path: Path, data: bytes) -> None:
         except OSError:
             Path(file.name).unlink(missing_ok=True)
             raise
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what servers left in a folder that were killed as they wrote a state. Whatever is no such file, or is being written, stays."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if not _PART.fullmatch(path.name):
+            continue
+        with contextlib.suppress(OSError), os.fdopen(_open(path), "rb") as file:
+            if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
+                log.warning("removed %s, which a server that was killed had left", path)
+
+
+def check_room(path: Path) -> None:
+    """Refuse one more state in a full folder.
+
+    Raises:
+        Refused: there are `MAX_FILES` others, and none of this name.
+    """
+    if not path.exists() and sum(1 for _ in path.parent.glob(f"*{SUFFIX}")) >= MAX_FILES:
+        text = f"there are {MAX_FILES} states in the folder already: save under a used name, or have some of its files deleted"
+        raise Refused("busy", text, "name")
+
+
+def _open(path: Path) -> int:
+    """For reading. A link could lead out of the folder, and a pipe would never end."""
+    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 class StateFiles:
@@ -76,6 +110,9 @@ class StateFiles:
         self._mailbox = mailbox
         self._call_soon = call_soon
         self._running: set[asyncio.Task[None]] = set()
+        self._one_at_a_time = asyncio.Lock()
+        if folder is not None:
+            remove_parts(folder)
 
     def call(self, service: str, args: Mapping[str, Json], source: str, on_reply: OnReply) -> None:
         """Begin to save or load a file.
@@ -118,13 +155,16 @@ class StateFiles:
 
         def write() -> int:
             data = snapshot.to_bytes(world, kept)
-            path.parent.mkdir(exist_ok=True)
+            if path.parent == self._folder:
+                path.parent.mkdir(exist_ok=True)
+                check_room(path)
             write_state(path, data)
             return len(data)
 
-        t_ns = world.time_of(kept.tick)
+        t_ns = world.ticks.time_of(kept.tick)
         try:
-            size = await asyncio.get_running_loop().run_in_executor(None, write)
+            async with self._one_at_a_time:
+                size = await asyncio.get_running_loop().run_in_executor(None, write)
         except OSError as error:
             on_reply(Reply(kept.tick, t_ns, fault=_not(f"the state was not saved to {path}", error).fault))
             return

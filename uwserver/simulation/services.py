@@ -15,8 +15,14 @@ CLOCK_SERVICES = (
     ),
     Service(
         "world/run_until",
-        "Reply when simulation time has reached t_s; a paused world runs until then and is paused again.",
+        "Reply in the first tick whose time is t_s or later (or 1 ns earlier, for floats); a paused world runs until then and is paused again.",
         (Argument("t_s", "float", "simulation time", "s", minimum=0.0, maximum=1e9),),
+        long_running=True,
+    ),
+    Service(
+        "world/run_until_tick",
+        "Reply when the world stands at this tick; a paused world runs until then and is paused again.",
+        (Argument("tick", "int", "number of the tick", minimum=0, maximum=1e15),),
         long_running=True,
     ),
     Service(

@@ -119,7 +119,7 @@ class Simulation:
         Returns:
             Its cancel function.
         """
-        if service in ("world/step", "world/run_until"):
+        if service in ("world/step", "world/run_until", "world/run_until_tick"):
             return self._start_goal(service, args, client, on_reply)
         action = {
             "world/pause": self._pause,
@@ -128,10 +128,6 @@ class Simulation:
         }[service]
         self.steer(lambda: self._acknowledge(action, on_reply))
         return lambda: False
-
-    def tick_at(self, t_s: float) -> int:
-        """The first tick at or after simulation time t_s (s, finite)."""
-        return int(-(-round(t_s * NANOSECONDS) * self.world.rate_hz // NANOSECONDS))
 
     # -- the thread -----------------------------------------------------------------------------------------------------------------
 
@@ -334,9 +330,14 @@ class Simulation:
         if self.failure:
             raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
         if service == "world/run_until":
-            tick = self.tick_at(float(args["t_s"]))  # type: ignore[arg-type]
+            tick = self.world.ticks.at(float(args["t_s"]))  # type: ignore[arg-type]
             if tick < now:
                 raise Refused("out_of_range", f"t = {self.world.t_ns / NANOSECONDS:g} s is past that already", "t_s")
+            return Goal(tick, now, on_reply, self.paused, paced=True)
+        if service == "world/run_until_tick":
+            tick = int(args["tick"])  # type: ignore[arg-type]
+            if tick < now:
+                raise Refused("out_of_range", f"tick {now} is past that already", "tick")
             return Goal(tick, now, on_reply, self.paused, paced=True)
         n = int(args["n"])  # type: ignore[arg-type]
         if self.timing.mode == "lockstep" and not self.paused:

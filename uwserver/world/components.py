@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
-import numpy as np
-from msgspec import Meta, Struct, structs
+from msgspec import Meta, Struct, msgpack, structs
 
 from uwserver.actuators import Actuator
 from uwserver.modifiers import Measurement, Modifier
+from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Field, Items, Port, Sample, Service, Value
 from uwserver.ports.checks import check_given, check_values
 from uwserver.sensors import Scope, Sensor
 from uwserver.sensors.base import blank
 from uwserver.sensors.wiring import Wiring
-from uwserver.world.part import Carry, Part, State, check_stream, read_record, record, set_stream, stream_state
+from uwserver.world.part import Carry, Part, RandomStream, State, read_record, record
 from uwserver.world.vehicle import Vehicle
 
 Held = tuple[bool, tuple[Value, ...]] | None
@@ -54,8 +54,8 @@ class SensorState(State, frozen=True):
 
     Attributes:
         seq, active, divisor, held, held_ns: of the slot.
-        settings: record of the sensor.
-        memories: random stream and record of the sensor, then of each modifier of each stream.
+        records: settings and memory of the sensor, then the memory of each modifier of each stream; of those that have any.
+        draws: random streams of the sensor and of each modifier; of those that draw.
         sides: last reading of each further stream.
     """
 
@@ -64,9 +64,16 @@ class SensorState(State, frozen=True):
     divisor: Annotated[int, Meta(ge=1, le=2**32)]
     held: Held
     held_ns: Count
-    settings: bytes
-    memories: tuple[tuple[bytes, bytes], ...]
+    records: tuple[bytes, ...]
+    draws: tuple[bytes, ...]
     sides: tuple[Held, ...]
+
+
+class _Kept(NamedTuple):
+    """What is kept of a sensor beside its slot: its records (owner, name and decoder of each), and its random streams."""
+
+    records: tuple[tuple[Any, str, msgpack.Decoder[Any]], ...]
+    draws: tuple[RandomStream, ...]
 
 
 @dataclass(slots=True, eq=False)
@@ -92,6 +99,7 @@ class SensorSlot(Part):
     wiring: Wiring | None = None
     sides: tuple[SideStream, ...] = ()
     twin: Sensor | None = None
+    _known: _Kept | None = None
 
     @property
     def path(self) -> str:
@@ -171,28 +179,27 @@ class SensorSlot(Part):
 
     def save(self) -> SensorState:
         """All that it remembers."""
+        kept = self._kept()
         return SensorState(
             self.seq,
             self.active,
             self.divisor,
             self.held,
             self.held_ns,
-            record(self.sensor.settings),
-            tuple((stream_state(rng), record(owner.memory)) for owner, rng in self._remembering()),
-            tuple(side.held for side in self.sides),
+            tuple([record(getattr(owner, name)) for owner, name, _ in kept.records]),
+            tuple([stream.save() for stream in kept.draws]),
+            tuple([side.held for side in self.sides]) if self.sides else (),
         )
 
     def check(self, state: Any) -> None:
         """The records are of its kinds, and readings fit their fields."""
-        settings = read_record(state.settings, self.sensor.settings)
-        self.sensor.valid(settings)
-        self.sensor.check(settings)
-        owners = list(self._remembering())
-        if len(state.memories) != len(owners) or len(state.sides) != len(self.sides):
+        kept = self._kept()
+        if tuple(map(len, (state.records, state.draws, state.sides))) != (*map(len, kept), len(self.sides)):
             raise ValueError("other modifiers or streams than this sensor has")
-        for (owner, _), (stream, memory) in zip(owners, state.memories, strict=True):
-            check_stream(stream)
-            owner.valid(read_record(memory, owner.memory))
+        for data in state.draws:
+            RandomStream.check(data)
+        for (owner, _, decoder), data in zip(kept.records, state.records, strict=True):
+            owner.valid(decoder.decode(data))
         for stream, held in zip(self.streams(), (state.held, *state.sides), strict=True):
             if held is not None:
                 check_values(stream.port.fields, held[1])
@@ -202,25 +209,31 @@ class SensorSlot(Part):
         self.seq, self.active, self.held, self.held_ns = state.seq, state.active, state.held, state.held_ns
         if state.divisor != self.divisor:
             self.set_divisor(state.divisor)
-        self.sensor.settings = read_record(state.settings, self.sensor.settings)
-        for (owner, rng), (stream, memory) in zip(self._remembering(), state.memories, strict=True):
-            set_stream(rng, stream)
-            owner.memory = read_record(memory, owner.memory)
+        kept = self._kept()
+        for (owner, name, decoder), data in zip(kept.records, state.records, strict=True):
+            setattr(owner, name, decoder.decode(data))
+        for stream, data in zip(kept.draws, state.draws, strict=True):
+            stream.load(data)
         for side, held in zip(self.sides, state.sides, strict=True):
             side.held = held
 
-    def _remembering(self) -> Iterator[tuple[Any, np.random.Generator]]:
-        if self.sensor.draws:
-            yield self.sensor, self.sensor.rng
-        for stream in self.streams():
-            for modifier in stream.modifiers:
-                yield modifier, modifier.stream.rng
+    def _kept(self) -> _Kept:
+        """Found once: which records and streams there are never changes."""
+        if self._known is None:
+            sensor, modifiers = self.sensor, [m for stream in self.streams() for m in stream.modifiers]
+            owned = [(sensor, "settings"), (sensor, "memory"), *((modifier, "memory") for modifier in modifiers)]
+            kinds = [(owner, name, type(getattr(owner, name))) for owner, name in owned]
+            records = tuple((owner, name, msgpack.Decoder(t)) for owner, name, t in kinds if t.__struct_fields__)
+            draws = [sensor.rng] if sensor.draws else []
+            draws += [modifier.stream.rng for modifier in modifiers if modifier.draws]
+            self._known = _Kept(records, tuple(map(RandomStream, draws)))
+        return self._known
 
 
 class Sources(Struct, frozen=True):
     """Who commanded an actuator, who else did, and how often they disagreed or fell silent."""
 
-    source: str = ""
+    source: Annotated[str, Meta(max_length=4096)] = ""
     other_tick: Tick = NEVER
     conflicts: Count = 0
     timeouts: Count = 0
@@ -287,6 +300,8 @@ class ActuatorSlot(Part):
         memory = getattr(self.actuator, "memory", None)
         if memory is not None:
             read_record(state.memory, memory)
+        elif state.memory:
+            raise ValueError("a memory of an actuator that has none")
         if state.last_value:
             check_given(self.port.fields, state.last_value)
 
@@ -299,12 +314,8 @@ class ActuatorSlot(Part):
         if memory is not None:
             self.actuator.memory = read_record(state.memory, memory)  # type: ignore[attr-defined]  # those that remember
         by = state.sources
-        self.source, self.other_tick, self.conflicts, self.timeouts = (
-            by.source,
-            by.other_tick,
-            by.conflicts,
-            by.timeouts,
-        )
+        self.source, self.other_tick = by.source, by.other_tick
+        self.conflicts, self.timeouts = by.conflicts, by.timeouts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -336,12 +347,20 @@ class Population(Part):
     """Who is in the world: the part that knows how bodies and their components are made."""
 
     @abstractmethod
-    def members_of(self, state: Any) -> list[Member]:
-        """The bodies of a state, those that are there already as they are. Their rows are made anew where others were added or removed.
+    def is_here(self, state: Any) -> bool:
+        """Whether the bodies of a state are those of the world now."""
 
-        Raises:
-            ValueError: a body that this world cannot have.
-        """
+    @abstractmethod
+    def parts_of(self, state: Any) -> set[str]:
+        """Paths of the parts that the bodies of a checked state have; makes none of these bodies."""
+
+    @abstractmethod
+    def params_of(self, state: Any) -> Sequence[BodyParams]:
+        """What their rows are made of, also of those that are gone; likewise."""
+
+    @abstractmethod
+    def members_of(self, state: Any) -> list[Member]:
+        """The bodies of a checked state, those that are there already as they are. All rows are made anew."""
 
     @abstractmethod
     def admit(self, state: Any, members: Iterable[Member]) -> None:

@@ -89,6 +89,9 @@ class Part(ABC):
     def hear(self, sample: Sample, t_ns: int) -> None:
         """A sample of one of the ports that it `hears` was delivered."""
 
+    def forget(self, body: str) -> None:
+        """A body is about to go: drop what is about it."""
+
     def leave(self, why: str) -> None:
         """It goes, or the run ends: whoever waits for it is answered."""
 
@@ -98,31 +101,31 @@ def takes_part(part: Part, method: str) -> bool:
     return getattr(type(part), method) is not getattr(Part, method)
 
 
-def stream_state(rng: np.random.Generator) -> bytes:
-    """A random stream (PCG64) as 37 bytes."""
-    state = rng.bit_generator.state
-    inner = state["state"]
-    numbers = inner["state"].to_bytes(16, "little") + inner["inc"].to_bytes(16, "little")
-    return numbers + bytes((state["has_uint32"],)) + state["uinteger"].to_bytes(4, "little")  # type: ignore[no-any-return]
+class RandomStream:
+    """A random stream (PCG64) as something to save. Its increment comes with the seed and never changes, so that it is no part of the state."""
 
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._bits: Any = rng.bit_generator
+        self._form: Any = self._bits.state
 
-def check_stream(state: bytes) -> None:
-    """Raise ValueError where these bytes are no random stream."""
-    if len(state) != 37 or state[32] > 1 or not state[16] & 1:  # the increment of a PCG is odd
-        raise ValueError("a random stream has 37 bytes, with an odd increment")
+    def save(self) -> bytes:
+        """Where it stands: 16 bytes, or 20 where half of a draw is left for the next one."""
+        state = self._bits.state
+        number: bytes = state["state"]["state"].to_bytes(16, "little")
+        return number + state["uinteger"].to_bytes(4, "little") if state["has_uint32"] else number
 
+    def load(self, data: bytes) -> None:
+        """Go on from there."""
+        form = self._form
+        form["state"]["state"] = int.from_bytes(data[:16], "little")
+        form["has_uint32"], form["uinteger"] = len(data) > 16, int.from_bytes(data[16:], "little")
+        self._bits.state = form
 
-def set_stream(rng: np.random.Generator, state: bytes) -> None:
-    """Put a random stream where `stream_state` found it."""
-    rng.bit_generator.state = {
-        "bit_generator": "PCG64",
-        "state": {
-            "state": int.from_bytes(state[:16], "little"),
-            "inc": int.from_bytes(state[16:32], "little"),
-        },
-        "has_uint32": state[32],
-        "uinteger": int.from_bytes(state[33:], "little"),
-    }
+    @staticmethod
+    def check(data: bytes) -> None:
+        """Raise ValueError where these bytes are no state of one."""
+        if len(data) not in (16, 20):
+            raise ValueError(f"a random stream has 16 or 20 bytes, not {len(data)}")
 
 
 record = msgpack.Encoder().encode

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any, ClassVar
-
-from msgspec import Struct
 
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Estimate, Memory, Orders
 from uwserver.ports import Sample
-from uwserver.world.part import Part, Stage, State, read_record, record
+from uwserver.world.part import Part, Stage, State
 
 
 class PilotState(State, frozen=True):
-    """Records of what an autopilot believes, remembers, and was told."""
+    """What an autopilot believes, remembers, and was told; nobody changes these copies."""
 
-    estimate: bytes
-    memory: bytes
-    orders: bytes
+    estimate: Estimate
+    memory: Memory
+    orders: Orders
 
 
 class Piloting(Part):
@@ -54,24 +53,13 @@ class Piloting(Part):
     def save(self) -> PilotState:
         """All that it remembers; the call that waits is not part of it."""
         pilot = self.pilot
-        return PilotState(record(pilot.estimate), record(pilot.memory), record(pilot.orders))
+        return PilotState(copy(pilot.estimate), copy(pilot.memory), copy(pilot.orders))
 
     def check(self, state: Any) -> None:
-        """The records are an autopilot's, and of this vehicle."""
-        self.pilot.check(*self._read(state))
+        """They are of this vehicle."""
+        self.pilot.check(state.estimate, state.memory, state.orders)
 
     def load(self, state: PilotState) -> None:
         """Go on from there."""
-        self.pilot.load(*self._read(state))
+        self.pilot.load(copy(state.estimate), copy(state.memory), copy(state.orders))
         self.next_tick = 0
-
-    def _read(self, state: PilotState) -> tuple[Estimate, Memory, Orders]:
-        pilot, found = self.pilot, list[Struct]()
-        for data, like in (
-            (state.estimate, pilot.estimate),
-            (state.memory, pilot.memory),
-            (state.orders, pilot.orders),
-        ):
-            found.append(read_record(data, like))
-        estimate, memory, orders = found
-        return estimate, memory, orders  # type: ignore[return-value]  # of the types that were asked for

@@ -93,12 +93,7 @@ def component_services(
 
 def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tuple[Service, Carry]]:
     rate = Argument(
-        "rate_hz",
-        "float",
-        "samples a second; divides the physics rate",
-        "Hz",
-        required=False,
-        minimum=1e-3,
+        "rate_hz", "float", "samples a second; divides the physics rate", "Hz", required=False, minimum=1e-3
     )
 
     def activate(active: bool) -> Json:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Set
+from typing import Annotated, Any
 
-from msgspec import Raw, Struct, msgpack
+from msgspec import Meta, Raw, Struct, msgpack
 
 from uwserver.physics import PHYSICS
 from uwserver.ports import Refused
 from uwserver.world.part import Part, State
-from uwserver.world.surroundings import Bodies
+from uwserver.world.surroundings import Bodies, BodiesState
 from uwserver.world.world import World
 
 MAX_BYTES = 16 * 2**20
 """Of a state as a file."""
+MAX_PARTS = 2**17
+"""More would not fit into a file."""
 FORMAT = "uwserver-state-1"
 _DIGEST_SIZE = 32
 
@@ -25,7 +27,7 @@ class Snapshot(Struct, frozen=True, eq=False):
 
     Attributes:
         tick: of the world.
-        parts: state of each part, by its path, sorted.
+        parts: state of each part, by its path, in the order of `World.parts`.
     """
 
     tick: int
@@ -49,12 +51,12 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
     scenario: str
     seed: int
     tick: int
-    parts: dict[str, Raw]
+    parts: Annotated[dict[str, Raw], Meta(max_length=MAX_PARTS)]
 
 
 def take(world: World) -> Snapshot:
     """The state of a world now."""
-    return Snapshot(world.tick, {path: part.save() for path, part in sorted(world.parts.items())})
+    return Snapshot(world.tick, {path: part.save() for path, part in world.parts.items()})
 
 
 def restore(world: World, snapshot: Snapshot) -> None:
@@ -100,49 +102,54 @@ def from_bytes(world: World, data: bytes) -> None:
     if (file.scenario, file.seed) != (world.identity(), world.seed):
         text = "the state is of another scenario: load the scenario, with the seed, of which it was saved"
         raise _refused(f"{text} (seed {file.seed}, here {world.seed})" if file.seed != world.seed else text)
-    if not 0 <= world.time_of(file.tick) < 2**62:
+    if not 0 <= world.ticks.time_of(file.tick) < 2**62:
         raise _refused(f"tick {file.tick} cannot be")
     _restore(world, file.tick, file.parts, checked=False)
 
 
 def _restore(world: World, tick: int, states: Mapping[str, Any], checked: bool) -> None:
     """The population first, as it says which other parts there are. Until all has been checked, everything can be taken back."""
-    undo, before = world.hydro.arrays(), list(world.members.values())
+    bodies, undo, before = world.population, world.hydro.arrays(), list(world.members.values())
     members = before
     try:
-        members = world.population.members_of(_typed(world.population, states))
-        if members != before:
+        born = _typed(bodies, states.get(bodies.path))
+        here = bodies.is_here(born)
+        if not here:
+            # Bodies cost far more to make than to name: nobody is made for a state that has not what belongs to them.
+            bodies.check(born)
+            _compare(states.keys(), {part.path for part in world.own_parts} | bodies.parts_of(born))
+            rows: BodiesState = _typed(world.parts[Bodies.path], states[Bodies.path])
+            world.hydro.check_sizes(rows.arrays, bodies.params_of(born))
+            members = bodies.members_of(born)
             world.bind(members)
-        if states.keys() != world.parts.keys():
-            odd = min(states.keys() ^ world.parts.keys())
-            raise ValueError(f'it has other vehicles or components, such as "{odd[:80]}"')
-        found = {part: _typed(part, states) for part in world.parts.values()}
-        if not checked:
-            for part, state in found.items():
-                part.check(state)
+        _compare(states.keys(), world.parts.keys())
+        found = [(part, _typed(part, states[path], checked)) for path, part in world.parts.items()]
     except (ValueError, RecursionError, Refused) as error:
         world.hydro.go_back(undo)
         raise _refused(f"the state does not fit this world: {error}") from None
     finally:
-        if members != before:
+        if members is not before:
             world.bind(before)
     world.jump(tick)
-    if members != before:
-        world.population.admit(found[world.population], members)
-    # The rows of the bodies before all others, which may look at what stands there.
-    for part in sorted(found, key=lambda part: (part.path != Bodies.path, part.path)):
-        part.load(found[part])
+    if not here:
+        bodies.admit(born, members)
+    for part, state in found:
+        part.load(state)
     world.follow_slots("rates or time-outs are as they were saved")
 
 
-def _typed(part: Part, states: Mapping[str, Any]) -> State:
-    state = states.get(part.path)
-    if state is None:
-        raise ValueError(f'"{part.path}" is missing')
+def _compare(given: Set[str], needed: Set[str]) -> None:
+    if given != needed:
+        raise ValueError(f'it has other vehicles or components, such as "{min(given ^ needed)[:80]}"')
+
+
+def _typed(part: Part, state: Any, checked: bool = True) -> Any:
     if isinstance(state, Raw):
-        return msgpack.decode(state, type=part.state_type)
-    if not isinstance(state, part.state_type):
-        raise ValueError(f'"{part.path}" was of another kind')
+        state = msgpack.decode(state, type=part.state_type)
+    elif type(state) is not part.state_type:
+        raise ValueError(f'"{part.path}" is missing, or of another kind')
+    if not checked:
+        part.check(state)
     return state
 
 

@@ -12,13 +12,13 @@ from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Sample
-from uwserver.world.part import Part, Stage, State, check_stream, set_stream, stream_state
+from uwserver.world.part import Part, RandomStream, Stage, State
 
 
 class BodiesState(State, frozen=True):
     """The arrays of all bodies that change in a run."""
 
-    arrays: dict[str, bytes]
+    arrays: Annotated[dict[str, bytes], Meta(max_length=64)]
 
 
 class Bodies(Part):
@@ -47,7 +47,7 @@ class WaterState(State, frozen=True):
     """The steady current (m/s, N), and of each drifting current its random stream and its velocities at both ends of a draw."""
 
     current: Vec3
-    drifts: Annotated[tuple[tuple[bytes, tuple[float, ...]], ...], Meta(max_length=1024)]
+    drifts: Annotated[tuple[tuple[bytes, Annotated[tuple[float, ...], Meta(max_length=6)]], ...], Meta(max_length=1024)]
 
 
 class Flowing(Part):
@@ -62,7 +62,7 @@ class Flowing(Part):
         self._water = water
         self._seconds = seconds
         self._set_current = set_current
-        self._drifts = () if water.sea is None else water.sea.drifts
+        self._drifts = [(RandomStream(drift.rng), drift.ends) for drift in (water.sea.drifts if water.sea else ())]
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """Carry the sea to the tick."""
@@ -71,16 +71,16 @@ class Flowing(Part):
 
     def save(self) -> WaterState:
         """What drifts."""
-        drifts = tuple((stream_state(drift.rng), tuple(drift.ends.ravel().tolist())) for drift in self._drifts)
+        drifts = tuple((stream.save(), tuple(ends.ravel().tolist())) for stream, ends in self._drifts)
         return WaterState(self._water.current, drifts)
 
     def check(self, state: Any) -> None:
         """As many drifting currents, and velocities of water."""
         if len(state.drifts) != len(self._drifts):
             raise ValueError(f"{len(state.drifts)} drifting currents, not {len(self._drifts)}")
-        for drift, (stream, ends) in zip(self._drifts, state.drifts, strict=True):
-            check_stream(stream)
-            if len(ends) != drift.ends.size:
+        for (stream, ends), (data, given) in zip(self._drifts, state.drifts, strict=True):
+            stream.check(data)
+            if len(given) != ends.size:
                 raise ValueError("a drifting current has two velocities")
         speeds = [*state.current, *(end for _, ends in state.drifts for end in ends)]
         if not all(abs(speed) < 1e3 for speed in speeds):
@@ -88,7 +88,7 @@ class Flowing(Part):
 
     def load(self, state: WaterState) -> None:
         """Put it back; the world stands at its tick already."""
-        for drift, (stream, ends) in zip(self._drifts, state.drifts, strict=True):
-            set_stream(drift.rng, stream)
-            drift.ends[...] = np.reshape(ends, drift.ends.shape)
+        for (stream, ends), (data, given) in zip(self._drifts, state.drifts, strict=True):
+            stream.load(data)
+            ends[...] = np.reshape(given, ends.shape)
         self._set_current(state.current)

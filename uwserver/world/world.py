@@ -23,6 +23,7 @@ from uwserver.world.part import Carry, Part, Stage, takes_part
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.surroundings import Bodies, Flowing
+from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class World:
 
     Attributes:
         t_ns: simulation time, ns, computed from `tick`.
+        ticks: which tick is when.
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         members: all bodies with their components, by name; `vehicles`, `sensors` and `actuators` follow from them.
         vehicles: the bodies by name, free objects too.
@@ -55,7 +57,9 @@ class World:
         geometry: the same, as sensors see it.
         lambert: (n) backscatter of their materials, by number.
         water, earth: the environment, and where N lies.
-        parts: all that lives in it, by path: its own parts and those of the members.
+        parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
+            which may look at them when they load.
+        own_parts: those that are no body's.
         population: the part that makes bodies.
         identity: tells apart scenarios whose states cannot be exchanged.
         answers: what callers that wait are to be told in this tick.
@@ -65,17 +69,13 @@ class World:
     def __init__(
         self, name: str, rate_hz: Fraction, seed: int, epoch_utc: str, hydro: Hydrodynamics, water: Water
     ) -> None:
-        self.name = name
-        self.rate_hz = rate_hz
-        self.seed = seed
-        self.epoch_utc = epoch_utc
-        self.hydro = hydro
-        self.water = water
+        self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
+        self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
         self.earth = Earth()
         self.lambert = SEDIMENT
         self._rate = (rate_hz.numerator, rate_hz.denominator)
-        self._double_ns, self._double_rate = 2 * NANOSECONDS * rate_hz.denominator, 2 * rate_hz.numerator
+        self.ticks = Ticks(rate_hz)
         self.tick = 0
         self.vehicles: dict[str, Vehicle] = {}
         self.ports: Mapping[str, Port] = {}
@@ -85,8 +85,7 @@ class World:
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
         self._solids: dict[Member, int] = {}
-        self._own_services: dict[str, Service] = {}
-        self._own_carry: dict[str, Carry] = {}
+        self._own_services: dict[str, tuple[Service, Carry]] = {}
         self._carry: dict[str, Carry] = {}
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
@@ -95,7 +94,7 @@ class World:
         self.population: Population
         self.identity: Callable[[], str] = str
         self.parts: dict[str, Part] = {}
-        self._own_parts: list[Part] = []
+        self.own_parts: list[Part] = []
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
@@ -117,7 +116,7 @@ class World:
         """
         if part.path in self.parts:
             raise ValueError(f'there is a part "{part.path}" already')
-        self._own_parts.append(part)
+        self.own_parts.append(part)
         self.parts[part.path] = part
         for service, carry in part.services:
             self.offer(service, carry)
@@ -136,24 +135,27 @@ class World:
         if begun:
             self.say("ports_changed", "bodies came or went")
 
+    def dismiss(self, name: str) -> None:
+        """Let a body go, with its components; its rows stay. All parts drop what they have of it while it is still there."""
+        for part in self.parts.values():
+            part.forget(name)
+        self.set_members(member for other, member in self.members.items() if other != name)
+
     def bind(self, members: Iterable[Member]) -> None:
         """Know these bodies by name, with their components, and tell nobody: the part of `set_members` that can be taken back."""
         self.members = {member.vehicle.name: member for member in members}
-        self.vehicles.clear()
-        self.sensors.clear()
-        self.actuators.clear()
-        self.parts = {part.path: part for part in self._own_parts}
-        self._carry.clear()
-        self._carry |= self._own_carry
-        services = dict(self._own_services)
+        self.parts = {part.path: part for part in self.own_parts}
+        for known in (self.vehicles, self.sensors, self.actuators, self._carry):
+            known.clear()
+        offered = dict(self._own_services)
         for name, member in self.members.items():
             self.vehicles[name] = member.vehicle
             self.sensors |= {slot.port.path: slot for slot in member.sensors}
             self.actuators |= {slot.port.path: slot for slot in member.actuators}
             self.parts |= {part.path: part for part in member.parts}
-            for service, carry in member.services:
-                services[service.path], self._carry[service.path] = service, carry
-        self.services = services
+            offered |= {service.path: (service, carry) for service, carry in member.services}
+        self.services = {path: service for path, (service, _) in offered.items()}
+        self._carry |= {path: carry for path, (_, carry) in offered.items()}
         self.refresh()
 
     def refresh(self) -> None:
@@ -165,6 +167,7 @@ class World:
 
     def _line_up(self) -> None:
         """Who acts when: lists in the order of a tick, so that nothing is paid in a tick for what is not there."""
+        self.parts = dict(sorted(self.parts.items(), key=lambda item: (item[0] != Bodies.path, item[0])))
         everybody = sorted(self.parts.values(), key=lambda part: (part.stage, part.order, part.path))
         acting = [part for part in everybody if takes_part(part, "before")]
         self._first = [part for part in acting if part.stage == Stage.FAULTS]
@@ -202,7 +205,7 @@ class World:
     def follow_slots(self, why: str) -> None:
         """Slots were changed: put their sensors in line again, and publish and tell of their ports where these are others."""
         slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
-        if any(self.ports[slot.path] is not slot.port for slot in slots):
+        if any(self.ports[slot.port.path] is not slot.port for slot in slots):
             self.refresh()
             self.say("ports_changed", why)
         else:
@@ -210,7 +213,7 @@ class World:
 
     def offer(self, service: Service, carry: Carry) -> None:
         """Add a service of the world itself, which runs at the start of a tick."""
-        self._own_services[service.path], self._own_carry[service.path] = service, carry
+        self._own_services[service.path] = service, carry
         self.services = {**self.services, service.path: service}
         self._carry[service.path] = carry
 
@@ -223,11 +226,6 @@ class World:
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
 
-    def time_of(self, tick: int) -> int:
-        """Simulation time of a tick, ns: computed from its number, never accumulated."""
-        # In whole numbers (half up), as Fraction arithmetic would cost as much as a sensor.
-        return (tick * self._double_ns + self._rate[0]) // self._double_rate
-
     @property
     def tick(self) -> int:
         """Ticks done."""
@@ -235,7 +233,7 @@ class World:
 
     @tick.setter
     def tick(self, tick: int) -> None:
-        self._tick, self.t_ns = tick, self.time_of(tick)
+        self._tick, self.t_ns = tick, self.ticks.time_of(tick)
 
     def jump(self, tick: int) -> None:
         """Set the time to that of a tick; what was read at another time is forgotten."""

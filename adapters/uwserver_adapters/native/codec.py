@@ -33,16 +33,6 @@ NEED_DATA: Final = Waiting.NEED_DATA
 """`next_event` has nothing until more bytes come."""
 
 
-class Web(Enum):
-    """The one value of `WEB`."""
-
-    WEB = "web"
-
-
-WEB: Final = Web.WEB
-"""The peer speaks HTTP."""
-
-
 class Control(NamedTuple):
     """What the framing itself owes the peer, and whether the peer has ended the conversation."""
 
@@ -132,12 +122,6 @@ class MsgpackCodec(Frames, Codec):
         return NEED_DATA if body is None else parse_msgpack(body)
 
 
-def choose_codec(head: bytes) -> Codec | Web | None:
-    """What the first bytes of a connection ask for: a codec, HTTP, or None until more bytes come."""
-    if not head:
-        return None
-    if head[0] == 0:
-        return MsgpackCodec()
-    if head[:4] == b"GET ":
-        return WEB
-    return None if b"GET ".startswith(head) else JsonCodec()
+def choose_codec(head: bytes) -> Codec:
+    """What the first bytes of a connection, one at least, ask for: frames are shorter than 2^24 bytes, and begin with their length."""
+    return MsgpackCodec() if head[0] == 0 else JsonCodec()

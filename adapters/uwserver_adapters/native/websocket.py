@@ -16,14 +16,12 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
-from uwserver.adapter import MESSAGE_LIMIT
+from uwserver.adapter import MESSAGE_LIMIT, is_host_known
 from uwserver.ports import ErrorCode, Fault
 from uwserver_adapters.native.codec import LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK
 from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, id_of_json, parse_json, parse_msgpack
 
-LOCAL_ORIGINS = ("http://localhost", "http://localhost:*", "http://127.0.0.1", "http://127.0.0.1:*")
-"""Pages that may connect unless the configuration says otherwise: those of this machine."""
 HTTP_ANSWER = (
     b"HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nContent-Type: text/plain; charset=utf-8\r\nConnection: close\r\n\r\n"
     b"This is uwserver: it speaks JSON lines, msgpack frames and WebSocket here, it serves no pages.\n"
@@ -50,10 +48,11 @@ _quiet.setLevel(logging.WARNING)
 
 
 class Handshake:
-    """The opening of a connection that began with ``GET ``.
+    """The opening of a connection that began with a GET of HTTP.
 
     Args:
         origins: those of pages that may connect, see `allows`.
+        hosts: names of this server beside its addresses, see `is_host_known`.
 
     Attributes:
         answer: what the peer gets once its request was complete; None before.
@@ -61,11 +60,12 @@ class Handshake:
         fault: why it was not, unless it only asked for a page.
     """
 
-    def __init__(self, origins: Sequence[str]) -> None:
+    def __init__(self, origins: Sequence[str], hosts: Sequence[str]) -> None:
         self.answer: bytes | None = None
         self.codec: WebSocketCodec | None = None
         self.fault: Fault | None = None
         self._origins = origins
+        self._hosts = hosts
         self._tail = b""
         self._protocol = ServerProtocol(max_size=WEB_LIMIT, logger=_quiet)
 
@@ -88,14 +88,9 @@ class Handshake:
     def _respond(self, request: HttpRequest) -> bytes:
         if "Upgrade" not in request.headers:
             return HTTP_ANSWER
-        origins = request.headers.get_all("Origin")
-        if not all(allows(self._origins, origin) for origin in origins):
-            text = (
-                f"pages of {origins[0][:200]} may not connect to this server: "
-                "name that origin in allowed_origins of the adapter, or open the page from http://localhost"
-            )
-            self.fault = Fault("denied", text, "allowed_origins")
-            return self._send(self._protocol.reject(403, text + "\n"))
+        self.fault = self._objection(request.headers.get_all("Origin"), request.headers.get_all("Host"))
+        if self.fault is not None:
+            return self._send(self._protocol.reject(403, self.fault.text + "\n"))
         response = self._protocol.accept(request)
         if response.status_code != 101:
             self.fault = Fault("invalid_request", (response.body or b"").decode().strip(), "handshake")
@@ -103,6 +98,17 @@ class Handshake:
         if self.fault is None:
             self.codec = WebSocketCodec(self._protocol)
         return answer
+
+    def _objection(self, origins: Sequence[str], hosts: Sequence[str]) -> Fault | None:
+        for origin in origins:
+            if not allows(self._origins, origin):
+                text = f"pages of {origin[:200]} may not connect to this server: name that origin in allowed_origins of the adapter"
+                return Fault("denied", text, "allowed_origins")
+        if not set(origins) - {"null"} and not all(is_host_known(host, self._hosts) for host in hosts):
+            # A page whose name was made to point here (DNS rebinding) says its own name.
+            text = f"{hosts[0][:200]} is no name of this server that it knows: add it to allowed_hosts of the adapter, or use the address"
+            return Fault("denied", text, "allowed_hosts")
+        return None
 
     def _send(self, response: Response) -> bytes:
         self._protocol.send_response(response)

@@ -68,9 +68,9 @@ MOST_CALLS = 200
 
 
 def _websocket() -> object:
-    handshake = Handshake(())
+    handshake = Handshake((), ())
     handshake.receive(
-        b"GET / HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
     )
     assert handshake.codec is not None
@@ -138,7 +138,7 @@ def _autopilots() -> Iterator[Decoding]:
     from uwserver_adapters.mavlink.wire.frames import Decoder
     from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
     from uwserver_adapters.px4.codec import Codec
-    from uwserver_adapters.px4.driver import READ
+    from uwserver_adapters.px4.door import READ
 
     dialect = Dialect()
 

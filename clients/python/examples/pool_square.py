@@ -97,7 +97,7 @@ class Controller:
         surge, sway = c * force_n[0] + s * force_n[1], -s * force_n[0] + c * force_n[1]
         error = DEPTH_M - depth
         self._depth_sum = max(-0.5, min(0.5, self._depth_sum + error * DT_S))
-        heave = 150.0 * error + 60.0 * self._depth_sum - 80.0 * self._velocity[2]
+        heave = 90.0 * error + 40.0 * self._depth_sum - 70.0 * self._velocity[2]
         turn = -4.0 * yaw - 2.0 * yaw_rate
         wrench = (surge / 80.0, sway / 80.0, heave / 100.0, turn / 20.0)
         return [max(-1.0, min(1.0, _thrust_to_u(sum(a * w for a, w in zip(row, wrench))))) for row in ALLOCATION]

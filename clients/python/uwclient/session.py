@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import ssl
 from collections import deque
@@ -309,8 +310,9 @@ def subscribe_options(rate_hz: float | None, fields: Sequence[str] | None, deliv
 
 
 def time_reached(status: Mapping[str, object], t_s: float) -> bool:
-    """Tell whether a status stands at or after the simulation time `t_s`."""
-    return cast(int, status["t_ns"]) >= round(t_s * NANOSECONDS)
+    """Tell whether a status stands at or after the simulation time `t_s`, but for a rounding of it, as ``world/run_until`` does."""
+    slack_ns = max(1, math.ceil(2 * math.ulp(t_s) * NANOSECONDS))
+    return cast(int, status["t_ns"]) >= round(t_s * NANOSECONDS) - slack_ns
 
 
 def time_s(status: Mapping[str, object]) -> float:

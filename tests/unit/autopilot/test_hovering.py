@@ -252,3 +252,24 @@ def test_it_holds_depth_and_a_heading_of_its_own_by_imu_and_depth_sensor_alone(f
     assert f.vehicle.p_NB[2] == pytest.approx(5.0, abs=0.1)
     assert max(abs(a) for a in f.vehicle.pose.rpy[:2]) < 0.05
     assert f.off_heading(0.0) < 5.0
+
+
+@pytest.mark.parametrize("model", ["girona500", "lbv150", "minerva"])
+def test_the_other_rovs_hold_depth_heading_and_place(fly, model):
+    f = fly(model, start=(2.0, -1.0, 5.0), current=(0.15, 0.2, 0.0), yaw_deg=70.0)
+    settled(f, "position_hold", position={"p_N": [2.0, -1.0, 7.0], "heading": 1.0})
+    f.run(25.0)
+    for _ in range(5):
+        f.run(1.0)
+        assert math.dist(f.vehicle.p_NB, (2.0, -1.0, 7.0)) < 0.3
+        assert f.off_heading(1.0) < 2.0
+
+
+def test_a_rov_that_cannot_go_sideways_holds_depth_and_heading(fly):
+    f = fly("videoray_pro4", start=(0.0, 0.0, 5.0), current=(0.1, 0.1, 0.0))
+    settled(f, "depth_hold", depth={"depth": 8.0}, heading={"heading": 1.0})
+    f.run(30.0)
+    for _ in range(5):
+        f.run(1.0)
+        assert abs(f.vehicle.p_NB[2] - 8.0) < 0.1
+        assert f.off_heading(1.0) < 2.0

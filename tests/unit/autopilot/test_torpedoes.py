@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-FAST = {"remus100": 1.5, "lauv": 1.0, "tethys": 1.0}
+FAST = {"remus100": 1.5, "lauv": 1.0, "tethys": 1.0, "eca_a9": 1.5}
 
 
 def under_way(fly, model, **options):

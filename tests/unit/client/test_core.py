@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from uwclient.core import ANSWER_LIMIT, FRAME_LIMIT, LINE_LIMIT, JsonLines, MsgpackFrames, Reply, Wire, framing
 from uwclient.errors import CallRefused, ProtocolError, UwError
 from uwclient.ports import Event, Progress, Sample
+from uwclient.session import time_reached
 from uwclient_fake_server import sample
 
 SAMPLE = {"jsonrpc": "2.0", "method": "sample", "params": sample("rov/imu", 2)}
@@ -179,3 +180,12 @@ def test_unknown_encoding_and_missing_msgpack(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(sys.modules, "msgpack", None)
     with pytest.raises(UwError, match=r"uwclient\[msgpack\]"):
         MsgpackFrames()
+
+
+def test_a_time_is_reached_where_the_server_says_so() -> None:
+    """`world/run_until` takes a float that is not quite a told time for it: who waits for it must not wait for ever."""
+    status: dict[str, object] = {"t_ns": 4_166_667}
+    assert time_reached(status, 0.004166667)
+    assert time_reached(status, 1 / 240)
+    assert time_reached(status, 0.004166668)
+    assert not time_reached(status, 0.00416667)

@@ -119,7 +119,7 @@ def test_a_delay_keeps_the_time_of_truth_and_adds_to_the_latency_of_the_sensor()
         for sample in samples_of(world, ticks=1):
             assert sample.t_sent_ns - sample.t_ns == 40_000_000
             assert before < sample.t_sent_ns <= world.t_ns
-            assert sample.t_ns == world.time_of(2 * (sample.seq + 1))
+            assert sample.t_ns == world.ticks.time_of(2 * (sample.seq + 1))
 
 
 def test_jitter_delivers_each_sample_once_in_its_tick():

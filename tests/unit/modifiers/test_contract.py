@@ -92,6 +92,15 @@ def test_memory_and_stream_are_all_that_it_remembers(bench, config):
         assert run(other, 25, start=25) == expected
 
 
+@pytest.mark.parametrize("config", ONE_OF_EACH, ids=kind)
+def test_the_stream_of_one_that_says_that_it_draws_nothing_stands_still(bench, config):
+    """A snapshot leaves it out."""
+    modifier = bench(config)
+    before = modifier.stream.rng.bit_generator.state
+    run(modifier, 25)
+    assert modifier.draws == (modifier.stream.rng.bit_generator.state != before)
+
+
 @pytest.mark.parametrize("config", OF_A_FIELD, ids=kind)
 def test_missing_values_stay_missing(bench, config):
     modifier = bench(config)

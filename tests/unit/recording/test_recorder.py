@@ -160,7 +160,7 @@ def test_requests_are_written_in_order_with_their_batch(bench: Bench, path: Path
             "value": [None, [1.0, 2.0, 3.0]],
         },
     ]
-    assert messages(path, REQUESTS)[0].log_time == bench.world.time_of(7)
+    assert messages(path, REQUESTS)[0].log_time == bench.world.ticks.time_of(7)
 
 
 def test_the_scenario_comes_back_whole(bench: Bench, path: Path, resolved: Resolved) -> None:

@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
 import pytest
 
-from uwserver.server.state_files import read_state, write_state
+from uwserver.ports import Refused
+from uwserver.server.state_files import MAX_FILES, check_room, read_state, remove_parts, write_state
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from uwserver.server import state_files
+
+state_files.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+state_files.write_state(Path(sys.argv[1]), b"half of it")
+"""
 
 
 def test_two_at_once_leave_one_of_both_whole(tmp_path: Path) -> None:
@@ -46,3 +60,47 @@ def test_only_files_are_read(tmp_path: Path) -> None:
     for name in ("pipe", "link", ".", "missing"):
         with pytest.raises(OSError, match=r"."):
             read_state(tmp_path / name)
+
+
+def test_what_a_killed_server_was_writing_is_removed_and_the_old_state_stays(tmp_path: Path) -> None:
+    path = tmp_path / "x.uwstate"
+    write_state(path, b"old")
+    done = subprocess.run([sys.executable, "-c", KILLED, str(path)], timeout=60)
+    assert done.returncode == -signal.SIGKILL
+    assert len(list(tmp_path.iterdir())) == 2
+    remove_parts(tmp_path)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == b"old"
+
+
+def test_only_parts_of_states_that_nobody_writes_are_removed(tmp_path: Path) -> None:
+    remove_parts(tmp_path / "none yet")
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"mine")
+    for name in (
+        "a.uwstate",
+        "a.uwstate.part",
+        "a.uwstate.abcd12.part",
+        "a.txt.abcd1234.part",
+        ".b.uwstate.abcd1234.part",
+    ):
+        (tmp_path / name).write_bytes(b"kept")
+    (tmp_path / "link.uwstate.abcd1234.part").symlink_to(victim)
+    (tmp_path / "folder.uwstate.abcd1234.part").mkdir()
+    os.mkfifo(tmp_path / "pipe.uwstate.abcd1234.part")
+    with (tmp_path / "living.uwstate.abcd1234.part").open("wb") as living:
+        fcntl.flock(living, fcntl.LOCK_EX)
+        kept = set(tmp_path.iterdir())
+        (tmp_path / "dead.uwstate.abcd1234.part").write_bytes(b"half")
+        remove_parts(tmp_path)
+        assert set(tmp_path.iterdir()) == kept
+    assert victim.read_bytes() == b"mine"
+
+
+def test_a_full_folder_takes_used_names_only(tmp_path: Path) -> None:
+    for k in range(MAX_FILES):
+        check_room(tmp_path / f"{k}.uwstate")
+        (tmp_path / f"{k}.uwstate").write_bytes(b"")
+    check_room(tmp_path / "0.uwstate")
+    with pytest.raises(Refused, match="used name"):
+        check_room(tmp_path / "more.uwstate")

@@ -61,12 +61,12 @@ def test_an_order_is_so_many_ticks_and_its_command_acts_in_the_first(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
         end = seat(rig, hand)
-        assert hand.step() == rig.world.time_of(1)
-        assert hand.step(5, ("rov/thrusters", {"u": [0.5] * 8})) == rig.world.time_of(6)
+        assert hand.step() == rig.world.ticks.time_of(1)
+        assert hand.step(5, ("rov/thrusters", {"u": [0.5] * 8})) == rig.world.ticks.time_of(6)
         assert rig.world.tick == 6
         assert rig.world.actuators["rov/thrusters"].last_tick == 1
         assert rig.world.actuators["rov/thrusters"].source == "sil:a"
-        assert hand.seen == [rig.world.time_of(n) for n in range(1, 7)]
+        assert hand.seen == [rig.world.ticks.time_of(n) for n in range(1, 7)]
         end()
         assert rig.world.tick == 6
 
@@ -136,10 +136,14 @@ def test_a_driver_waits_with_the_other_clients(resolved):
         first.orders.put(Order(2, ()))
         assert rig.world.tick == 0
         second.orders.put(Order(1, ()))
-        assert second.answers.get(timeout=PATIENCE_S) == rig.world.time_of(1)
+        assert second.answers.get(timeout=PATIENCE_S) == rig.world.ticks.time_of(1)
         assert first.answers.empty()
         second.orders.put(Order(1, ()))
-        assert second.answers.get(timeout=PATIENCE_S) == rig.world.time_of(2) == first.answers.get(timeout=PATIENCE_S)
+        assert (
+            second.answers.get(timeout=PATIENCE_S)
+            == rig.world.ticks.time_of(2)
+            == first.answers.get(timeout=PATIENCE_S)
+        )
         assert rig.final(answers).tick == 2
 
 
@@ -191,12 +195,12 @@ def test_a_reset_answers_what_was_ordered(resolved):
         seat(rig, hand)
         hand.step(10)
         assert rig.post(Call("world/reset", {})).fault is None
-        assert hand.step() == rig.world.time_of(1)
+        assert hand.step() == rig.world.ticks.time_of(1)
         answers = queue.Queue()
         rig.mailbox.post(Call("world/reset", {}), answers.put)  # carried out in the tick of the order, or before it
-        assert hand.step(1) <= rig.world.time_of(2)
+        assert hand.step(1) <= rig.world.ticks.time_of(2)
         assert rig.final(answers).fault is None
-        assert hand.step(1) <= rig.world.time_of(3)
+        assert hand.step(1) <= rig.world.ticks.time_of(3)
 
 
 def test_a_paused_world_asks_no_driver_and_goes_on_after_it(resolved):
@@ -207,12 +211,12 @@ def test_a_paused_world_asks_no_driver_and_goes_on_after_it(resolved):
         rig.call("world/pause")
         hand.orders.put(Order(1, ()))
         assert rig.call("world/step", n=4).tick == 5
-        assert hand.answers.empty() or hand.answers.get() <= rig.world.time_of(5)
+        assert hand.answers.empty() or hand.answers.get() <= rig.world.ticks.time_of(5)
         rig.call("world/resume")
         while rig.world.tick < 5 or not hand.orders.empty():
             hand.answers.get(timeout=PATIENCE_S)
         hand.step()
-        assert hand.seen == [rig.world.time_of(n + 1) for n in range(len(hand.seen))]
+        assert hand.seen == [rig.world.ticks.time_of(n + 1) for n in range(len(hand.seen))]
 
 
 def test_the_world_goes_on_without_a_lost_driver_and_takes_it_back(resolved):
@@ -224,7 +228,7 @@ def test_the_world_goes_on_without_a_lost_driver_and_takes_it_back(resolved):
         rig.event("resumed")
         while len(hand.seen) < 100:  # ticks that nobody ordered
             rig.post(Call("world/state_hash", {}))
-        assert hand.step() > rig.world.time_of(100)
+        assert hand.step() > rig.world.ticks.time_of(100)
 
 
 def test_lockstep_can_hold_real_time(resolved):

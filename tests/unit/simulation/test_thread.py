@@ -65,6 +65,23 @@ def test_run_until_reaches_the_tick_at_or_after_t_and_pauses_a_paused_world(reso
         assert reply.fault.code == "out_of_range"
 
 
+def test_run_until_comes_to_the_tick_whose_time_was_told_and_no_further(resolved):
+    with running(resolved, Timing(mode="freerun", paused=True)) as rig:
+        for tick in range(1, 10):
+            told = rig.world.ticks.time_of(tick) / 1e9
+            assert [rig.call("world/run_until", t_s=told).tick for _ in range(2)] == [tick, tick]
+
+
+def test_run_until_tick_reaches_that_tick_and_pauses_a_paused_world(resolved):
+    with running(resolved, Timing(mode="freerun", paused=True)) as rig:
+        for tick in (0, 7, 7, 8, 120):
+            reply = rig.call("world/run_until_tick", tick=tick)
+            assert (reply.tick, reply.fault) == (tick, None)
+        assert rig.simulation.paused
+        fault = rig.call("world/run_until_tick", tick=119).fault
+        assert (fault.code, fault.where, fault.text) == ("out_of_range", "tick", "tick 120 is past that already")
+
+
 def test_a_long_run_tells_progress_and_can_be_cancelled(resolved):
     with running(resolved, Timing(speed=1.0, paused=True)) as rig:
         answers, cancel = rig.begin("world/run_until", t_s=3600.0)
@@ -320,7 +337,7 @@ def test_a_diverged_world_answers_that_tick_and_stays_stopped_after_a_refused_re
 
 def test_a_run_has_its_last_tick_whatever_clients_do(resolved):
     rig = Rig(resolved, Timing(speed=1000.0))
-    rig.simulation.until_tick = rig.simulation.tick_at(10.0)
+    rig.simulation.until_tick = rig.world.ticks.at(10.0)
     rig.start()
     rig.call("world/pause")
     rig.call("world/resume")

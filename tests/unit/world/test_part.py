@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.ports import Argument, Sample, Service
-from uwserver.world.part import Part, Stage, State, check_stream, set_stream, stream_state
+from uwserver.world.part import Part, RandomStream, Stage, State
 from uwserver.world.snapshot import restore, take
 from uwserver.world.world import World
 
@@ -151,6 +151,19 @@ def test_the_end_of_a_run_is_told_to_every_part(world: World) -> None:
     assert ("leave", "enough", 0) in diary
 
 
+def test_a_body_that_goes_is_told_to_every_part_while_it_is_still_there(make_world: Any) -> None:
+    class Widow(Recorder):
+        def forget(self, body: str) -> None:
+            self.diary.append(("forget", body, len(world.vehicles)))
+
+    world, diary = make_world(vehicles=2), list[tuple[str, str, int]]()
+    world.add(Widow("a", diary))
+    world.call("world/remove", name="rov1")
+    assert diary == [("forget", "rov1", 2)]
+    assert list(world.vehicles) == ["rov"]
+    assert not any(path.startswith("rov1/") for path in world.parts)
+
+
 def test_any_part_is_part_of_a_snapshot(world: World) -> None:
     part = Recorder("a", [])
     world.add(part)
@@ -163,17 +176,22 @@ def test_any_part_is_part_of_a_snapshot(world: World) -> None:
 
 
 def test_a_random_stream_comes_back_at_any_point() -> None:
-    rng, other = np.random.default_rng(7), np.random.default_rng(8)
+    rng, other = np.random.default_rng(7), np.random.default_rng(7)
+    kept, there = RandomStream(rng), RandomStream(other)
     for k in range(20):
         rng.integers(0, 2**31, k, dtype=np.uint32)  # an odd number leaves half of a 64-bit draw in the buffer
-        state = stream_state(rng)
-        check_stream(state)
-        set_stream(other, state)
-        assert stream_state(other) == state
+        state = kept.save()
+        RandomStream.check(state)
+        there.load(state)
+        assert there.save() == state
+        assert other.bit_generator.state == {
+            **rng.bit_generator.state,
+            "uinteger": other.bit_generator.state["uinteger"],
+        }
         assert other.standard_normal(5).tolist() == rng.standard_normal(5).tolist()
 
 
-@pytest.mark.parametrize("state", [b"", bytes(37), b"\xff" * 36, b"\xff" * 38, b"\xff" * 37])
-def test_what_is_no_random_stream_is_refused(state: bytes) -> None:
-    with pytest.raises(ValueError, match="37 bytes"):
-        check_stream(state)
+@pytest.mark.parametrize("length", [0, 15, 17, 19, 21])
+def test_what_is_no_random_stream_is_refused(length: int) -> None:
+    with pytest.raises(ValueError, match="16 or 20 bytes"):
+        RandomStream.check(bytes(length))

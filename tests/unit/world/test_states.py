@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import uwserver
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Refused
 from uwserver.scenario.files.documents import shipped
 from uwserver.world import snapshot
@@ -338,12 +339,14 @@ def _bodies(change: Callable[[np.ndarray[Any, Any]], None]) -> Callable[[Any], N
         (_bodies(lambda x: x.__setitem__((0, 2), np.nan)), "not finite"),
         (_bodies(lambda x: x.__setitem__((0, 7), np.inf)), "not finite"),
         (_bodies(lambda x: x.__setitem__((0, slice(3, 7)), 0.0)), "no rotation"),
+        (_bodies(lambda x: x.__setitem__((0, 3), 1e300)), "no rotation"),
         (lambda raw: raw["parts"].pop("rov/imu"), "rov/imu"),
         (lambda raw: raw["parts"].update({"rov/more": {}}), "rov/more"),
         (lambda raw: raw.update(tick=-1), "tick -1"),
         (lambda raw: raw["parts"]["rov/imu"].update(seq="x"), "int"),
         (lambda raw: raw["parts"]["rov/imu"].update(divisor=0), ">= 1"),
-        (lambda raw: raw["parts"]["rov/imu"].update(memories=[]), "modifiers"),
+        (lambda raw: raw["parts"]["rov/imu"].update(records=[]), "modifiers"),
+        (lambda raw: raw["parts"]["rov/imu"].update(draws=[bytes(16)]), "modifiers"),
         (lambda raw: raw["parts"]["rov/imu"].update(held=[True, [1.0]]), "fields"),
         (lambda raw: raw["parts"]["rov/thrusters"].update(last_value=[[9.0] * 8]), "at most"),
         (lambda raw: raw["parts"]["world/water"].update(current=[1e9, 0.0, 0.0]), "current"),
@@ -368,6 +371,51 @@ def test_no_more_bodies_than_a_world_may_have(make_world: Callable[..., World]) 
     born = [{"like": "rov", "name": f"r{k}"} for k in range(1001)]
     text = refusal(world, forged(world, lambda raw: raw["parts"]["world/population"].update(born=born)))
     assert "<= 1000" in text
+
+
+@pytest.mark.parametrize("present", [True, False])
+@pytest.mark.parametrize("parts", [True, False])
+def test_nobody_is_made_for_a_state_that_has_not_what_belongs_to_them(
+    make_world: Callable[..., World], monkeypatch: pytest.MonkeyPatch, present: bool, parts: bool
+) -> None:
+    """Names cost a few bytes, and bodies milliseconds: with the parts of all of them, their rows are still missing."""
+    world = make_world()
+    born = [{"like": "rov", "name": f"r{k}", "present": present} for k in range(999)]
+
+    def change(raw: Any) -> None:
+        raw["parts"]["world/population"].update(born=born)
+        if parts:
+            own = {path: state for path, state in raw["parts"].items() if path.startswith("world/")}
+            rov = {path[4:]: state for path, state in raw["parts"].items() if path.startswith("rov/")}
+            here = [body["name"] for body in born if present]
+            raw["parts"] = own | {f"{name}/{part}": state for name in here for part, state in rov.items()}
+
+    data, made = forged(world, change), list[str]()
+    add = Hydrodynamics.add
+    monkeypatch.setattr(Hydrodynamics, "add", lambda *args: made.append("") or add(*args))
+    text = refusal(world, data)
+    assert ("999 rows" if parts else "other vehicles or components") in text
+    assert not made
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda raw: raw["parts"].update({f"{k:x}": None for k in range(2**17)}), "length"),
+        (lambda raw: raw["parts"]["world/population"].update(scenario=[""] * 100_000), "length"),
+        (lambda raw: raw["parts"]["world/bodies"]["arrays"].update({str(k): b"" for k in range(100)}), "length"),
+        (lambda raw: raw["parts"]["world/water"].update(drifts=[[b"", [0.0] * 7]]), "length"),
+        (lambda raw: raw["parts"]["world/faults"].update(entries=[None] * 257), "length"),
+        (lambda raw: raw["parts"]["world/samples"].update(samples=[None] * 65537), "length"),
+        (lambda raw: raw["parts"]["rov/thrusters"].update(memory=b"x"), "has none"),
+        (lambda raw: raw["parts"]["rov/thrusters"]["sources"].update(source="x" * 5000), "length"),
+    ],
+)
+def test_counts_are_bounded_before_anything_is_made_of_them(
+    make_world: Callable[..., World], change: Callable[[Any], Any], text: str
+) -> None:
+    world = make_world()
+    assert text in refusal(world, forged(world, lambda raw: change(raw) and None))
 
 
 def test_nothing_named_in_it_is_opened(make_world: Callable[..., World], tmp_path: Path) -> None:
@@ -494,9 +542,13 @@ def test_a_mission_without_items_is_not_under_way() -> None:
     world.step(300)
 
     def change(raw: Any) -> None:
-        orders = msgspec.msgpack.decode(raw["parts"]["rov/autopilot"]["orders"])
-        orders |= {"mode": "mission", "armed": True, "waits": False, "items": [], "index": 0}
-        raw["parts"]["rov/autopilot"]["orders"] = msgspec.msgpack.encode(orders)
+        raw["parts"]["rov/autopilot"]["orders"] |= {
+            "mode": "mission",
+            "armed": True,
+            "waits": False,
+            "items": [],
+            "index": 0,
+        }
 
     assert "its mission does not have" in refusal(world, forged(world, change))
 

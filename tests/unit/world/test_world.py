@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 
 from uwserver.ports import Call, Command, Refused, Reply
 from uwserver.units import NANOSECONDS
-from uwserver.world import Diverged, World
+from uwserver.world import Diverged
 
 AHEAD = (-0.5, -0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("rate", ["240", "250", "1200", "400", "333.3"])
-def test_time_is_computed_from_the_tick_and_never_drifts(world, rate):
-    world = World("clock", Fraction(rate), 1, world.epoch_utc, world.hydro, world.water)
-    for tick in (0, 1, 7, 239, 10**6, 3600 * 24 * 1200):
-        exact = Fraction(tick * NANOSECONDS) / Fraction(rate)
-        assert abs(world.time_of(tick) - exact) <= Fraction(1, 2)
 
 
 def test_a_command_acts_in_the_tick_that_its_reply_names(world):
@@ -29,7 +19,7 @@ def test_a_command_acts_in_the_tick_that_its_reply_names(world):
     assert world.vehicles["rov"].nu[0] == 0.0
     world.step(1)
     assert replies[0].tick == 3
-    assert replies[0].t_ns == world.time_of(3)
+    assert replies[0].t_ns == world.ticks.time_of(3)
     assert world.vehicles["rov"].nu[0] > 0.0
 
 
@@ -71,13 +61,13 @@ def test_rates_are_kept_and_latency_delays_but_keeps_the_time_of_truth(world):
     for sample in samples:
         by_port.setdefault(sample.port, []).append(sample)
     assert len(by_port["rov/truth/pose"]) == 24
-    assert [s.t_ns for s in by_port["rov/truth/pose"]] == [world.time_of(10 * k) for k in range(1, 25)]
+    assert [s.t_ns for s in by_port["rov/truth/pose"]] == [world.ticks.time_of(10 * k) for k in range(1, 25)]
     late = by_port["rov/late_imu"]
     assert 57 <= len(late) <= 59
     assert sorted(s.seq for s in late) == list(range(len(late)))
     assert [s.t_sent_ns for s in late] == sorted(s.t_sent_ns for s in late)
     assert all(0 <= s.t_sent_ns - s.t_ns < 0.06 * NANOSECONDS for s in late)
-    assert all(s.t_ns == world.time_of(4 * (s.seq + 1)) for s in late)
+    assert all(s.t_ns == world.ticks.time_of(4 * (s.seq + 1)) for s in late)
 
 
 def test_read_gives_the_newest_sample(world):

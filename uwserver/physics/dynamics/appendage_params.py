@@ -10,9 +10,11 @@ import numpy as np
 
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import FloatArray, Records
-from uwserver.physics.kernel.layout import DERIVATIVE, FOIL, HULL, PROPELLER, PROPELLER_SIZE, SERVO, WEIGHT
+from uwserver.physics.kernel.layout import DERIVATIVE, FOIL, HARMONICS, HULL, PROPELLER, PROPELLER_SIZE, SERVO, WEIGHT
 
 Six = tuple[float, float, float, float, float, float]
+Series = tuple[tuple[float, float, float, float], ...]
+"""Of each multiple k = 0, 1, .. of the advance angle: coefficients of cosine and sine, of C_T*, then of C_Q*."""
 
 
 @dataclass(frozen=True)
@@ -60,19 +62,38 @@ class FoilParams:
 
 @dataclass(frozen=True)
 class PropellerParams:
-    """A propeller by its open-water curves of (J, K_T, K_Q); the rest as in `layout.PROPELLER`."""
+    """A propeller by its `series` in four quadrants, or by its open-water `curve` of (J, K_T, K_Q); the rest as in `layout.PROPELLER`.
+
+    Attributes:
+        damping_includes_stopped: the hull's damping has the drag of the stopped propeller, so the series gives what it does beyond that.
+    """
 
     servo: str
     r: Vec3
     axis: Vec3
     diameter: float
     density: float
-    curve: tuple[Vec3, ...]
+    curve: tuple[Vec3, ...] = ()
     wake: float = 1.0
     deduction: float = 1.0
     astern: float = 1.0
     sense: float = 0.0
     whole: bool = False
+    series: Series = ()
+    damping_includes_stopped: bool = False
+
+    @property
+    def line(self) -> Vec3:
+        """K_T at rest, its fall with J on a straight line to the end of the first quadrant, and thrust astern over that ahead, both at rest."""
+        if not self.series:
+            (j0, k0, _), (j1, k1, _) = self.curve[0], self.curve[-1]
+            fall = (k0 - k1) / (j1 - j0) if j1 > j0 else 0.0
+            return k0 + fall * j0, fall, self.astern
+        beta = np.linspace(0.0, 0.5 * math.pi, 181)
+        thrust, _ = quadrant_coefficients(self.series, np.append(beta, math.pi))
+        rest = math.pi / 8.0 * (0.7 * math.pi) ** 2 * thrust[0]
+        last = 0.7 * math.pi * math.tan(beta[np.argmax(thrust[:-1] < 0.0)])
+        return rest, rest / last, -thrust[-1] / thrust[0]
 
 
 @dataclass(frozen=True)
@@ -207,17 +228,37 @@ def _foil_rows(foils: tuple[FoilParams, ...], servos: Mapping[str, int]) -> Reco
 def _propeller_rows(propellers: tuple[PropellerParams, ...], servos: Mapping[str, int]) -> Records:
     rows = np.zeros(len(propellers), PROPELLER)
     for row, propeller in zip(rows, propellers, strict=True):
+        if propeller.series:
+            _check_length("terms of its series", len(propeller.series), 1, HARMONICS)
+        else:
+            _check_length("points of its curves", len(propeller.curve), 2, PROPELLER_SIZE)
         for name in ("r", "diameter", "density", "wake", "deduction", "astern", "sense", "whole"):
             row[name] = getattr(propeller, name)
-        points = len(propeller.curve)
-        if not 2 <= points <= PROPELLER_SIZE:
-            raise ValueError(f"a propeller takes 2..{PROPELLER_SIZE} points of its curves, not {points}")
-        row["points"] = points
-        for name, values in zip(("J", "KT", "KQ"), zip(*propeller.curve, strict=True), strict=True):
-            row[name][:points] = values
+        if propeller.series:
+            row["harmonics"] = len(propeller.series)
+            row["series"][: len(propeller.series)] = propeller.series
+            if propeller.damping_includes_stopped:
+                row["stopped"] = np.ravel(quadrant_coefficients(propeller.series, np.array([0.5, -0.5]) * math.pi).T)
+        else:
+            row["points"] = len(propeller.curve)
+            for name, values in zip(("J", "KT", "KQ"), zip(*propeller.curve, strict=True), strict=True):
+                row[name][: len(values)] = values
         row["axis"] = np.array(propeller.axis) / np.linalg.norm(propeller.axis)
         row["servo"] = servos[propeller.servo]
     return rows
+
+
+def _check_length(noun: str, length: int, least: int, most: int) -> None:
+    if not least <= length <= most:
+        raise ValueError(f"a propeller takes {least}..{most} {noun}, not {length}")
+
+
+def quadrant_coefficients(series: Series, beta: FloatArray) -> FloatArray:
+    """C_T* and C_Q* (2, n) of a series at advance angles (n), rad; in plain numpy, for checks and bounds."""
+    multiples = np.outer(np.arange(len(series)), beta)
+    A_T, B_T, A_Q, B_Q = np.array(series).T
+    cos, sin = np.cos(multiples), np.sin(multiples)
+    return np.stack([A_T @ cos + B_T @ sin, A_Q @ cos + B_Q @ sin])
 
 
 def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, FloatArray, float]:
@@ -242,10 +283,9 @@ def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, Fl
         rate_S += rate
         rate_Q += rate * np.array([0.0, 1.0, 1.0, *[float(np.linalg.norm(foil.r))] * 3])
     for propeller in appendages.propellers:
-        J, KT, _ = np.array(propeller.curve).T
-        slope = np.abs(np.diff(KT) / np.diff(J)).max()
-        n = high[propeller.servo] / (2.0 * math.pi)
-        rate_L += propeller.density * propeller.diameter**3 * slope * n * propeller.wake * at(propeller.r)
+        slow, fast = _propeller_slopes(propeller, high[propeller.servo])
+        rate_L += slow * at(propeller.r)
+        rate_Q += fast * at(propeller.r) * np.array([1.0, 1.0, 1.0, *[float(np.linalg.norm(propeller.r))] * 3])
     for term in appendages.derivatives:
         factor = abs(term.coefficient) * (high[term.servo] ** term.power if term.servo else 1.0)
         rate_Q[term.j] += factor * size[term.axis] * size[term.k]
@@ -257,3 +297,17 @@ def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, Fl
             rate = 2.0 * max(hull.sway, hull.heave) * hull.spacing * at((x, 0.0, 0.0))
             rate_Q += rate * np.array([0.0, 1.0, 1.0, 0.0, abs(x), abs(x)])
     return rate_L, rate_Q, rate_S
+
+
+def _propeller_slopes(propeller: PropellerParams, speed: float) -> tuple[float, float]:
+    """Bounds a + b |V| of how much thrust a speed V along the axis takes, N s/m, at a shaft speed (rad/s) and below: a and b."""
+    if not propeller.series:
+        J, KT, _ = np.array(propeller.curve).T
+        slope = float(np.abs(np.diff(KT) / np.diff(J)).max())
+        return propeller.density * propeller.diameter**3 * slope * speed / (2.0 * math.pi) * propeller.wake, 0.0
+    beta = np.linspace(-math.pi, math.pi, 721)
+    thrust, _ = quadrant_coefficients(propeller.series, beta)
+    slope, largest = float(np.abs(np.diff(thrust)).max() / (beta[1] - beta[0])), float(np.abs(thrust).max())
+    scale = 0.125 * math.pi * propeller.density * propeller.diameter**2 * propeller.wake
+    # T = scale (V_a^2 + V_t^2) C_T*(beta), and dbeta/dV_a = V_t / (V_a^2 + V_t^2).
+    return scale * slope * 0.35 * speed * propeller.diameter, 4.0 * scale * largest * propeller.wake

@@ -44,6 +44,7 @@ class ThrusterParams:
     lag: Lag
     torque_per_force: float = 0.0
     inflow: float = 0.0
+    drag: float = 0.0
     disc_radius: float = 0.05
     installed: float = 1.0
 
@@ -106,6 +107,9 @@ def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
         return float(np.linalg.norm(root @ D[:, j]) * np.linalg.norm(root[j]))
 
     rate_L, rate_Q, rate_S = appendage_rates(body.appendages, root)
+    for thruster in body.thrusters:
+        line = _line(thruster)
+        rate_Q += 2.0 * thruster.drag * float(np.linalg.norm(root @ line)) ** 2 * np.abs(line)
     quadratic = np.array([2.0 * column(body.D_Q, j) for j in range(6)])
     return rate_L + norm(body.D_L), rate_Q + quadratic, rate_S + 2.0 * norm(body.D_S)
 
@@ -156,15 +160,19 @@ def shape_rows(body: BodyParams) -> Records:
     return rows
 
 
+def _line(params: ThrusterParams) -> FloatArray:
+    """(6) axis and moment of a unit force of a thruster, about the origin in B."""
+    axis = np.array(params.axis) / np.linalg.norm(params.axis)
+    return np.concatenate([axis, np.cross(params.r, axis)])
+
+
 def thruster_row(params: ThrusterParams, table: int, lag: int) -> Records:
     """The THRUSTER row (1), at rest, with the rows of its force table and lag."""
     row = np.zeros(1, THRUSTER)
-    for name in ("r", "voltage", "inflow", "disc_radius", "installed"):
+    for name in ("r", "voltage", "inflow", "drag", "disc_radius", "installed"):
         row[name] = getattr(params, name)
-    axis = np.array(params.axis) / np.linalg.norm(params.axis)
-    moment = np.cross(params.r, axis)
-    row["per_velocity"] = np.concatenate([axis, moment])
-    row["per_force"] = np.concatenate([axis, moment + params.torque_per_force * axis])
+    row["per_velocity"] = row["per_force"] = _line(params)
+    row["per_force"][0, 3:] += params.torque_per_force * row["per_force"][0, :3]
     row["table"], row["lag"] = table, lag
     row["efficiency"] = 1.0
     return row

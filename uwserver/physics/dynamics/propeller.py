@@ -1,4 +1,4 @@
-"""Thrust and torque of a propeller from its open-water curves (compiled)."""
+"""Thrust and torque of a propeller: four quadrants by a series over the advance angle, or open-water curves of the first (compiled)."""
 
 from __future__ import annotations
 
@@ -10,38 +10,77 @@ from uwserver.physics.kernel.compiled import compiled
 
 
 @compiled
-def _curve(J: float, points: int, xs: Array, ys: Array) -> tuple[float, float]:
-    """(a, b) of the straight piece y = a + b J of a curve; the first and last piece go on beyond the ends."""
-    k = 0
-    while k < points - 2 and xs[k + 1] < J:
-        k += 1
-    b = (ys[k + 1] - ys[k]) / (xs[k + 1] - xs[k])
-    return ys[k] - b * xs[k], b
-
-
-@compiled
 def propeller_force(propeller: Any, speed: float, advance: float) -> tuple[float, float]:
-    """Thrust on the vehicle (N) along the axis, and moment (N m) about it.
-
-    T = rho n^2 D^4 K_T(J), Q = rho n^2 D^5 K_Q(J), J = V_a / (n D), with each straight piece K = a + b J written as
-    a |n| n + b |n| V_a / D: finite at any n and zero at n = 0 (a stopped propeller has no drag here). Astern the propeller is taken as the
-    mirror of itself: J counts along the turned axis, thrust and torque are scaled by `astern`. Beyond the table the first and last piece
-    go on straight: an extrapolation, in particular against the inflow (J < 0), where measured curves bend.
+    """Thrust on the vehicle (N) along the axis, and moment on it (N m) about the axis.
 
     Args:
         propeller: PROPELLER record.
         speed: of the shaft, rad/s; positive drives along the axis.
         advance: of the vehicle through the water along the axis, m/s.
     """
+    va = propeller.wake * advance
+    if propeller.harmonics > 0:
+        thrust, torque = _by_series(propeller, speed, va)
+    else:
+        thrust, torque = _by_curves(propeller, speed, va)
+    return propeller.deduction * thrust, propeller.sense * torque
+
+
+@compiled
+def _by_series(propeller: Any, speed: float, va: float) -> tuple[float, float]:
+    """Thrust and torque at a shaft speed (rad/s) and a speed of advance (m/s), whatever their signs.
+
+    T = rho/2 (V_a^2 + V_t^2) pi/4 D^2 C_T*(beta), Q likewise with D^3 and C_Q*, where V_t = 0.7 pi n D is the speed of the blade at 0.7 of
+    its radius and tan(beta) = V_a / V_t (van Lammeren, van Manen and Oosterveld, "The Wageningen B-screw series", SNAME 77, 1969). Nothing
+    is divided by n, so a stopped propeller (beta = +-90 degrees) has its drag. What the hull's damping has of that is taken away.
+    """
+    D, series, stopped = propeller.diameter, propeller.series, propeller.stopped
+    vt = 0.35 * speed * D
+    square = va * va + vt * vt
+    if square == 0.0:
+        return 0.0, 0.0
+    c, s = vt / math.sqrt(square), va / math.sqrt(square)
+    ct, cq, ck, sk = 0.0, 0.0, 1.0, 0.0  # cosine and sine of k beta
+    for k in range(propeller.harmonics):
+        ct += series[k, 0] * ck + series[k, 1] * sk
+        cq += series[k, 2] * ck + series[k, 3] * sk
+        ck, sk = ck * c - sk * s, sk * c + ck * s
+    astern = 2 if va < 0.0 else 0
+    ct -= stopped[astern] * s * s
+    cq -= stopped[astern + 1] * s * s
+    scale = 0.125 * math.pi * propeller.density * square * D * D
+    return scale * ct, scale * D * cq
+
+
+@compiled
+def _by_curves(propeller: Any, speed: float, va: float) -> tuple[float, float]:
+    """The same by open-water curves of the first quadrant.
+
+    T = rho n^2 D^4 K_T(J), Q = rho n^2 D^5 K_Q(J), J = V_a / (n D), with each straight piece K = a + b J written as
+    a |n| n + b |n| V_a / D: finite at any n and zero at n = 0 (a stopped propeller has no drag here). Astern the propeller is taken as the
+    mirror of itself: J counts along the turned axis, thrust and torque are scaled by `astern`. Beyond the table the first and last piece
+    go on straight: an extrapolation, in particular against the inflow (J < 0), where measured curves bend.
+    """
     n = abs(speed) / (2.0 * math.pi)
     if n == 0.0:
         return 0.0, 0.0
     direction = 1.0 if speed > 0.0 else -propeller.astern
-    va = propeller.wake * (advance if speed > 0.0 else -advance)
+    if speed < 0.0:
+        va = -va
     D = propeller.diameter
     J = va / (n * D)
-    a, b = _curve(J, propeller.points, propeller.J, propeller.KT)
+    a, b = _piece(J, propeller.points, propeller.J, propeller.KT)
     thrust = propeller.density * D**4 * (a * n * n + b * n * va / D)
-    a, b = _curve(J, propeller.points, propeller.J, propeller.KQ)
+    a, b = _piece(J, propeller.points, propeller.J, propeller.KQ)
     torque = propeller.density * D**5 * (a * n * n + b * n * va / D)
-    return direction * propeller.deduction * thrust, direction * propeller.sense * torque
+    return direction * thrust, direction * torque
+
+
+@compiled
+def _piece(J: float, points: int, xs: Array, ys: Array) -> tuple[float, float]:
+    """(a, b) of the straight piece y = a + b J of a curve; the first and last piece go on beyond the ends."""
+    k = 0
+    while k < points - 2 and xs[k + 1] < J:
+        k += 1
+    b = (ys[k + 1] - ys[k]) / (xs[k + 1] - xs[k])
+    return ys[k] - b * xs[k], b

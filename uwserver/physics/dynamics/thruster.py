@@ -11,6 +11,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 
+MOST_INFLOW = 2.0
+"""Thrust against the inflow over that at rest, at most. The Wageningen B4-70 of pitch ratio 0.8 to 1 has, beyond the drag of the stopped
+propeller, 1.6 to 1.7 at J = -1 and 2.1 to 2.3 at -1.5 (`scenario.vehicle.wageningen`)."""
+
 
 @compiled
 def _interpolate(u: float, xs: Array, ys: Array) -> float:
@@ -92,16 +96,19 @@ def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, wo
     """work[TAU] += one thruster's wrench (6, about the body origin in B); work[NU_R] is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
-    mount through the water along the axis. Thrust scales with the submerged part of the disc, for which `depth` (m) is that of the body
-    origin below the surface and work[UP] the surface's normal in B.
+    mount through the water along the axis. It takes the whole thrust at most, and against the propeller it adds no more than MOST_INFLOW
+    lets it. What remains of a stopped propeller is its drag, where the hull's damping has not got it. Thrust scales with the submerged part
+    of the disc, for which `depth` (m) is that of the body origin below the surface and work[UP] the surface's normal in B.
     """
-    if force == 0.0:
+    if force == 0.0 and thruster.drag == 0.0:
         return
-    if thruster.inflow != 0.0:
+    if thruster.inflow != 0.0 or thruster.drag != 0.0:
         va = 0.0
         for i in range(6):
             va += thruster.per_velocity[i] * work[NU_R, i]
+        most = MOST_INFLOW * force
         force -= thruster.inflow * math.sqrt(abs(force)) * va
+        force = min(max(force, min(most, 0.0)), max(most, 0.0)) - thruster.drag * abs(va) * va
     if near_surface:
         r = thruster.r
         hub = depth - work[UP, 0] * r[0] - work[UP, 1] * r[1] - work[UP, 2] * r[2]

@@ -105,6 +105,7 @@ THRUSTER = _record(
     _f8("per_velocity", 6),  # times nu_r: speed of the mount along the axis; [axis; r x axis]
     _f8("r", 3),  # mount in B, m
     _f8("inflow"),  # k in T = T0 - k sqrt(|T0|) V_a, sqrt(N) s/m
+    _f8("drag"),  # of the stopped propeller over V_a |V_a|, N s2/m2
     _f8("disc_radius"),  # m
     _i8("table"),  # row of the force tables
     _i8("lag"),  # row of the lags
@@ -165,8 +166,8 @@ FOIL = _record(
     _f8("radius"),  # half the span, m
 )
 
-PROPELLER_SIZE = 24
-"""Points of a propeller's open-water curves."""
+PROPELLER_SIZE, HARMONICS = 24, 31
+"""Points of a propeller's open-water curves; terms of its series over the advance angle, the constant one included."""
 
 PROPELLER = _record(
     _i8("servo"),  # row of the servo that holds the shaft speed, rad/s
@@ -177,9 +178,12 @@ PROPELLER = _record(
     _f8("deduction"),  # 1 - t: thrust on the vehicle over the propeller's
     _f8("sense"),  # reaction torque along the axis for positive K_Q: -1 right-handed, 1 left-handed, 0 none
     _i8("whole"),  # 1: advances with the whole speed, 0: with its part along the axis
+    _i8("harmonics"),  # 0: by its curves, else terms of `series`
+    _f8("series", HARMONICS, 4),  # cosine and sine coefficients of C_T*, then of C_Q*
+    _f8("stopped", 4),  # C_T* and C_Q* of the stopped propeller, ahead and astern, that the hull's damping has already
     _i8("points"),
     _f8("J KT KQ", PROPELLER_SIZE),  # J ascending
-    _f8("astern"),  # thrust and torque astern over those ahead
+    _f8("astern"),  # thrust and torque astern over those ahead, by the curves
 )
 
 WEIGHT = _record(

@@ -329,7 +329,6 @@ def _fin(params: BodyParams, servo: str) -> FinEffect:
 def _shaft(params: BodyParams, servo: str) -> Shaft:
     propeller = next(p for p in params.appendages.propellers if p.servo == servo)
     limit = next(s for s in params.appendages.servos if s.name == servo).high
-    (j0, k0, _), (j1, k1, _) = propeller.curve[0], propeller.curve[-1]
-    fall = (k0 - k1) / (j1 - j0) if j1 > j0 else 0.0
+    rest, fall, astern = propeller.line
     strength = propeller.density * propeller.diameter**4 * propeller.deduction
-    return Shaft(k0 + fall * j0, fall, strength, propeller.wake, propeller.diameter, propeller.astern, limit)
+    return Shaft(rest, fall, strength, propeller.wake, propeller.diameter, astern, limit)

@@ -24,7 +24,6 @@ from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import Pose
 from uwserver.units import rad
 from uwserver.world.components import Member, Population
-from uwserver.world.faults import Faults
 from uwserver.world.part import State
 from uwserver.world.world import World
 
@@ -45,7 +44,7 @@ class Born(Struct, frozen=True):
 class PopulationState(State, frozen=True):
     """All bodies since the start, in the order of their rows; and what the scenario has, of which they are copies."""
 
-    scenario: tuple[str, ...]
+    scenario: Annotated[tuple[str, ...], Meta(max_length=65536)]
     born: Annotated[tuple[Born, ...], Meta(max_length=MAX_BODIES)]
 
 
@@ -55,12 +54,12 @@ class ScenarioPopulation(Population):
     path = "world/population"
     state_type = PopulationState
 
-    def __init__(self, world: World, resolved: Resolved, faults: Faults) -> None:
+    def __init__(self, world: World, resolved: Resolved) -> None:
         self._world = world
         self._resolved = resolved
-        self._faults = faults
         self._born: tuple[Born, ...] = ()
         self._first_spawned = 0
+        self._parts: dict[str, tuple[str, ...]] = {}
         environment = resolved.scenario.environment
         files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
         alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
@@ -132,8 +131,7 @@ class ScenarioPopulation(Population):
         if member is None:
             there = ", ".join(world.members) or "nothing"
             raise Refused("bad_argument", f'no "{shown(name)}" here, there is: {there}', "name")
-        self._faults.forget(name)
-        world.set_members(other for other in world.members.values() if other is not member)
+        world.dismiss(name)
         row = member.vehicle.row
         self._born = (*self._born[:row], replace(self._born[row], present=False), *self._born[row + 1 :])
         world.hydro.retire(row)
@@ -144,12 +142,23 @@ class ScenarioPopulation(Population):
         """Who is and was there."""
         return PopulationState(tuple(self._params), self._born)
 
+    def is_here(self, state: PopulationState) -> bool:
+        """See `Population.is_here`."""
+        return state.born == self._born and state.scenario == tuple(self._params)
+
+    def parts_of(self, state: PopulationState) -> set[str]:
+        """See `Population.parts_of`."""
+        kinds = {born.like for born in state.born if born.present}
+        parts = {like: self._parts.get(like) or self._try_out(like) for like in kinds}
+        return {f"{born.name}/{part}" for born in state.born if born.present for part in parts[born.like]}
+
+    def params_of(self, state: PopulationState) -> list[BodyParams]:
+        """See `Population.params_of`."""
+        return [self._params[born.like] for born in state.born]
+
     def members_of(self, state: PopulationState) -> list[Member]:
         """See `Population.members_of`."""
-        self.check(state)
         here = {member.vehicle.row: member for member in self._world.members.values()}
-        if state.born == self._born:
-            return list(here.values())
         hydro, members, same = self._world.hydro, list[Member](), True
         hydro.set_bodies(())
         for row, born in enumerate(state.born):
@@ -197,8 +206,18 @@ class ScenarioPopulation(Population):
 
     def _member(self, like: str, name: str) -> Member:
         if like in self._resolved.vehicles:
-            return vehicle_member(self._world, self._resolved.vehicles[like], self._params[like], name)
-        return object_member(self._world, self._resolved.objects[like], name)
+            member = vehicle_member(self._world, self._resolved.vehicles[like], self._params[like], name)
+        else:
+            member = object_member(self._world, self._resolved.objects[like], name)
+        self._parts[like] = tuple(part.path.removeprefix(f"{name}/") for part in member.parts)
+        return member
+
+    def _try_out(self, like: str) -> tuple[str, ...]:
+        """What the parts of a body are called of which none was ever here: from one that is made and forgotten."""
+        undo = self._world.hydro.arrays()
+        self._member(like, like)
+        self._world.hydro.go_back(undo)
+        return self._parts[like]
 
     def _place(self, member: Member, p_NB: Vec3, q_NB: Quat) -> None:
         state = self._world.hydro.state[member.vehicle.row]

@@ -43,11 +43,11 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     if resolved.is_solid:
         build_scene(world, resolved)
     faults = Faults(
-        hydro, water, world.vehicles, world.sensors, world.actuators, rate, lambda: world.tick,
+        hydro, water, world.vehicles, world.sensors, world.actuators, world.ticks, lambda: world.tick,
         lambda text: world.say("fault", text),
     )  # fmt: skip
     world.add(faults)
-    world.population = ScenarioPopulation(world, resolved, faults)
+    world.population = ScenarioPopulation(world, resolved)
     world.add(world.population)
     world.identity = cache(partial(identity, resolved))
     world.population.begin()

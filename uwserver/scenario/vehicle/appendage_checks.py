@@ -11,11 +11,13 @@ from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import FinsConfig
 from uwserver.actuators.servo import OneServo
+from uwserver.physics.dynamics.appendage_params import quadrant_coefficients
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.errors import KeyPath, suggestion
-from uwserver.scenario.vehicle.appendage_tables import Foil
-from uwserver.scenario.vehicle.appendages import TERM
+from uwserver.scenario.vehicle.appendage_tables import Foil, ShaftPropeller
+from uwserver.scenario.vehicle.appendages import TERM, quadrant_series
 from uwserver.scenario.vehicle.assembly import Draft
+from uwserver.units import deg
 
 _DERIVATIVE = "an axis of XYZKMN and two velocities of uvwpqr"
 
@@ -30,14 +32,7 @@ def check_appendages(draft: Draft, report: Report) -> None:
     if draft.hull is not None and not isinstance(draft.hull.derivatives, UnsetType):
         _check_terms(draft.hull.derivatives.terms, False, ("hull", "derivatives", "terms"), report)
     for name, propeller in draft.propellers.items():
-        path: KeyPath = ("propellers", name)
-        if not any(propeller.axis_frd):
-            report(
-                (*path, "axis_frd"), "the axis has no direction: give the direction of the thrust at a positive speed"
-            )
-        advance = [point[0] for point in propeller.curve]
-        if any(b <= a for a, b in pairwise(advance)):
-            report((*path, "curve"), "the advance numbers J (first of each point) must rise from point to point")
+        _check_propeller(propeller, ("propellers", name), report)
     for name, ballast in draft.ballasts.items():
         if not ballast.min_volume_m3 <= ballast.neutral_volume_m3 <= ballast.max_volume_m3:
             report(
@@ -45,7 +40,7 @@ def check_appendages(draft: Draft, report: Report) -> None:
                 f"must lie between min_volume_m3 ({ballast.min_volume_m3:g}) and max_volume_m3 ({ballast.max_volume_m3:g})",
             )
     for name, mass in draft.moving_masses.items():
-        path = ("moving_masses", name)
+        path: KeyPath = ("moving_masses", name)
         if not any(mass.axis_frd):
             report((*path, "axis_frd"), "the axis has no direction: give the direction of a positive position")
         if not mass.min_position_m <= 0.0 <= mass.max_position_m:
@@ -53,6 +48,37 @@ def check_appendages(draft: Draft, report: Report) -> None:
         if draft.rigid_body is not None and mass.mass_kg >= draft.rigid_body.mass_kg:
             report((*path, "mass_kg"), f"is part of the vehicle's mass_kg ({draft.rigid_body.mass_kg:g}): must be less")
     _check_members(draft, report)
+
+
+def _check_propeller(propeller: ShaftPropeller, path: KeyPath, report: Report) -> None:
+    if not any(propeller.axis_frd):
+        report((*path, "axis_frd"), "the axis has no direction: give the direction of the thrust at a positive speed")
+    if isinstance(propeller.curve, UnsetType):
+        if propeller.astern_factor != 1.0:
+            report((*path, "astern_factor"), "belongs to a curve: four quadrants have their own thrust astern")
+        if propeller.inflow != "axial":
+            report((*path, "inflow"), "the whole speed belongs to a curve: in four quadrants its direction counts")
+        if propeller.quadrants is not UNSET and propeller.pitch_ratio is not UNSET:
+            report((*path, "pitch_ratio"), "belongs to the B4-70, but quadrants give another propeller: leave one out")
+        _check_quadrants(propeller, path, report)
+        return
+    if any(b[0] <= a[0] for a, b in pairwise(propeller.curve)):
+        report((*path, "curve"), "the advance numbers J (first of each point) must rise from point to point")
+    for key in ("pitch_ratio", "quadrants"):
+        if getattr(propeller, key) is not UNSET:
+            report((*path, key), "gives four quadrants, but the curve gives the first alone: leave one out")
+    if propeller.damping_includes_stopped:
+        report((*path, "damping_includes_stopped"), "by a curve a stopped propeller has no drag: leave the key out")
+
+
+def _check_quadrants(propeller: ShaftPropeller, path: KeyPath, report: Report) -> None:
+    """What the shaft gives to the water, less what the thrust does with it, is lost there: Q 2 pi n - T V_a >= 0."""
+    beta = np.linspace(-math.pi, math.pi, 361)
+    thrust, torque = quadrant_coefficients(quadrant_series(propeller), beta)
+    lost = np.cos(beta) / 0.35 * torque - np.sin(beta) * thrust
+    worst = int(lost.argmin())
+    if lost[worst] < -1e-3:
+        report((*path, "quadrants"), f"the propeller gives more power than its shaft takes at beta = {deg(beta[worst]):.0f} degrees")  # fmt: skip
 
 
 def _check_foil(foil: Foil, path: KeyPath, report: Report) -> None:

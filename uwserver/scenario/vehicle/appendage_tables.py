@@ -8,6 +8,7 @@ from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 
+Four = tuple[float, float, float, float]
 Six = tuple[float, float, float, float, float, float]
 Status = Literal["measured", "paper", "datasheet", "derived", "guess"]
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
@@ -72,16 +73,26 @@ class Fin(Foil, kw_only=True, frozen=True):
 
 
 class ShaftPropeller(Sourced, kw_only=True, frozen=True):
-    """A propeller on a shaft whose speed is commanded: open-water curves K_T(J) and K_Q(J), straight between and beyond the points.
+    """A propeller on a shaft whose speed is commanded.
+
+    Without `curve` it is one of the Wageningen B4-70, in all four quadrants: ahead and astern, with and against the inflow, windmilling, and
+    stopped, when it drags. With `curve` it is what its source gives of the first quadrant, straight between and beyond the points. Beyond that
+    quadrant this is an extrapolation: astern the propeller is the mirror of itself, against the inflow the first piece goes on, and a stopped
+    one has no drag.
 
     Attributes:
         axis_frd: direction of the thrust at a positive speed.
+        pitch_ratio: P/D of the B4-70, linear between those measured; 1.0 unless given. It decides K_T at rest: 0.19 at 0.5, 0.45 at 1.0, 0.59 at 1.4.
+        quadrants: another propeller in four quadrants, in place of the B4-70: its Fourier series over the advance angle, rows A_T, B_T, A_Q,
+            B_Q for k = 0, 1, .. of C_T* = sum A_T cos(k beta) + B_T sin(k beta), likewise C_Q*.
+        damping_includes_stopped: whether the vehicle's damping was found with the propeller on and stopped, as by towing; its drag is then not
+            counted again.
         curve: points [J, K_T, K_Q], J rising; two make the usual linear form.
+        astern_factor: thrust and torque astern over those ahead, with `curve`.
         wake_fraction: w of the speed of advance (1 - w) u.
         thrust_deduction: t of the thrust on the vehicle, (1 - t) T.
-        astern_factor: thrust and torque astern over those ahead.
         handedness: right (clockwise seen along the axis) turns the vehicle to the left; none: no reaction torque.
-        inflow: advances with the speed along the axis, or with the whole speed.
+        inflow: advances with the speed along the axis, or, with `curve`, with the whole speed, whatever its direction.
         max_speed_radps: largest shaft speed, ahead and astern.
         rate_radps2: largest change of the shaft speed; default: no limit.
         time_constant_s: of its first-order lag.
@@ -90,10 +101,13 @@ class ShaftPropeller(Sourced, kw_only=True, frozen=True):
     position_frd_m: Vector3
     axis_frd: Vector3 = (1.0, 0.0, 0.0)
     diameter_m: Positive
-    curve: Annotated[tuple[Vector3, ...], Meta(min_length=2, max_length=24)]
+    pitch_ratio: Annotated[float, Meta(ge=0.5, le=1.4)] | UnsetType = UNSET
+    quadrants: Annotated[tuple[Four, ...], Meta(min_length=1, max_length=31)] | UnsetType = UNSET
+    damping_includes_stopped: bool = False
+    curve: Annotated[tuple[Vector3, ...], Meta(min_length=2, max_length=24)] | UnsetType = UNSET
+    astern_factor: NonNegative = 1.0
     wake_fraction: Fraction = 0.0
     thrust_deduction: Fraction = 0.0
-    astern_factor: NonNegative = 1.0
     handedness: Literal["right", "left", "none"] = "none"
     inflow: Literal["axial", "speed"] = "axial"
     max_speed_radps: Positive

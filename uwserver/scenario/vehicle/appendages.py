@@ -14,11 +14,13 @@ from uwserver.physics.dynamics.appendage_params import (
     FoilParams,
     HullParams,
     PropellerParams,
+    Series,
     ServoParams,
     WeightParams,
 )
 from uwserver.scenario.vehicle.appendage_tables import Ballast, CrossFlow, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.scenario.vehicle.wageningen import b4_70
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
@@ -98,6 +100,15 @@ def _foil(foil: Foil, servo: str, rho: float) -> FoilParams:
     )
 
 
+def quadrant_series(propeller: ShaftPropeller) -> Series:
+    """Its series in four quadrants; none of one that has a curve."""
+    if not isinstance(propeller.curve, UnsetType):
+        return ()
+    if not isinstance(propeller.quadrants, UnsetType):
+        return propeller.quadrants
+    return b4_70(1.0 if isinstance(propeller.pitch_ratio, UnsetType) else propeller.pitch_ratio)
+
+
 def _propeller(propeller: ShaftPropeller, servo: str, rho: float) -> PropellerParams:
     return PropellerParams(
         servo=servo,
@@ -105,7 +116,9 @@ def _propeller(propeller: ShaftPropeller, servo: str, rho: float) -> PropellerPa
         axis=propeller.axis_frd,
         diameter=propeller.diameter_m,
         density=rho,
-        curve=propeller.curve,
+        curve=() if isinstance(propeller.curve, UnsetType) else propeller.curve,
+        series=quadrant_series(propeller),
+        damping_includes_stopped=propeller.damping_includes_stopped,
         wake=1.0 - propeller.wake_fraction,
         deduction=1.0 - propeller.thrust_deduction,
         astern=propeller.astern_factor,

@@ -76,7 +76,10 @@ def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], env
         r_b=vehicle.buoyancy.center_frd_m,
         shapes=tuple(map(_shape, vehicle.buoyancy.shapes.values())),
         displaced=environment.density * vehicle.buoyancy.volume_m3,
-        thrusters=tuple(thruster_params(name, thruster, devices[name]) for name, thruster in vehicle.thrusters.items()),
+        thrusters=tuple(
+            thruster_params(name, thruster, devices[name], environment.density)
+            for name, thruster in vehicle.thrusters.items()
+        ),
         appendages=appendages(vehicle, environment),
         wrenches=1 + len(own_actuators(vehicle)),
     )
@@ -104,10 +107,11 @@ def add_body(hydro: Hydrodynamics, vehicle: VehicleFile, params: BodyParams) -> 
     return {name: Body(hydro, row, thrusters, wrench + k, servos) for k, name in enumerate(names)}
 
 
-def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice) -> ThrusterParams:
-    """One propulsor from its place on the vehicle and its device."""
+def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, density: float) -> ThrusterParams:
+    """One propulsor from its place on the vehicle and its device, in water of a density (kg/m3)."""
     sense = {"right": -1.0, "left": 1.0, "none": 0.0}[thruster.handedness]
     propeller = device.propeller
+    stopped = 0.0 if thruster.damping_includes_stopped else propeller.stopped_drag
     return ThrusterParams(
         name=name,
         r=thruster.position_frd_m,
@@ -117,6 +121,7 @@ def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice) -> Th
         lag=lag(device.lag),
         torque_per_force=sense * propeller.torque_per_force_m,
         inflow=thruster.inflow_factor * propeller.inflow_sqrtN_spm,
+        drag=0.125 * math.pi * density * propeller.diameter_m**2 * stopped,
         disc_radius=0.5 * propeller.diameter_m,
         installed=thruster.installed_factor,
     )

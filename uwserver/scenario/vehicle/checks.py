@@ -20,6 +20,8 @@ from uwserver.scenario.world.tables import WorldTable
 _ROUNDING = 1e-9
 _TRIM = 0.05
 """Buoyancy this far from the weight (relative) is worth a word."""
+_SURFACE = 2.0
+"""With shapes that displace more than this many times its weight a vehicle is meant to float, and is told nothing."""
 
 
 def check_vehicle(
@@ -100,6 +102,8 @@ def _check_matrices(draft: Draft, environment: Environment | None, report: Repor
 def _check_trim(body: VehicleFile, environment: Environment, warn: Report) -> None:
     buoyancy, weight = buoyancy_and_weight(body, environment)
     excess = buoyancy - weight
+    if body.buoyancy.shapes and buoyancy > _SURFACE * weight:
+        return
     if abs(excess) > _TRIM * weight:
         what = "floats up" if excess > 0.0 else "sinks"
         text = f"the vehicle {what} with {abs(excess):.4g} N (buoyancy {buoyancy:.4g} N, weight {weight:.4g} N)"

@@ -112,6 +112,8 @@ class Thruster(Sourced, kw_only=True, frozen=True):
         voltage_V: supply; default from the device.
         installed_factor: installed thrust over the device's open-water thrust.
         inflow_factor: scales the device's loss of thrust with the inflow.
+        damping_includes_stopped: whether the vehicle's damping has the drag of its stopped thrusters, as that of a towed or an identified
+            vehicle has. If not, each adds its device's `stopped_drag`.
     """
 
     device: Name
@@ -121,6 +123,7 @@ class Thruster(Sourced, kw_only=True, frozen=True):
     voltage_V: Positive | UnsetType = UNSET
     installed_factor: Annotated[float, Meta(gt=0, le=1.5)] = 1.0
     inflow_factor: Annotated[float, Meta(ge=0)] = 1.0
+    damping_includes_stopped: bool = True
 
 
 class Autopilot(Sourced, kw_only=True, frozen=True):
@@ -227,12 +230,14 @@ class Propeller(Sourced, kw_only=True, frozen=True):
     """Attributes:
     diameter_m: of the disc.
     torque_per_force_m: reaction torque per newton of thrust.
-    inflow_sqrtN_spm: k in T = T0 - k sqrt(|T0|) V_a.
+    inflow_sqrtN_spm: k in T = T0 - k sqrt(|T0|) V_a, which goes down to zero with the inflow and up to 2 T0 against it.
+    stopped_drag: of the stopped propeller, over half the density, the area of the disc and the square of the speed along the axis.
     """
 
     diameter_m: Positive
     torque_per_force_m: Annotated[float, Meta(ge=0)] = 0.0
     inflow_sqrtN_spm: Annotated[float, Meta(ge=0)] = 0.0
+    stopped_drag: Annotated[float, Meta(ge=0)] = 0.0
 
 
 class Electric(Sourced, kw_only=True, frozen=True):

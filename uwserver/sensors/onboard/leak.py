@@ -50,6 +50,7 @@ class Leak(Sensor):
 
     doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)
+    draws = False
     settings: LeakSettings
     memory: LeakMemory
 

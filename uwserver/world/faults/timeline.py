@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
-from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import msgspec
@@ -29,6 +27,7 @@ from uwserver.world.faults.table import (
 )  # fmt: skip
 from uwserver.world.faults.targets import Targets, refusals
 from uwserver.world.part import Carry, Part, Stage, State
+from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
 
 MAX_FAULTS = 256
@@ -68,14 +67,14 @@ class Faults(Part):
         vehicles: Mapping[str, Vehicle],
         sensors: Mapping[str, SensorSlot],
         actuators: Mapping[str, ActuatorSlot],
-        rate_hz: Fraction,
+        ticks: Ticks,
         now: Callable[[], int],
         say: Callable[[str], None],
     ) -> None:
         """Of a world that is still being built: the mappings may grow.
 
         Args:
-            hydro, water, vehicles, sensors, actuators, rate_hz: of the world.
+            hydro, water, vehicles, sensors, actuators, ticks: of the world.
             now: the tick.
             say: tells all clients.
         """
@@ -84,7 +83,7 @@ class Faults(Part):
         self._vehicles = vehicles
         self._sensors = sensors
         self._actuators = actuators
-        self._rate = rate_hz
+        self._ticks = ticks
         self._now = now
         self._say = say
         self.entries: dict[str, Entry] = {}
@@ -107,8 +106,8 @@ class Faults(Part):
         tick, others = self._now(), [entry.fault for entry in self.entries.values() if entry.name != name]
         for key, text in refusals(fault, self.targets(), others):
             raise Refused("bad_argument", text, key)
-        begin = max(tick, self.tick_of(fault.at_s))
-        end = None if isinstance(fault.until_s, UnsetType) else self.tick_of(fault.until_s)
+        begin = max(tick, self._ticks.at(fault.at_s))
+        end = None if isinstance(fault.until_s, UnsetType) else self._ticks.at(fault.until_s)
         if end is not None and end <= tick:
             raise Refused("bad_argument", f"{fault.until_s:g} s is over already", "until_s")
         if name not in self.entries and len(self.entries) >= MAX_FAULTS:
@@ -129,7 +128,7 @@ class Faults(Part):
         return True
 
     def forget(self, body: str) -> None:
-        """Clear the faults of a body that goes."""
+        """Clear the faults of a body."""
         for entry in list(self.entries.values()):
             if entry.fault.target.split("/")[0] == body:
                 self.clear(entry.name)
@@ -161,13 +160,11 @@ class Faults(Part):
     def load(self, state: FaultsState) -> None:
         """Take over the entries; nothing is told."""
         self.entries = {entry.name: entry for entry in state.entries}
-        for path in self._sensors:
-            self._mark_sensor(path)
+        for slot in self._sensors.values():
+            slot.fault = ""
+        for target in {fault.target for fault in self._active() if isinstance(fault, SensorFrozen | SensorSilent)}:
+            self._mark_sensor(target)
         self._plan()
-
-    def tick_of(self, t_s: float) -> int:
-        """The first tick at or after a simulation time (s)."""
-        return math.ceil(Fraction(str(t_s)) * self._rate)
 
     def _change(self, entry: Entry, state: Literal["active", "over"], verb: str) -> None:
         began_before = entry.state == "active" or state == "active"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.mavlink.links.routes import Routes
 from uwserver_adapters.mavlink.links.tlog import Tlog
@@ -42,6 +42,7 @@ class Router:
         vehicle: its state machine.
         channels: those that are open, by number.
         dialect: the messages.
+        refusals: of links.
 
     Raises:
         OSError: the log cannot be written.
@@ -60,6 +61,7 @@ class Router:
         self.channels: dict[int, Channel] = {}
         self._config = config
         self.context = context
+        self.refusals = Refusals(context.name, context.stats, steady)
         self.dialect = dialect
         self._steady = steady
         self._offset = unix_s - steady()

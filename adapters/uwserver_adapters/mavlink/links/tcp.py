@@ -73,7 +73,7 @@ class TcpIn(Link):
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpin", address), router)
         self._at = address
-        self._peers: Peers[TcpPeer] = Peers(PEERS)
+        self._peers: Peers[TcpPeer] = Peers(PEERS, router.refusals)
         self._open = contextlib.AsyncExitStack()
 
     async def open(self) -> None:
@@ -95,7 +95,7 @@ class TcpOut(Link):
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpout", address), router)
         self._to = address
-        self._peers: Peers[TcpPeer] = Peers(1)
+        self._peers: Peers[TcpPeer] = Peers(1, router.refusals)
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:

@@ -13,7 +13,7 @@ mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink
 
 from px4_rig import connected, rig  # noqa: E402  # needs pymavlink
 from uwserver_adapters.px4 import codec  # noqa: E402
-from uwserver_adapters.px4.driver import PATIENCE_S  # noqa: E402
+from uwserver_adapters.px4.door import PATIENCE_S  # noqa: E402
 
 from uwserver.adapter import Order  # noqa: E402
 
@@ -194,11 +194,13 @@ def test_an_autopilot_that_restarts_connects_again() -> None:
         assert r.stats.details["connections"] == 2
 
 
-def test_who_connects_last_drives() -> None:
+def test_who_speaks_last_drives() -> None:
     with rig() as r, connected(r) as first:
         assert r.order() is not None
         with connected(r) as second:
-            assert r.order() is not None
+            while r.stats.details["connections"] < 2:
+                r.order()
+            first.read()
             r.tick()
             assert "HIL_SENSOR" in second.names()
             assert "HIL_SENSOR" not in first.names()

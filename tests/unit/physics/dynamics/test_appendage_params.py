@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,9 +18,10 @@ from uwserver.physics.dynamics.appendage_params import (
     WeightParams,
     appendage_rates,
     appendage_rows,
+    quadrant_coefficients,
     servo_rows,
 )
-from uwserver.physics.kernel.layout import PROPELLER_SIZE
+from uwserver.physics.kernel.layout import HARMONICS, PROPELLER_SIZE
 
 CURVE = ((0.0, 0.4, 0.05), (0.5, 0.3, 0.04), (1.0, 0.0, 0.01))
 ALL = Appendages(
@@ -99,6 +101,44 @@ def test_a_curve_that_does_not_fit_is_refused(points: int) -> None:
         appendage_rows(given, 0)
 
 
+FOUR = ((0.01, 0.0, 0.002, 0.0), (0.2, -0.7, 0.03, -0.1), (0.0, 0.05, 0.0, 0.01))
+
+
+def test_coefficients_of_a_series_at_some_angles() -> None:
+    found = quadrant_coefficients(FOUR, np.array([0.0, 0.5 * math.pi, -0.5 * math.pi, math.pi, 0.25 * math.pi]))
+    half = math.sqrt(0.5)
+    np.testing.assert_allclose(found[0], [0.21, -0.69, 0.71, -0.19, 0.01 + half * (0.2 - 0.7) + 0.05], atol=1e-15)
+    np.testing.assert_allclose(found[1], [0.032, -0.098, 0.102, -0.028, 0.002 + half * (0.03 - 0.1) + 0.01], atol=1e-15)
+
+
+@pytest.mark.parametrize("included", [False, True])
+def test_a_propeller_in_four_quadrants_has_its_series_and_what_the_damping_has_of_it(included: bool) -> None:
+    (propeller,) = ALL.propellers
+    four = replace(propeller, curve=(), series=FOUR, damping_includes_stopped=included)
+    row = appendage_rows(replace(ALL, propellers=(four,)), 0)["propellers"][0]
+    assert (row["harmonics"], row["points"]) == (3, 0)
+    np.testing.assert_array_equal(row["series"][:3], FOUR)
+    assert not row["series"][3:].any()
+    np.testing.assert_allclose(row["stopped"], [-0.69, -0.098, 0.71, 0.102] if included else 0.0, atol=1e-15)
+
+
+def test_the_straight_line_of_a_propeller_ends_with_its_first_quadrant() -> None:
+    """C_T* = 0.2 cos - 0.4 sin: no thrust at tan(beta) = 1/2, J = 0.35 pi; astern the mirror."""
+    (propeller,) = ALL.propellers
+    assert replace(propeller, astern=0.8).line == pytest.approx((0.4, 0.4, 0.8))
+    rest, fall, astern = replace(propeller, curve=(), series=((0.0,) * 4, (0.2, -0.4, 0.0, 0.0))).line
+    assert rest == pytest.approx(0.2 * math.pi / 8.0 * (0.7 * math.pi) ** 2)
+    assert fall == pytest.approx(rest / (0.35 * math.pi), rel=0.02)
+    assert astern == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("terms", [HARMONICS + 1, 60])
+def test_a_series_that_does_not_fit_is_refused(terms: int) -> None:
+    (propeller,) = ALL.propellers
+    with pytest.raises(ValueError, match=f"a propeller takes 1..{HARMONICS} terms of its series, not {terms}"):
+        appendage_rows(replace(ALL, propellers=(replace(propeller, curve=(), series=((0.0,) * 4,) * terms),)), 0)
+
+
 def test_the_reach_is_that_of_the_farthest_part() -> None:
     assert ALL.reach == pytest.approx(1.0)
     assert Appendages().reach == 0.0
@@ -141,3 +181,18 @@ def test_a_term_with_a_servo_counts_at_its_largest_angle() -> None:
     term = DerivativeParams(5, 0, 1, 2.0, "rudder", 2)
     _, rate_Q, _ = appendage_rates(Appendages(ALL.servos, derivatives=(term,)), ROOT)
     np.testing.assert_allclose(rate_Q, [2.0 * 0.16 * 0.5, 2.0 * 0.16 * 0.5, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_a_propeller_in_four_quadrants_damps_with_the_shaft_and_with_the_speed() -> None:
+    """C_T* = -sin(beta): T = -s V_a sqrt(V_a^2 + V_t^2), which falls by s V_t of the largest V_t, and by 2 s |V_a| at most."""
+    propeller = PropellerParams(
+        "shaft", (0.0,) * 3, (1.0, 0.0, 0.0), 0.2, 1e3, series=((0.0,) * 4, (0.0, -1.0, 0.0, 0.0))
+    )
+    rate_L, rate_Q, rate_S = appendage_rates(
+        Appendages((ServoParams("shaft", -100.0, 50.0),), propellers=(propeller,)), ROOT
+    )
+    s = math.pi / 8.0 * 1e3 * 0.2**2
+    at = 0.25
+    assert rate_L == pytest.approx(s * 0.35 * 100.0 * 0.2 * at, rel=1e-4)
+    assert rate_Q.tolist() == pytest.approx([4.0 * s * at] * 3 + [0.0] * 3, rel=1e-4)
+    assert rate_S == 0.0

@@ -134,6 +134,17 @@ def test_rates_bound_the_true_ones_of_full_matrices() -> None:
         assert true <= rate_L + rate_Q @ np.abs(nu) + rate_S * np.linalg.norm(nu) + 1e-12
 
 
+def test_a_stopped_thruster_damps_along_its_line() -> None:
+    """c |V_a| V_a at a mount 0.5 m to starboard, ahead: V_a = u - 0.5 r. Slope 2 c |V_a|, over 10 kg and 2 kg m2."""
+    thruster = ThrusterParams("t", (0.0, 0.5, 0.0), (2.0, 0.0, 0.0), TABLE_12V, 12.0, Lag(), drag=3.0)
+    bare, dragged = (
+        damping_rates(body(M_RB=np.diag([10.0, 10.0, 10.0, 2.0, 2.0, 2.0]), M_A=np.zeros((6, 6)), thrusters=each))
+        for each in ((), (thruster,))
+    )
+    np.testing.assert_allclose(dragged[1] - bare[1], 6.0 * (1 / 10 + 0.25 / 2) * np.array([1.0, 0, 0, 0, 0, 0.5]))
+    assert dragged[0] == bare[0]
+
+
 # -- thrusters ------------------------------------------------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""Open-water curves of a propeller: on their points, between, beyond, at rest and astern."""
+"""A propeller by open-water curves: on their points, between, beyond, at rest and astern; and by a series in four quadrants."""
 
 from __future__ import annotations
 
@@ -79,3 +79,93 @@ def test_wake_scales_the_inflow_and_deduction_the_thrust_alone() -> None:
 def test_the_hand_of_the_screw_turns_its_reaction(sense: float) -> None:
     torque = propeller_force(propeller(sense=sense), 30.0, 0.0)[1]
     assert torque == pytest.approx(sense * RHO * (30.0 / (2.0 * math.pi)) ** 2 * D**5 * 0.05)
+
+
+# -- four quadrants ---------------------------------------------------------------------------------------------------------------------
+
+SERIES = np.array(
+    [[0.03, 0.0, 0.002, 0.0], [0.18, -0.75, 0.027, -0.11], [0.02, -0.01, -0.001, 0.003], [0.03, 0.10, 0.006, 0.016]]
+)
+SCALE = RHO * math.pi / 8.0 * D**2
+
+
+def four(series: Any = SERIES, **changes: Any) -> Any:
+    row = propeller(**changes)
+    row["harmonics"] = len(series)
+    row["series"][: len(series)] = series
+    return row
+
+
+def blade_speed(n: float) -> float:
+    return 0.7 * math.pi * n * D
+
+
+@pytest.mark.parametrize(
+    ("n", "va"), [(5.0, 0.0), (5.0, 1.0), (0.0, 1.0), (-5.0, 1.0), (-5.0, -1.0), (5.0, -1.0), (0.0, -2.0), (1e-9, 0.5)]
+)
+def test_thrust_and_torque_are_the_series_at_the_advance_angle(n: float, va: float) -> None:
+    """By angles, where the kernel has none."""
+    beta, square = math.atan2(va, blade_speed(n)), va**2 + blade_speed(n) ** 2
+    k = np.arange(len(SERIES))
+    ct, cq = (SERIES[:, c] @ np.cos(k * beta) + SERIES[:, c + 1] @ np.sin(k * beta) for c in (0, 2))
+    thrust, torque = propeller_force(four(), 2.0 * math.pi * n, va)
+    assert thrust == pytest.approx(SCALE * square * ct, rel=1e-12)
+    assert torque == pytest.approx(-SCALE * D * square * cq, rel=1e-12)
+
+
+def test_squares_of_the_speeds_are_terms_of_the_series() -> None:
+    """cos 2 beta is (V_t^2 - V_a^2) / (V_t^2 + V_a^2), sin 2 beta 2 V_t V_a over the same: polynomials without any singular place."""
+    even = np.array([[0.0] * 4, [0.0] * 4, [0.7, 0.3, 0.0, 0.0]])
+    for n, va in ((3.0, 0.5), (-3.0, 0.5), (0.0, -0.7), (2.0, 0.0)):
+        vt = blade_speed(n)
+        expected = SCALE * (0.7 * (vt**2 - va**2) + 0.3 * 2.0 * vt * va)
+        assert propeller_force(four(even), 2.0 * math.pi * n, va)[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_it_is_the_first_quadrant_s_curve_there() -> None:
+    """K_T = pi/8 (J^2 + (0.7 pi)^2) C_T*, and K_Q likewise."""
+    for J in (0.0, 0.3, 0.8):
+        thrust, torque = propeller_force(four(), 2.0 * math.pi * 6.0, J * 6.0 * D)
+        KT, KQ = thrust / (RHO * 36.0 * D**4), -torque / (RHO * 36.0 * D**5)
+        beta, k = math.atan2(J, 0.7 * math.pi), np.arange(len(SERIES))
+        factor = math.pi / 8.0 * (J**2 + (0.7 * math.pi) ** 2)
+        assert pytest.approx(factor * (SERIES[:, 0] @ np.cos(k * beta) + SERIES[:, 1] @ np.sin(k * beta))) == KT
+        assert pytest.approx(factor * (SERIES[:, 2] @ np.cos(k * beta) + SERIES[:, 3] @ np.sin(k * beta))) == KQ
+
+
+def test_at_rest_in_still_water_there_is_nothing() -> None:
+    assert propeller_force(four(), 0.0, 0.0) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("va", [1.0, -1.0])
+def test_a_stopped_one_drags_by_the_square_of_the_speed(va: float) -> None:
+    slow, fast = (propeller_force(four(), 0.0, factor * va)[0] for factor in (1.0, 3.0))
+    assert fast == pytest.approx(9.0 * slow)
+    assert slow * va < 0.0
+
+
+@pytest.mark.parametrize("va", [1.2, -0.7])
+def test_it_is_smooth_where_the_shaft_and_where_the_water_turns_round(va: float) -> None:
+    """Value and slope from both sides, through n = 0 and through V_a = 0."""
+    step = 1e-4
+    for at in (lambda x: propeller_force(four(), x, va), lambda x: propeller_force(four(), 20.0 * va, x)):
+        left, middle, right = (np.array(at(x)) for x in (-step, 0.0, step))
+        np.testing.assert_allclose(right, left, atol=1e-2)
+        np.testing.assert_allclose(right - middle, middle - left, rtol=1e-2, atol=1e-8)
+
+
+def test_what_the_hull_s_damping_has_is_not_counted_again() -> None:
+    """The drag of the stopped propeller is taken away at every shaft speed, as the hull drags on alike."""
+    stopped = [-0.8, -0.1, 0.7, 0.09]
+    for n, va in ((0.0, 1.5), (0.0, -1.5), (5.0, 1.0), (-5.0, 1.0), (5.0, -1.0), (5.0, 0.0)):
+        plain, less = (propeller_force(four(**extra), 2.0 * math.pi * n, va) for extra in ({}, {"stopped": stopped}))
+        ct, cq = stopped[:2] if va > 0.0 else stopped[2:]
+        assert less[0] == pytest.approx(plain[0] - SCALE * va**2 * ct)
+        assert less[1] == pytest.approx(plain[1] + SCALE * D * va**2 * cq)
+
+
+def test_wake_deduction_and_hand_are_those_of_the_curves() -> None:
+    whole = propeller_force(four(), 30.0, 0.8)
+    assert propeller_force(four(wake=0.8), 30.0, 1.0) == pytest.approx(whole)
+    assert propeller_force(four(deduction=0.9), 30.0, 0.8) == pytest.approx((0.9 * whole[0], whole[1]))
+    assert propeller_force(four(sense=1.0), 30.0, 0.8) == pytest.approx((whole[0], -whole[1]))

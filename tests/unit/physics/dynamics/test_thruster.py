@@ -11,7 +11,7 @@ import pytest
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import ForceTable, ThrusterParams, lag_row, table_row, thruster_row
 from uwserver.physics.dynamics.scratch import NU_R, TAU, UP
-from uwserver.physics.dynamics.thruster import add_thrust, advance_lag, lagged, set_demand, table_force
+from uwserver.physics.dynamics.thruster import MOST_INFLOW, add_thrust, advance_lag, lagged, set_demand, table_force
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 
 TABLE = ForceTable(
@@ -133,3 +133,38 @@ def test_a_disc_half_out_of_the_water_has_half_its_thrust() -> None:
 
 def test_no_force_asks_for_nothing() -> None:
     np.testing.assert_array_equal(wrench(thruster(inflow=2.0), 0.0, (1.0,) * 6), 0.0)
+
+
+@pytest.mark.parametrize("force", [16.0, 1e-6, -16.0])
+def test_inflow_takes_the_whole_thrust_at_most_and_gives_twice_of_it(force: float) -> None:
+    """However fast the water: what a stopped propeller drags is of the hull's damping, or of `drag`."""
+    row = thruster(inflow=2.0)
+    with_it, against = (wrench(row, force, (np.sign(force) * speed, *[0.0] * 5))[0] for speed in (50.0, -50.0))
+    assert with_it == 0.0
+    assert against == pytest.approx(MOST_INFLOW * force)
+    slow = wrench(row, force, (np.copysign(1e-5, force), *[0.0] * 5))[0]
+    assert 0.0 < slow / force < 1.0
+
+
+def test_thrust_falls_with_the_inflow_and_nowhere_jumps() -> None:
+    row = thruster(inflow=2.0, drag=3.0)
+    speeds = np.linspace(-4.0, 4.0, 801)
+    for force in (16.0, 0.5, 0.0, -0.5, -16.0):
+        thrust = np.array([wrench(row, force, (u, *[0.0] * 5))[0] for u in speeds])
+        assert (np.diff(thrust) <= 1e-12).all()
+        assert np.abs(np.diff(thrust)).max() < 0.01 * (2.0 * np.sqrt(abs(force)) + 2.0 * 3.0 * 4.0) + 1e-9
+    forces = np.linspace(-1.0, 1.0, 801)
+    for u in (-1.5, 1.5):
+        thrust = np.array([wrench(row, force, (u, *[0.0] * 5))[0] for force in forces])
+        assert (np.diff(thrust) >= -1e-12).all()
+        assert np.abs(np.diff(thrust)).max() < 0.02
+
+
+@pytest.mark.parametrize("u", [1.5, -1.5])
+def test_a_stopped_one_drags_by_the_square_of_the_speed_along_its_axis(u: float) -> None:
+    """Also where the mount moves as the body turns; and no longer than it is in the water."""
+    row = thruster(drag=3.0)
+    found = wrench(row, 0.0, (u, 9.0, 9.0, 9.0, 9.0, 0.0))
+    np.testing.assert_allclose(found, [-3.0 * u * abs(u), 0.0, 0.0, 0.0, 0.0, 0.2 * 3.0 * u * abs(u)])
+    assert wrench(row, 0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 2.0))[0] == pytest.approx(3.0 * 0.4**2)
+    assert wrench(row, 0.0, (u, *[0.0] * 5), depth=-1.0, near=True)[0] == 0.0

@@ -143,7 +143,22 @@ def test_set_points_that_the_mode_does_not_follow_say_which_does(built: Built) -
     assert "set_mode with position_hold or guided first" in world.actuators["rov/autopilot/position"].refusal
 
 
-@pytest.mark.parametrize("model", ["bluerov2", "bluerov2_heavy", "remus100", "lauv", "rexrov"])
+@pytest.mark.parametrize(
+    "model",
+    [
+        "bluerov2",
+        "bluerov2_heavy",
+        "remus100",
+        "lauv",
+        "rexrov",
+        "minerva",
+        "lbv150",
+        "videoray_pro4",
+        "girona500",
+        "eca_a9",
+        "otter",
+    ],
+)
 def test_shipped_vehicles_are_steered(model: str, built: Built) -> None:
     world = built(model, armed=True)
     world.step(24)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from msgspec import UNSET
 
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
@@ -18,6 +19,8 @@ def faults(override, model="tethys"):
 
 FOIL = {"source": "x", "status": "guess", "position_frd_m": [0, 0, 0], "hinge_frd": [0, 1, 0]}
 FIN = {**FOIL, "limit_deg": 10}
+PROPELLER = {"source": "x", "status": "guess", "position_frd_m": [-1, 0, 0], "diameter_m": 0.2, "max_speed_radps": 100}
+NONE = [0, 0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -33,6 +36,15 @@ FIN = {**FOIL, "limit_deg": 10}
         ({"propellers": {"main": {"axis_frd": [0, 0, 0]}}}, "propellers.main.axis_frd: the axis has no direction"),
         ({"propellers": {"main": {"curve": [[0.5, 1, 1], [0.1, 1, 1]]}}}, "propellers.main.curve: the advance numbers J"),
         ({"propellers": {"main": {"curve": [[0.5, 1, 1]]}}}, "propellers.main.curve"),
+        ({"propellers": {"main": {"pitch_ratio": 1.0}}}, "propellers.main.pitch_ratio: gives four quadrants, but the curve gives the first alone"),
+        ({"propellers": {"main": {"quadrants": [NONE]}}}, "propellers.main.quadrants: gives four quadrants"),
+        ({"propellers": {"main": {"damping_includes_stopped": True}}}, "damping_includes_stopped: by a curve a stopped propeller has no drag"),
+        ({"propellers": {"new": {**PROPELLER, "pitch_ratio": 1.5}}}, "propellers.new.pitch_ratio"),
+        ({"propellers": {"new": {**PROPELLER, "astern_factor": 0.8}}}, "propellers.new.astern_factor: belongs to a curve"),
+        ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE], "pitch_ratio": 1.0}}}, "propellers.new.pitch_ratio: belongs to the B4-70"),
+        ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE, [0, 0.7, 0, 0]]}}}, "quadrants: the propeller gives more power than"),
+        ({"propellers": {"new": {**PROPELLER, "inflow": "speed"}}}, "propellers.new.inflow: the whole speed belongs to a curve"),
+        ({"propellers": {"new": {**PROPELLER, "quadrants": []}}}, "propellers.new.quadrants"),
         ({"ballasts": {"buoyancy_engine": {"neutral_volume_m3": 1.0}}}, "neutral_volume_m3: must lie between"),
         ({"moving_masses": {"battery": {"min_position_m": 0.01}}}, "moving_masses.battery: position 0 must lie between"),
         ({"moving_masses": {"battery": {"mass_kg": 500.0}}}, "moving_masses.battery.mass_kg: is part of the vehicle's mass_kg"),
@@ -54,3 +66,18 @@ def test_all_faults_are_told_at_once():
     told = faults({"fins": {"rudder": {"hinge_frd": [0, 0, 0]}}, "propellers": {"main": {"axis_frd": [0, 0, 0]}}})
     assert "fins.rudder" in told
     assert "propellers.main" in told
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {},
+        {"pitch_ratio": 0.5},
+        {"pitch_ratio": 1.3, "damping_includes_stopped": True},
+        {"quadrants": [NONE, [0.2, -0.7, 0.03, -0.1]]},
+    ],
+)
+def test_a_propeller_in_four_quadrants_needs_no_curve(extra):
+    entry = VehicleEntry(model="tethys", override={"propellers": {"new": {**PROPELLER, **extra}}})
+    loaded = load(Scenario(schema=1, vehicles={"auv": entry}), adapters={}).vehicles["auv"].vehicle
+    assert loaded.propellers["new"].curve is UNSET

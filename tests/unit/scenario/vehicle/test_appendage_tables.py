@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec import UNSET
 
-from uwserver.physics.kernel.layout import PROPELLER_SIZE
+from uwserver.physics.kernel.layout import HARMONICS, PROPELLER_SIZE
 from uwserver.scenario.vehicle.appendage_tables import (
     Ballast,
     CrossFlow,
@@ -26,7 +26,7 @@ HERE = [0.0, 0.0, 0.0]
 GOOD: dict[Any, dict[str, Any]] = {
     Foil: {"position_frd_m": HERE, "hinge_frd": HERE},
     Fin: {"position_frd_m": HERE, "hinge_frd": HERE, "limit_deg": 20.0},
-    ShaftPropeller: {"position_frd_m": HERE, "diameter_m": 0.2, "curve": [HERE, HERE], "max_speed_radps": 100.0},
+    ShaftPropeller: {"position_frd_m": HERE, "diameter_m": 0.2, "max_speed_radps": 100.0},
     Ballast: {"position_frd_m": HERE, "form": "tank", "max_volume_m3": 1e-3, "rate_m3ps": 1e-5},
     MovingMass: {"mass_kg": 1.0, "min_position_m": -0.1, "max_position_m": 0.1, "rate_mps": 0.01},
     CrossFlow: {"length_m": 1.0, "height_m": 0.2, "width_m": 0.2, "sway_drag": 1.0},
@@ -55,6 +55,10 @@ def test_every_table_of_numbers_needs_source_and_status(table: Any, tree_of, rep
         (ShaftPropeller, {"diameter_m": 0}),
         (ShaftPropeller, {"curve": [HERE]}),
         (ShaftPropeller, {"curve": [HERE] * (PROPELLER_SIZE + 1)}),
+        (ShaftPropeller, {"pitch_ratio": 0.4}),
+        (ShaftPropeller, {"pitch_ratio": 1.5}),
+        (ShaftPropeller, {"quadrants": [[0.0] * 3]}),
+        (ShaftPropeller, {"quadrants": [[0.0] * 4] * (HARMONICS + 1)}),
         (ShaftPropeller, {"wake_fraction": 1}),
         (ShaftPropeller, {"thrust_deduction": -0.1}),
         (ShaftPropeller, {"handedness": "up"}),
@@ -85,6 +89,12 @@ def test_a_propeller_drives_ahead_with_the_whole_inflow_and_no_reaction() -> Non
     propeller = msgspec.convert({**SOURCE, **GOOD[ShaftPropeller]}, ShaftPropeller)
     assert propeller.axis_frd == (1.0, 0.0, 0.0)
     assert (propeller.wake_fraction, propeller.thrust_deduction, propeller.handedness) == (0.0, 0.0, "none")
+
+
+def test_a_propeller_without_a_curve_has_four_quadrants_and_a_drag_of_its_own_when_it_is_stopped() -> None:
+    propeller = msgspec.convert({**SOURCE, **GOOD[ShaftPropeller]}, ShaftPropeller)
+    assert (propeller.curve, propeller.quadrants, propeller.pitch_ratio) == (UNSET, UNSET, UNSET)
+    assert not propeller.damping_includes_stopped
 
 
 def test_a_hull_has_nothing_beyond_its_matrices_unless_it_is_given() -> None:

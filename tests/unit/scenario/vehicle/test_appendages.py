@@ -13,6 +13,7 @@ from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.vehicle.appendage_tables import Foil
 from uwserver.scenario.vehicle.appendages import TERM, appendages, lift_slope
 from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.scenario.vehicle.wageningen import b4_70
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
@@ -121,6 +122,19 @@ def test_a_propeller(handedness: str, sense: float, made) -> None:
     assert (found.wake, found.deduction) == (pytest.approx(0.8), pytest.approx(0.9))
     assert (found.sense, found.whole) == (sense, True)
     assert found.curve == ((0.0, 0.4, 0.05), (1.0, 0.0, 0.0))
+
+
+def test_a_propeller_with_a_curve_has_no_series_and_one_without_is_a_b4_70(made) -> None:
+    bare = {key: value for key, value in PROPELLER.items() if key != "curve"}
+    (curve,) = made(propellers={"p": PROPELLER}).propellers
+    assert (curve.curve, curve.series) == (((0.0, 0.4, 0.05), (1.0, 0.0, 0.0)), ())
+    for keys, series in (
+        ({}, b4_70(1.0)),
+        ({"pitch_ratio": 0.7}, b4_70(0.7)),
+        ({"quadrants": [[0, 0, 0, 0], [0, -0.7, 0, -0.1]]}, ((0.0, 0.0, 0.0, 0.0), (0.0, -0.7, 0.0, -0.1))),
+    ):
+        (found,) = made(propellers={"p": {**bare, **keys, "damping_includes_stopped": True}}).propellers
+        assert (found.curve, found.series, found.damping_includes_stopped) == ((), series, True)
 
 
 @pytest.mark.parametrize(("form", "sign", "displaces"), [("bladder", -1.0, True), ("tank", 1.0, False)])

@@ -115,20 +115,30 @@ def test_shapes_of_the_displaced_volume(raw_vehicle, motor: ThrusterDevice) -> N
 @pytest.mark.parametrize(("handedness", "sign"), [("right", -1.0), ("left", 1.0), ("none", 0.0)])
 def test_the_propeller_turns_the_vehicle_the_other_way(handedness: Any, sign: float, tiny, motor) -> None:
     device = replace(motor, propeller=replace(motor.propeller, torque_per_force_m=0.02))
-    found = thruster_params("left", replace(tiny.thrusters["left"], handedness=handedness), device)
+    found = thruster_params("left", replace(tiny.thrusters["left"], handedness=handedness), device, 1025.0)
     assert found.torque_per_force == pytest.approx(0.02 * sign)
     assert found.disc_radius == pytest.approx(0.038)
 
 
 def test_the_voltage_is_the_device_s_unless_given(tiny, motor) -> None:
-    assert thruster_params("left", tiny.thrusters["left"], motor).voltage == 16.0
-    assert thruster_params("left", replace(tiny.thrusters["left"], voltage_V=12.0), motor).voltage == 12.0
+    assert thruster_params("left", tiny.thrusters["left"], motor, 1025.0).voltage == 16.0
+    assert thruster_params("left", replace(tiny.thrusters["left"], voltage_V=12.0), motor, 1025.0).voltage == 12.0
 
 
 def test_factors_of_the_installation(tiny, motor) -> None:
     device = replace(motor, propeller=replace(motor.propeller, inflow_sqrtN_spm=2.0))
-    found = thruster_params("left", replace(tiny.thrusters["left"], installed_factor=0.8, inflow_factor=0.5), device)
+    found = thruster_params(
+        "left", replace(tiny.thrusters["left"], installed_factor=0.8, inflow_factor=0.5), device, 1025.0
+    )
     assert (found.installed, found.inflow) == (0.8, 1.0)
+
+
+def test_a_stopped_thruster_drags_where_the_damping_has_not_got_it(tiny, motor) -> None:
+    """Half the density times the area of a disc of 76 mm and the device's coefficient."""
+    device = replace(motor, propeller=replace(motor.propeller, stopped_drag=0.8))
+    for included, drag in ((True, 0.0), (False, 0.8 * 0.5 * 1025.0 * math.pi * 0.038**2)):
+        thruster = replace(tiny.thrusters["left"], damping_includes_stopped=included)
+        assert thruster_params("left", thruster, device, 1025.0).drag == pytest.approx(drag)
 
 
 def test_the_force_curve_runs_from_full_astern_to_full_ahead(motor) -> None:

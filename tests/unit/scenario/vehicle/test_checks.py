@@ -147,6 +147,14 @@ def test_a_vehicle_far_from_neutral_is_doubted(volume: float, text: str | None, 
     assert warn.lines == ([] if text is None else [f"buoyancy: {text}"])
 
 
+def test_a_surface_vessel_is_not_doubted(told, warn) -> None:
+    """Shapes that displace more than twice the weight are freeboard; without shapes nothing can float."""
+    assert told(buoyancy={**SOURCE, "volume_m3": 0.03, "shapes": {"hull": {"kind": "box", "size_m": [1, 1, 1]}}}) == []
+    assert warn.lines == []
+    assert told(buoyancy={**SOURCE, "volume_m3": 0.03, "shapes": {}}) == []
+    assert "floats up" in warn.lines[0]
+
+
 def test_the_trim_is_that_in_the_scenario_s_water(told, warn) -> None:
     told(Environment(density_kgpm3=1000), buoyancy={**SOURCE, "volume_m3": 0.0095})
     assert "sinks" in warn.lines[0]

@@ -128,7 +128,7 @@ def test_parts_of_one_table_add_up_and_the_user_has_the_last_word(tmp_path):
     config = load(path, adapters={}).vehicles["rov"].vehicle.sensors["device"]
     assert config.gyroscope.turn_on == 0.5
     assert config.gyroscope.noise_density == pytest.approx(4.36e-5)
-    assert config.gyroscope.instability_tau_s == 3600.0
+    assert config.gyroscope.instability_tau_s == 320.0
 
 
 @pytest.mark.parametrize(

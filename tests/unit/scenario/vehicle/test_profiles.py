@@ -77,7 +77,7 @@ def test_a_file_of_ones_own(tmp_path):
     ("change", "told"),
     [
         (("beam_angle_deg = 22.5", "beam_angel_deg = 22.5"), 'mine.toml:17:1: properties.beams.beam_angel_deg: unknown key'),
-        (('status = "guess"\nbeam_angle', "beam_angle"), 'properties.beams: missing key "status"'),
+        (('status = "derived"\nbeam_angle', "beam_angle"), 'properties.beams: missing key "status"'),
         (("beam_angle_deg = 22.5", "beam_angle_deg = 99"), "properties.beams.beam_angle_deg: expected"),
         (("beam_angle_deg = 22.5", "beam_angle_deg = 20\nfrequency_hz = 1e6"), '"frequency_hz" is given twice, also at properties.acoustics'),
         (('kind = "dvl"', 'kind = "imu"'), "unknown key"),

@@ -74,6 +74,10 @@ def test_defaults_of_a_thruster_are_those_of_its_device() -> None:
     assert thruster.handedness == "none"
 
 
+def test_the_damping_of_a_vehicle_has_the_drag_of_its_stopped_thrusters_unless_it_says_so() -> None:
+    assert msgspec.convert({**SOURCE, **GOOD[Thruster]}, Thruster).damping_includes_stopped
+
+
 def test_a_vehicle_needs_body_water_and_damping_and_nothing_more(tree_of, report, raw_vehicle) -> None:
     bare = {key: raw_vehicle[key] for key in ("schema", "name", "description", "rigid_body", "buoyancy", "added_mass", "damping")}  # fmt: skip
     vehicle: VehicleFile = tree_of(bare, VehicleFile).value

@@ -1,0 +1,124 @@
+"""Commands on their way to an actuator: who wins, who is told, and when silence ends in neutral."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from uwserver.ports import Command, Field, Port, Refused
+from uwserver.world.commands import Commands
+from uwserver.world.components import ActuatorSlot
+
+PATH = "rov/lights"
+
+
+class Lights:
+    fields = (Field("level", "1", "brightness"),)
+    doc = "Lights."
+
+    def __init__(self) -> None:
+        self.got: list[Any] = []
+
+    def apply(self, value: tuple[Any, ...]) -> None:
+        self.got.append(value[0])
+
+    def neutral(self) -> None:
+        self.got.append("neutral")
+
+
+class Rig:
+    """One actuator at 10 ticks a second, and what is told."""
+
+    def __init__(self, timeout: int = 0) -> None:
+        self.lights, self.told = Lights(), list[tuple[str, str]]()
+        port = Port(PATH, "actuator", "lights", Lights.fields, Lights.doc, timeout_s=timeout / 10)
+        self.slot = ActuatorSlot(port, self.lights, Fraction(10), timeout)
+        self.slots = {PATH: self.slot}
+        self.commands = Commands(self.slots, Fraction(10), lambda event, text: self.told.append((event, text)))
+
+    def send(self, level: float, tick: int, source: str = "a") -> bool:
+        return self.commands.accept(Command(PATH, ((level,),), source), tick)
+
+
+def test_the_last_of_a_tick_acts_once() -> None:
+    rig = Rig()
+    rig.send(0.1, 0)
+    rig.send(0.2, 0)
+    rig.commands.apply(0)
+    rig.commands.apply(1)
+    assert rig.lights.got == [(0.2,)]
+    assert rig.slot.last_value == ((0.2,),)
+
+
+def test_two_sources_within_a_second_are_in_conflict_and_told_once() -> None:
+    rig = Rig()
+    assert not rig.send(0.1, 0, "a")
+    assert rig.send(0.2, 10, "b")
+    assert rig.send(0.3, 11, "a")
+    assert [event for event, _ in rig.told] == ["conflict"]
+    assert "a and b" in rig.told[0][1]
+    assert rig.slot.conflicts == 2
+
+
+def test_who_comes_after_a_second_of_silence_is_in_no_conflict() -> None:
+    rig = Rig()
+    rig.send(0.1, 0, "a")
+    assert not rig.send(0.2, 11, "b")
+    assert not rig.told
+    assert rig.slot.source == "b"
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda rig: rig.slots.clear(), "unknown_port"),
+        (lambda rig: setattr(rig.slot, "active", False), "denied"),
+        (lambda rig: setattr(rig.slot, "refusal", "is held"), "denied"),
+    ],
+)
+def test_who_may_not_command_changes_nothing(change: Any, code: str) -> None:
+    rig = Rig()
+    change(rig)
+    with pytest.raises(Refused) as caught:
+        rig.send(0.5, 3)
+    assert caught.value.fault.code == code
+    rig.commands.apply(3)
+    assert not rig.lights.got
+    assert rig.slot.last_tick == -1
+
+
+def test_an_actuator_that_went_meanwhile_gets_nothing() -> None:
+    rig = Rig()
+    rig.send(0.5, 0)
+    del rig.slots[PATH]
+    rig.commands.apply(0)
+    assert not rig.lights.got
+
+
+def test_the_watchdog_waits_for_its_tick_and_barks_once() -> None:
+    rig = Rig(timeout=5)
+    rig.send(0.5, 2)
+    rig.commands.apply(2)
+    assert rig.commands.next_tick == 7
+    rig.send(0.6, 4)
+    rig.commands.apply(4)
+    rig.commands.before(7, 0)
+    assert rig.lights.got == [(0.5,), (0.6,)]
+    assert rig.commands.next_tick == 9
+    rig.commands.before(9, 0)
+    assert rig.lights.got[-1] == "neutral"
+    assert rig.commands.next_tick is None
+    assert (rig.slot.timeouts, [event for event, _ in rig.told]) == (1, ["watchdog"])
+    rig.commands.before(20, 0)
+    assert rig.slot.timeouts == 1
+
+
+def test_the_newest_commands_of_a_vehicle_in_words() -> None:
+    rig = Rig()
+    assert rig.commands.newest("rov") == []
+    rig.send(0.5, 3, "sockets:1")
+    rig.commands.apply(3)
+    assert rig.commands.newest("rov") == [f"last command to {PATH} in tick 3 by sockets:1: ((0.5,),)"]
+    assert rig.commands.newest("ro") == []
