@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import tracemalloc
+from pathlib import Path
 
 import msgpack
 import msgspec
 import pytest
 
 from uwserver.adapter.bounds import (
+    FEW,
+    LONG_NUMBER,
     LONG_NUMBERS_LIMIT,
     MAX_BINARY,
     MAX_CONTAINERS,
@@ -19,6 +23,7 @@ from uwserver.adapter.bounds import (
     MAX_TEXTS,
     MAX_VALUES,
     MESSAGE_LIMIT,
+    PLAIN_TEXT,
     Excess,
     weigh_json,
     weigh_msgpack,
@@ -177,6 +182,25 @@ def test_the_limit_itself_is_taken() -> None:
 def test_unterminated_text_takes_linear_time() -> None:
     weigh_json(b'["' + b'\\"[' * 20_000)
     assert "too_large" in json_excess(b'["' + b'\\"[' * 300_000)
+
+
+def test_the_page_tells_the_limits() -> None:
+    page = (Path(__file__).parents[3] / "docs/reference/protocol.md").read_text(encoding="utf-8")
+    rows = [line for line in page.partition("### What a message may cost")[2].splitlines() if line.startswith("| ")]
+    told = {
+        "| bytes |": (MESSAGE_LIMIT,),
+        "| plain texts": (PLAIN_TEXT, MAX_PLAIN),
+        "| binary": (MAX_BINARY,),
+        "| JSON with more": (FEW, LONG_NUMBER, LONG_NUMBERS_LIMIT),
+        "| digits": (MAX_DIGITS,),
+        "| maps": (MAX_CONTAINERS, MAX_DEPTH),
+        "| values": (MAX_VALUES,),
+        "| texts": (MAX_TEXTS,),
+    }
+    for head, limits in told.items():
+        (line,) = (row for row in rows if row.startswith(head))
+        numbers = set(re.findall(r"\d+", re.sub(r"(?<=\d) (?=\d{3})", "", line)))
+        assert {str(limit) for limit in limits} <= numbers, line
 
 
 # -- msgpack, byte by byte ------------------------------------------------------------------------------------------------------------
