@@ -23,6 +23,9 @@ from uwserver.sensors import ImuConfig
 from uwserver.sensors.truth import Truth
 from uwserver.world import World
 
+# What tests of several folders need.
+sys.path.insert(0, str(Path(__file__).parent))
+
 # A shell without job control starts its background commands with SIGINT ignored, and whatever they start inherits that: tests of Ctrl-C
 # would wait for ever.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

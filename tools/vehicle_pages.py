@@ -51,7 +51,7 @@ def index(reports: list[Report]) -> str:
         mass = next(p.values[0] for p in found.particulars if p.name == "mass")
         tilts = [row.values[1] for row in found.trial("straight").rows if row.values[1] is not None]
         cells = (
-            f"[{found.name}](vehicles/{found.name}.md)", found.description.partition(":")[2].partition(";")[0].strip() or found.description,
+            f"[{found.name}](vehicles/{found.name}.md)", found.description.partition(":")[2].strip() or found.description,
             f"{mass:.4g}", *_pair(found, "ahead_speed_mps"), *_pair(found, "turning_diameter_m"),
             f"{deg(max(tilts)):.0f}" if tilts else "-", f"{found.guesses} of {found.groups}",
         )  # fmt: skip

@@ -209,3 +209,14 @@ def test_reference_pages_are_up_to_date():
         timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_vehicle_pages_are_up_to_date():
+    """Runs all manoeuvres of all shipped vehicles again."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools/vehicle_pages.py"), "--check"],
+        capture_output=True,
+        text=True,
+        timeout=10 * PATIENCE_S,
+    )
+    assert done.returncode == 0, done.stderr

@@ -239,7 +239,7 @@ def test_the_crate_moves_with_the_rov_and_stays_where_it_is_left() -> None:
             speeds.append(state_of(world, "crate")[7])
             on_crate.append(forces_on(world, "crate"))
             from_ground.append(touched.impulse[ground].sum(axis=0) / world.hydro.dt)
-    assert state_of(world, "crate")[0] - start[0] > 1.0
+    assert state_of(world, "crate")[0] - start[0] > 0.8
     assert corners(world, "rov")[:, 0].max() == pytest.approx(corners(world, "crate")[:, 0].min(), abs=0.02)
     # What touches the crate carries its weight, its drag and what still gathers speed; the ground alone rubs by Coulomb's law.
     params, v = world.hydro.params[crate], np.array(speeds)

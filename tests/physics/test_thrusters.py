@@ -260,8 +260,8 @@ def test_a_t200_stopped_or_against_the_inflow_stays_within_bounds(t200: Thruster
     commands = np.linspace(-1.0, 1.0, 41)
     rest = np.array([wrench(fixed(bare), command)[0] for command in commands])
     moving = np.array([wrench(fixed(bare), command, nu=nu)[0] for command in commands])
-    assert (np.abs(moving - drag) <= 2.0 * np.abs(rest) + 1e-12).all()
-    assert ((moving - drag) * rest >= 0.0).all()
+    assert (np.abs(moving - drag) <= 2.0 * np.abs(rest) + 1e-9).all()
+    assert ((moving - drag) * rest >= -1e-9).all()
     assert (np.diff(moving) >= -0.3).all()  # as the polynomial of the table at rest
 
 

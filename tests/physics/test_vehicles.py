@@ -11,7 +11,9 @@ from uwserver.validation.manoeuvres.figures import Trial
 from uwserver.validation.manoeuvres.report import Report, report
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"
-VEHICLES = tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+IDENTIFIED = {"bluerov2_heavy_von_benzon", "bluerov2_wu"}
+"""A paper's numbers as they stand, for comparison with it; their files say that they are not to be driven."""
+VEHICLES = tuple(sorted({path.stem for path in SHIPPED.glob("*.toml")} - IDENTIFIED))
 MOST_TILT, MOST_YAW = math.radians(25.0), math.radians(20.0)
 """Of a straight run with the throttle stepped, within 20 s: nobody somersaults, and nobody leaves his course."""
 NEAR = 0.3
@@ -61,9 +63,12 @@ def test_a_turn_is_to_starboard_and_of_a_size(found: Report) -> None:
 
 
 def test_it_dives_and_rises_on_command(found: Report) -> None:
-    for condition, rate in column(found.trial("dive"), "sink").items():
+    """By the change of depth: one that loops, as the LAUV does with its planes at full speed, may be on its way back at the end."""
+    dive = found.trial("dive")
+    for condition, change in column(dive, "depth").items():
         down = "down" in condition or "to dive" in condition or "heavy" in condition
-        assert 0.005 < (rate if down else -rate) < 3.0, condition
+        assert (change if down else -change) > 0.1, condition
+    assert all(0.005 < abs(rate) < 3.0 for rate in column(dive, "sink").values())
 
 
 def test_it_swings_back_and_comes_to_rest(found: Report) -> None:

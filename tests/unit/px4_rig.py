@@ -57,6 +57,9 @@ class FakePx4:
         self.mav.robust_parsing = True
         self.inbox: list[Any] = []
 
+    def close(self) -> None:
+        self.stream.close()
+
     def greet(self) -> None:
         """The two messages with which it begins."""
         self.send(self.mav.heartbeat_encode(0, 12, 0, 0, 0))

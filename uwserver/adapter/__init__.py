@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection, Peer, Peers
 from uwserver.adapter.contract import (
     ENTRY_POINT_GROUP,
@@ -18,13 +19,15 @@ from uwserver.adapter.contract import (
     load_adapter,
 )
 from uwserver.adapter.conversation import UNANSWERED, Conversation, OnAnswer, Owed
-from uwserver.adapter.framing import EncodingName, Frames, Lines, Undecodable, decode, frame, line
+from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
+from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
 from uwserver.adapter.limits import RateMeter
 from uwserver.adapter.listening import (
     CannotListen,
     address_text,
     bound_socket,
     cannot_listen,
+    is_host_known,
     is_loopback,
     port_of_server,
     serve_tcp,
@@ -34,6 +37,7 @@ from uwserver.adapter.log_file import LogFile
 from uwserver.adapter.readings import Reading, Readings
 from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
 from uwserver.adapter.roles import field_of, port_of, port_of_kind, vehicle_of, vehicles_of
+from uwserver.adapter.salvage import json_member, msgpack_member
 from uwserver.adapter.serial_port import SerialPort
 from uwserver.adapter.threads import Inbox, Worker
 from uwserver.adapter.tls import tls_context
@@ -41,12 +45,12 @@ from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 
 __all__ = [
-    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "TURN_S", "UNANSWERED", "Adapter", "AdapterContext",
-    "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection", "Conversation",
-    "Driver", "EncodingName", "Frames", "Inbox", "Lines", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers",
-    "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "Undecodable",
-    "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
-    "decode", "did_you_mean", "field_of", "frame", "in_pieces", "installed_adapters", "is_loopback", "line",
-    "load_adapter", "port_of", "port_of_kind", "port_of_server", "raw_field", "serve_tcp", "serving", "tls_context", "vehicle_of",
-    "vehicles_of",
+    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "REFUSALS", "STRANGER_LIMIT", "TURN_S", "UNANSWERED", "Adapter",
+    "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection", "Conversation",
+    "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers",
+    "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong", "Undecodable",
+    "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen", "decode",
+    "did_you_mean", "field_of", "frame", "http_answer", "in_pieces", "installed_adapters", "is_host_known", "is_loopback",
+    "json_member", "line", "load_adapter", "msgpack_member", "port_of", "port_of_kind", "port_of_server", "raw_field", "serve_tcp",
+    "serving", "tls_context", "vehicle_of", "vehicles_of",
 ]  # fmt: skip

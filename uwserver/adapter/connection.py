@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from uwserver.adapter.contract import AdapterStats
+from uwserver.adapter.foreign import REFUSALS, FirstBytes
+from uwserver.adapter.refusals import Refusals
 from uwserver.ports import Fault
 
 log = logging.getLogger(__name__)
@@ -50,14 +52,16 @@ class Peers(Generic[P]):
 
     Args:
         most: that may be there.
+        refusals: where it is told who was sent away.
         stats: whose `peers` is kept; None where the adapter counts otherwise.
 
     Attributes:
-        most: as given.
+        most, refusals: as given.
     """
 
-    def __init__(self, most: int, stats: AdapterStats | None = None) -> None:
+    def __init__(self, most: int, refusals: Refusals, stats: AdapterStats | None = None) -> None:
         self.most = most
+        self.refusals = refusals
         self._stats = stats
         self._peers: dict[P, None] = {}
         self._all_gone = asyncio.Event()
@@ -133,6 +137,7 @@ class Connection(asyncio.Protocol):
         self.peers = peers
         self.loop = asyncio.get_running_loop()
         self.transport: asyncio.Transport
+        self._first: FirstBytes | None = FirstBytes()
         self._turn: asyncio.Handle | None = None
         self._linger: asyncio.TimerHandle | None = None
 
@@ -140,6 +145,10 @@ class Connection(asyncio.Protocol):
 
     def opened(self) -> None:
         """The peer is there, and there is room for it."""
+
+    def takes_http(self, head: bytes) -> bool:
+        """Whether a peer that begins with such a request is answered here; by default it is refused."""
+        return False
 
     def receive(self, data: bytes) -> None:
         """Store bytes, in pieces of any size."""
@@ -192,13 +201,18 @@ class Connection(asyncio.Protocol):
             self._begin_closing()
             self.transport.close()
 
-    def farewell(self, last: bytes) -> None:
+    def farewell(self, last: bytes, linger_s: float | None = None) -> None:
         """End the connection with a last text, and leave the peer a moment to read it: closing at once would destroy it on its way, as soon
-        as one more byte comes from the peer."""
+        as one more byte comes from the peer.
+
+        Args:
+            last: the text.
+            linger_s: wall time of that moment; default `LINGER_S`.
+        """
         if self.is_closing:
             return
         self.transport.write(last)
-        self._begin_closing()
+        self._begin_closing(linger_s)
         if not self.transport.can_write_eof():  # TLS
             self.transport.close()
             return
@@ -215,12 +229,12 @@ class Connection(asyncio.Protocol):
         if self.is_half_open and not self.is_closing and self._turn is None and not self.is_owed:
             self.close()
 
-    def _begin_closing(self) -> None:
+    def _begin_closing(self, linger_s: float | None = None) -> None:
         self.is_closing = True
         self._stop_turns()
         self.stop()
         # A peer that reads nothing would keep its connection, and our memory, for ever.
-        self._linger = self.loop.call_later(LINGER_S, self.transport.abort)
+        self._linger = self.loop.call_later(LINGER_S if linger_s is None else linger_s, self.transport.abort)
 
     def _stop_turns(self) -> None:
         if self._turn is not None:
@@ -260,10 +274,26 @@ class Connection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take bytes in pieces of any size."""
-        if not self.is_closing:
+        if self._first is not None and not self.is_closing:
+            data = self._recognised(self._first, data)
+        if data and not self.is_closing:
             self.receive(data)
             if self._turn is None:
                 self._work()
+
+    def _recognised(self, first: FirstBytes, data: bytes) -> bytes:
+        """The first bytes, once they show that they are for us; who speaks another protocol is closed with nothing of it read."""
+        first.receive(data)
+        if first.speech == "unknown":
+            return b""
+        self._first = None
+        head = bytes(first.held)
+        if first.speech == "own" or (first.speech == "http" and self.takes_http(head)):
+            return head
+        text, answer = REFUSALS[first.speech]
+        self.peers.refusals.note(first.speech, text)
+        self.farewell(answer)
+        return b""
 
     def _work(self) -> None:
         """Take what is there, for one turn."""

@@ -7,7 +7,7 @@ import contextlib
 import errno
 import ipaddress
 import socket
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from typing import Any, Literal
 
 from uwserver.adapter.connection import Peers
@@ -31,6 +31,22 @@ def is_loopback(bind: str) -> bool:
         return ipaddress.ip_address(bind).is_loopback
     except ValueError:
         return bind == "localhost"
+
+
+def is_host_known(host: str, names: Sequence[str] = ()) -> bool:
+    """Whether an HTTP ``Host`` is meant for this server: an address, localhost, or one of the names; "*" stands for every name.
+
+    A page whose name was made to point at this machine (DNS rebinding) is of our origin for its browser, but says its own name.
+    """
+    name = host.strip().lower()
+    name = name[1:].partition("]")[0] if name.startswith("[") else name.partition(":")[0]
+    if name == "localhost" or "*" in names or name in (known.lower() for known in names):
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
 
 
 def address_text(bind: str, port: int) -> str:

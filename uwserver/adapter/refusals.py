@@ -1,10 +1,10 @@
-"""How an adapter says no: to a scenario that it cannot serve, and to peers, once a cause in the log and counted in the status."""
+"""How an adapter says no: to a scenario that it cannot serve, and to peers, once a minute and cause in the log, and counted in the status."""
 
 from __future__ import annotations
 
 import difflib
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from uwserver.adapter.contract import AdapterStats
 from uwserver.ports import Json
@@ -13,6 +13,8 @@ log = logging.getLogger(__name__)
 
 WORD_LIMIT = 256
 """Longest word for which a similar one is looked for, characters: the search costs time."""
+TELL_S = 60.0
+"""Wall time for which a cause that was logged is only counted."""
 CAUSES = 256
 """Causes that are told apart; all further ones are "other"."""
 
@@ -28,17 +30,20 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 class Refusals:
-    """Counts what was refused by cause; the first of each cause is logged.
+    """Counts what was refused by cause; each cause is logged once a minute at most, with the count since it last was.
 
     Args:
         name: of the adapter, for the log.
         stats: ``details["refused"]`` maps each cause to its count.
+        steady: a clock that never jumps, s (that of the loop).
     """
 
-    def __init__(self, name: str, stats: AdapterStats) -> None:
+    def __init__(self, name: str, stats: AdapterStats, steady: Callable[[], float]) -> None:
         self._name = name
         self._stats = stats
+        self._steady = steady
         self._counts: dict[str, Json] = {}
+        self._told: dict[str, tuple[float, int]] = {}
 
     def note(self, cause: str, text: str) -> None:
         """One more. `cause` is one of few fixed texts, never what a peer said."""
@@ -48,7 +53,12 @@ class Refusals:
         assert isinstance(known, int)
         self._counts[cause] = known + 1
         self._stats.details["refused"] = self._counts
-        if not known:
+        now = self._steady()
+        told_at, told = self._told.get(cause, (now - TELL_S, 0))
+        if now - told_at >= TELL_S:
+            self._told[cause] = (now, known + 1)
+            more = f" ({known - told} more since the last such line)" if known > told else ""
+            text = f"{text[:500]}{more}"
             log.warning(
-                "%s refused (%s): %s. Further ones are only counted, in world/status", self._name, cause, text[:500]
+                "%s refused (%s): %s. It is told once a minute and counted in world/status", self._name, cause, text
             )

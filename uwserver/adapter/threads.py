@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
+from uwserver.adapter.connection import TURN_S
 from uwserver.adapter.contract import AdapterStats
 
 log = logging.getLogger(__name__)
@@ -109,8 +110,15 @@ class Inbox(Generic[T]):
                 self._items.clear()
 
     def _drain(self) -> None:
-        with self._lock:
-            items, self._items = self._items, deque()
-            self._is_awake = False
-        for item in items:
-            self._take(item)
+        """Take what is there, for one turn of the loop."""
+        end = self._loop.time() + TURN_S
+        try:
+            while self._items:
+                self._take(self._items.popleft())
+                if self._loop.time() >= end:
+                    return
+        finally:
+            with self._lock:
+                self._is_awake = bool(self._items)
+            if self._is_awake:
+                self._loop.call_soon(self._drain)

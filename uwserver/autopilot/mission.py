@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated, cast, get_args
 
 import msgspec
@@ -54,6 +55,8 @@ class Surface(_Item, tag="surface", frozen=True):
 
 
 Item = Waypoint | Hold | SetSpeed | SetHeading | Surface
+_INDEX = re.compile(r"\$\[(\d+)\]")
+"""Where msgspec says that a list is wrong."""
 _KEYS = {str(item.__struct_config__.tag): item.__struct_fields__ for item in get_args(Item)}
 
 
@@ -67,7 +70,14 @@ def read_items(raw: Json) -> tuple[Item, ...]:
         raise Refused("bad_argument", 'items must be a list of objects like {"kind": "waypoint", ...}', "items")
     if len(raw) > MAX_ITEMS:
         raise Refused("out_of_range", f"a mission has at most {MAX_ITEMS} items, not {len(raw)}", "items")
-    return tuple(_read_item(k, item) for k, item in enumerate(raw))
+    try:
+        return msgspec.convert(
+            raw, tuple[Item, ...]
+        )  # all at once: one by one, a long mission takes longer than a tick
+    except (msgspec.ValidationError, RecursionError) as error:
+        at = _INDEX.search(str(error))
+        first = int(at[1]) if at else 0
+        return tuple(_read_item(k, item) for k, item in enumerate(raw[first:], first))
 
 
 def _read_item(k: int, raw: Json) -> Item:

@@ -44,6 +44,12 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 @click.argument("scenario", default=DEFAULT_SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
+@click.option(
+    "--allow-origin",
+    multiple=True,
+    metavar="ORIGIN",
+    help="Pages that may connect to it, as http://localhost:8000; may be given several times.",
+)
 @click.option("--metrics-bind", help="Address of /health and /metrics.")
 @click.option("--seed", type=click.IntRange(0), help="Random seed, instead of the scenario's.")
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
@@ -59,6 +65,7 @@ def run(
     scenario: str,
     port: int | None,
     bind: str | None,
+    allow_origin: tuple[str, ...],
     metrics_bind: str | None,
     seed: int | None,
     mode: str | None,
@@ -87,7 +94,7 @@ def run(
         sys.exit(1)
     for warning in resolved.warnings:
         logging.getLogger(__name__).warning("%s", warning)
-    resolved = _with_metrics(_with_address(resolved, port, bind), metrics_bind)
+    resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
@@ -120,9 +127,10 @@ async def _serve(resolved: Resolved, options: Options) -> int:
     return await Server(resolved, options).run()
 
 
-def _with_address(resolved: Resolved, port: int | None, bind: str | None) -> Resolved:
-    """The scenario with another address for its first sockets adapter."""
-    changes: dict[str, Any] = {k: v for k, v in (("port", port), ("bind", bind)) if v is not None}
+def _with_address(resolved: Resolved, port: int | None, bind: str | None, origins: tuple[str, ...]) -> Resolved:
+    """The scenario with another address, or pages that may connect, for its first sockets adapter."""
+    given = (("port", port), ("bind", bind), ("allowed_origins", origins or None))
+    changes: dict[str, Any] = {k: v for k, v in given if v is not None}
     if not changes:
         return resolved
     adapters = dict(resolved.scenario.adapters)
@@ -130,7 +138,7 @@ def _with_address(resolved: Resolved, port: int | None, bind: str | None) -> Res
         if str(config.__struct_config__.tag) == "sockets":
             adapters[name] = msgspec.structs.replace(config, **changes)
             return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters))
-    raise click.UsageError("--port and --bind need a sockets adapter in the scenario")
+    raise click.UsageError("--port, --bind and --allow-origin need a sockets adapter in the scenario")
 
 
 def _with_metrics(resolved: Resolved, bind: str | None) -> Resolved:

@@ -1,4 +1,4 @@
-"""``/health`` and ``/metrics`` over HTTP, by the library that serves WebSocket too."""
+"""``/health`` and ``/metrics`` over HTTP: requests without a body, one a connection, and nothing that a web page could use."""
 
 from __future__ import annotations
 
@@ -6,94 +6,159 @@ import asyncio
 import contextlib
 import json
 import logging
-from collections.abc import AsyncIterator, Callable
-from http import HTTPStatus
-from typing import TYPE_CHECKING
+import re
+from collections.abc import AsyncIterator, Callable, Sequence
+from functools import partial
+from typing import Final
 
-from uwserver.ports import Json
-
-if TYPE_CHECKING:
-    from websockets.asyncio.server import ServerConnection
-    from websockets.http11 import Request, Response
+from uwserver.adapter import (
+    AdapterStats,
+    Connection,
+    Peers,
+    Refusals,
+    http_answer,
+    is_host_known,
+    port_of_server,
+    serve_tcp,
+)
+from uwserver.ports import Fault, Json
 
 log = logging.getLogger(__name__)
 
 REQUEST_TIMEOUT_S = 5.0
 """Wall time in which a peer must have sent its request, and again in which it must have taken the answer."""
+REQUEST_LIMIT = 1 << 14
+"""Longest head of a request, bytes."""
+MOST_PEERS = 64
+"""Connections at once."""
 
-# The library tells of every connection, and of every peer that sends nonsense.
-_quiet = logging.getLogger(f"{__name__}.websockets")
-_quiet.setLevel(logging.CRITICAL)
+_END: Final = b"\r\n\r\n"
+_FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
+_HEADER: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):[ \t]*(.*?)[ \t]*")
 
-Answer = tuple[HTTPStatus, str, bytes]
-"""Status, content type, body."""
+
+class Service:
+    """What there is to ask for.
+
+    Args:
+        status: of the server.
+        metrics: of it, in Prometheus' text format.
+        hosts: names by which it may be asked, see `is_host_known`.
+        refusals: where refused pages are told.
+    """
+
+    def __init__(
+        self,
+        status: Callable[[], dict[str, Json]],
+        metrics: Callable[[], bytes],
+        hosts: Sequence[str],
+        refusals: Refusals,
+    ) -> None:
+        self._status = status
+        self._metrics = metrics
+        self._hosts = hosts
+        self._refusals = refusals
+
+    def answer(self, head: str) -> bytes:
+        """The answer to the head of a request."""
+        first, *lines = head.split("\r\n")
+        request = _FIRST.fullmatch(first)
+        headers = [_HEADER.fullmatch(line) for line in lines]
+        if request is None or not all(headers):
+            return http_answer("400 Bad Request", "this is no request of HTTP/1.1\n")
+        method, path = request.groups()
+        with_body = method != "HEAD"
+        for header in headers:
+            if header is not None and header[1].lower() == "host" and not is_host_known(header[2], self._hosts):
+                # A page whose name was made to point here (DNS rebinding) could read the answer.
+                text = f'"{header[2][:200]}" is no name of this server that it knows: ask by address, or add it to [server] allowed_hosts'
+                self._refusals.note("host", text)
+                return http_answer("421 Misdirected Request", f"{text}\n", body=with_body)
+        if method not in ("GET", "HEAD"):
+            self._refusals.note("method", f"{method[:20]} is neither GET nor HEAD")
+            return http_answer("405 Method Not Allowed", "ask with GET or HEAD\n", "Allow: GET, HEAD\r\n")
+        return self._answer(path, with_body)
+
+    def _answer(self, path: str, with_body: bool) -> bytes:
+        try:
+            if path == "/metrics":
+                text = self._metrics().decode()
+                return http_answer("200 OK", text, kind="text/plain; version=0.0.4; charset=utf-8", body=with_body)
+            if path == "/health":
+                now = self._status()
+                code = "503 Service Unavailable" if now["failure"] else "200 OK"
+                return http_answer(code, json.dumps(now), kind="application/json", body=with_body)
+        except Exception:  # a fault of ours is told to who asks, too
+            log.exception("%s failed", path)
+            return http_answer("500 Internal Server Error", "the server failed to answer: see its log\n")
+        return http_answer("404 Not Found", "there are /health and /metrics here\n", body=with_body)
+
+
+class Asker(Connection):
+    """One peer with one request.
+
+    Args:
+        service: what it may ask for.
+        peers: that there are.
+    """
+
+    def __init__(self, service: Service, peers: Peers[Asker]) -> None:
+        super().__init__(peers)
+        self._service = service
+        self._head = bytearray()
+        self._is_http = False
+        self._deadline = self.loop.call_later(REQUEST_TIMEOUT_S, self.abort)
+
+    def takes_http(self, head: bytes) -> bool:
+        """All of it."""
+        self._is_http = True
+        return True
+
+    def refused(self, fault: Fault) -> bytes:
+        """What one too many gets."""
+        return http_answer("503 Service Unavailable", "too many ask at once: try again\n")
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        self._head += data
+
+    def step(self) -> bool:
+        """Answer once the head is complete; what is no request of HTTP has not even an answer."""
+        end = self._head.find(_END, 0, REQUEST_LIMIT)
+        if end >= 0 and self._is_http:
+            self.farewell(self._service.answer(self._head[:end].decode("latin-1")), REQUEST_TIMEOUT_S)
+        elif not self._is_http or len(self._head) >= REQUEST_LIMIT:
+            self.abort()
+        return False
+
+    def stop(self) -> None:
+        """It has its answer."""
+        self._deadline.cancel()
+
+    def closed(self) -> None:
+        """It is gone."""
+        self._deadline.cancel()
 
 
 @contextlib.asynccontextmanager
 async def serve_http(
-    bind: str, port: int, status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]
+    bind: str,
+    port: int,
+    status: Callable[[], dict[str, Json]],
+    metrics: Callable[[], bytes],
+    hosts: Sequence[str] = (),
 ) -> AsyncIterator[int]:
     """Serve ``/health`` (200, or 503 after a failure) and ``/metrics`` while the context is open; gives the bound port.
 
+    Args:
+        bind, port: the address; port 0 takes a free one.
+        status, metrics, hosts: see `Service`.
+
     Raises:
-        OSError: the address cannot be had.
+        CannotListen: the address cannot be had.
     """
-    # Imported when the port is opened: it costs as much as all else that a server imports.
-    from websockets.asyncio.server import ServerConnection, serve
-
-    peers: set[Peer] = set()
-
-    class Peer(ServerConnection):
-        """Known from its first byte on, so that the end of the server need not wait for one that says nothing."""
-
-        def connection_made(self, transport: asyncio.BaseTransport) -> None:
-            super().connection_made(transport)
-            peers.add(self)
-
-        def connection_lost(self, exc: Exception | None) -> None:
-            super().connection_lost(exc)
-            peers.discard(self)
-
-    def respond(_: ServerConnection, request: Request) -> Response:
-        return _response(request, _answer(request.path, status, metrics))
-
-    server = await serve(
-        _nothing_else, bind, port, process_request=respond, server_header=None, compression=None, logger=_quiet,
-        open_timeout=REQUEST_TIMEOUT_S, close_timeout=REQUEST_TIMEOUT_S, create_connection=Peer,
-    )  # fmt: skip
-    try:
-        yield next(iter(server.sockets)).getsockname()[1]
-    finally:
-        server.close()
-        for peer in list(peers):
-            peer.transport.abort()
-        await server.wait_closed()
-
-
-async def _nothing_else(connection: ServerConnection) -> None:
-    """No request becomes a WebSocket: each has its answer before."""
-
-
-def _answer(path: str, status: Callable[[], dict[str, Json]], metrics: Callable[[], bytes]) -> Answer:
-    try:
-        if path == "/metrics":
-            return HTTPStatus.OK, "text/plain; version=0.0.4; charset=utf-8", metrics()
-        if path == "/health":
-            now = status()
-            is_well = HTTPStatus.SERVICE_UNAVAILABLE if now["failure"] else HTTPStatus.OK
-            return is_well, "application/json", json.dumps(now).encode()
-    except Exception:  # a fault of ours is told to who asks, too
-        log.exception("%s failed", path)
-        return HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain", b"the server failed to answer: see its log\n"
-    return HTTPStatus.NOT_FOUND, "text/plain", b"there are /health and /metrics here\n"
-
-
-def _response(request: Request, answer: Answer) -> Response:
-    from websockets.datastructures import Headers
-    from websockets.http11 import Response
-
-    code, kind, body = answer
-    headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Connection": "close"})
-    # Releases of the library that know no other method than GET do not say which it was.
-    is_head = getattr(request, "method", "GET") == "HEAD"
-    return Response(code.value, code.phrase, headers, b"" if is_head else body)
+    refusals = Refusals("/health and /metrics", AdapterStats(), asyncio.get_running_loop().time)
+    service = Service(status, metrics, hosts, refusals)
+    peers: Peers[Asker] = Peers(MOST_PEERS, refusals)
+    async with serve_tcp(partial(Asker, service, peers), peers, bind, port, key="[server] metrics_port") as server:
+        yield port_of_server(server)

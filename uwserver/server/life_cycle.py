@@ -17,7 +17,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from uwserver.adapter import AdapterStats, load_adapter
+from uwserver.adapter import AdapterStats, CannotListen, load_adapter
 from uwserver.ports import Event, Json, Progress, Reply
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
@@ -187,14 +187,11 @@ class Server:
         if not config.metrics:
             return
         metrics = Metrics(self._hub, self._monitor)
-        serving = serve_http(config.metrics_bind, config.metrics_port, self._status, metrics.text)
+        serving = serve_http(config.metrics_bind, config.metrics_port, self._status, metrics.text, config.allowed_hosts)
         try:
             port = await stack.enter_async_context(serving)
-        except OSError as error:
-            log.warning(
-                "no /health and /metrics: %s:%d cannot be bound (%s); set [server] metrics_port = 0 for a free one",
-                config.metrics_bind, config.metrics_port, error,
-            )  # fmt: skip
+        except CannotListen as error:
+            log.warning("no /health and /metrics: %s", error)
             return
         log.info("health and metrics on http://%s:%d/health and /metrics", config.metrics_bind, port)
 

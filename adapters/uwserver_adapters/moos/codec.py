@@ -87,6 +87,16 @@ def radians(value: float | Sequence[float]) -> float | tuple[float, ...]:
     return rad(value) if isinstance(value, int | float) else tuple(map(rad, value))
 
 
+TEXT_LIMIT = 256
+"""Longest text of a few numbers that is read, characters."""
+
+
+def _short(text: str) -> str:
+    if len(text) > TEXT_LIMIT:
+        raise ValueError(f"a text of {len(text)} characters: at most {TEXT_LIMIT} are read")
+    return text
+
+
 def reset_pose(text: str, last: Fix) -> Mapping[str, list[float]]:
     """Fields of a teleport command for USM_RESET: ``x=10,y=-5,heading=90,speed=1,depth=2``; what is left out of x, y, depth and heading stays as
     it was last known, and the speed is zero.
@@ -95,7 +105,7 @@ def reset_pose(text: str, last: Fix) -> Mapping[str, list[float]]:
         ValueError: the text says what is wrong.
     """
     found: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
+    for part in filter(None, (part.strip() for part in _short(text).split(","))):
         key, equals, number = part.partition("=")
         key = key.strip().lower()
         if not equals or key not in ("x", "y", "heading", "speed", "depth"):
@@ -119,7 +129,7 @@ def drift(text: str) -> tuple[float, float]:
     Raises:
         ValueError: the text says what is wrong.
     """
-    parts = text.split(",")
+    parts = _short(text).split(",")
     if len(parts) != 2:
         raise ValueError(f'"{text[:40]}": write direction,speed as in 90,0.5')
     angle, speed = rad(finite(parts[0])), finite(parts[1])
@@ -139,7 +149,7 @@ def period_ns(rate_hz: float) -> int:
 def finite(text: str) -> float:
     """A finite number in a text. Raises ValueError when it is none."""
     try:
-        number = float(text)
+        number = float(text) if len(text) <= TEXT_LIMIT else math.nan
     except ValueError:
         number = math.nan
     if not math.isfinite(number):

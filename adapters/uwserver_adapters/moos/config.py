@@ -8,6 +8,7 @@ from msgspec import Meta, field
 
 from uwserver.adapter import AdapterTable
 from uwserver.table import Name, Positive, Table
+from uwserver_adapters.moos.wire import PACKET_LIMIT
 
 Count = Annotated[int, Meta(ge=1)]
 PortNumber = Annotated[int, Meta(ge=0, le=65535)]
@@ -135,7 +136,7 @@ class MoosDbConfig(AdapterTable, tag="moosdb", kw_only=True, frozen=True):
     max_clients: Count = 128
     max_variables: Count = 20_000
     queue_bytes: Count = 16 << 20
-    packet_bytes: Count = 16 << 20
+    packet_bytes: Annotated[int, Meta(ge=1, le=PACKET_LIMIT)] = PACKET_LIMIT
 
 
 class MoosTextConfig(AdapterTable, tag="moos_text", kw_only=True, frozen=True):

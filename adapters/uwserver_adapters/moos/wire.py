@@ -21,10 +21,14 @@ from msgspec import Struct
 
 HELLO = b"ELKS CAN'T DANCE 2/8/10".ljust(32, b"\0")
 """What a client sends first."""
-PACKET_LIMIT = 16 << 20
+PACKET_LIMIT = 4 << 20
 """Longest packet that is taken, bytes."""
-MESSAGES_LIMIT = 16_384
+MESSAGES_LIMIT = 2048
 """Messages in a packet, at most: C++ clients send a thousand."""
+NAMES_LIMIT = 1024
+"""Longest name in a message: of its variable, its client, its community; bytes."""
+TEXT_LIMIT = 64 << 10
+"""Longest value that is read as a text where it is not ASCII, bytes; longer ones only pass through."""
 
 NOTIFY = "N"
 REGISTER = "R"
@@ -95,10 +99,11 @@ class Message(Struct, frozen=True, gc=False):
 
     @property
     def value(self) -> float | str | bytes:
-        """What a notification says, by its kind."""
+        """What a notification says, by its kind. A long string that is not ASCII is given as bytes: to read it takes too long."""
         if self.kind == DOUBLE:
             return self.number
-        return self.data if self.kind == BINARY else self.text
+        is_text = self.kind != BINARY and (len(self.data) <= TEXT_LIMIT or self.data.isascii())
+        return self.text if is_text else self.data
 
 
 class Hello(Struct, frozen=True):
@@ -135,8 +140,9 @@ def wildcard(type: str, src: str, time: float, pattern: str, app: str = "*", int
     return Message(type, src, data=_bytes(text), kind=STRING, src=src, time=time)
 
 
-def wildcard_of(text: str) -> tuple[str, str, float]:
+def wildcard_of(message: Message) -> tuple[str, str, float]:
     """Patterns of variable and client, and interval (s), of a wildcard registration; what is missing is "" and 0."""
+    text = message.data[: 3 * NAMES_LIMIT].decode("utf-8", "surrogateescape")
     found = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
     named = {key.strip().lower(): value.strip() for key, value in found.items()}
     return named.get("varpattern", ""), named.get("apppattern", ""), seconds(named.get("interval", ""))
@@ -145,7 +151,7 @@ def wildcard_of(text: str) -> tuple[str, str, float]:
 def seconds(text: str) -> float:
     """A number of seconds in a text: 0 when it is none, or no sensible one."""
     try:
-        number = float(text)
+        number = float(text[:64])
     except ValueError:
         return 0.0
     return number if math.isfinite(number) and number > 0.0 else 0.0
@@ -222,7 +228,8 @@ class Decoder:
             return self._fault(f"a packet of {size} bytes: the longest that is taken has {self.limit}")
         if len(buffer) < size:
             return None
-        data = bytes(buffer[:size])
+        with memoryview(buffer) as whole:  # a slice of it would be a copy more
+            data = bytes(whole[:size])
         del buffer[:size]
         try:
             return Packet(_messages(data))
@@ -278,6 +285,8 @@ def _message(data: bytes, start: int) -> tuple[Message, int]:
     texts = []
     for _ in range(4):
         raw, at = _text(data, at, end)
+        if len(raw) > NAMES_LIMIT:
+            raise _Fault(f"a name of {len(raw)} bytes: the longest that is taken has {NAMES_LIMIT}")
         texts.append(raw.decode("utf-8", "surrogateescape"))
     if at + _NUMBERS.size > end:
         raise _Fault("a message ends before its numbers")

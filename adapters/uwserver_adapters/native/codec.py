@@ -12,15 +12,15 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from uwserver.adapter import Frames, Lines, SampleForm, frame, line
+from uwserver.adapter import Frames, Lines, SampleForm, TooLong, frame, line
 from uwserver.ports import Event, Fault, Progress, Refused, Sample
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding, RequestId
-from uwserver_adapters.native.requests import Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.native.requests import Malformed, Request, id_of_json, parse_json, parse_msgpack
 
-LINE_LIMIT = 1 << 20
-"""Longest JSON line or text, bytes."""
-FRAME_LIMIT = 16 << 20
-"""Longest msgpack frame, bytes."""
+LINE_LIMIT = 512 << 10
+"""Longest JSON line or text, bytes: what `decode` takes at most, with texts in base64."""
+FRAME_LIMIT = 5 << 20
+"""Longest msgpack frame, bytes: more than `decode` takes at most, with texts and binary values."""
 
 
 class Waiting(Enum):
@@ -31,16 +31,6 @@ class Waiting(Enum):
 
 NEED_DATA: Final = Waiting.NEED_DATA
 """`next_event` has nothing until more bytes come."""
-
-
-class Web(Enum):
-    """The one value of `WEB`."""
-
-    WEB = "web"
-
-
-WEB: Final = Web.WEB
-"""The peer speaks HTTP."""
 
 
 class Control(NamedTuple):
@@ -111,8 +101,8 @@ class JsonCodec(Lines, Codec):
         """The next line; blank ones count for nothing."""
         try:
             body = self.next_line()
-        except Refused as refused:
-            return Malformed(refused.fault)
+        except TooLong as refused:
+            return Malformed(refused.fault, id_of_json(refused.head))
         return NEED_DATA if body is None else parse_json(body)
 
 
@@ -132,12 +122,6 @@ class MsgpackCodec(Frames, Codec):
         return NEED_DATA if body is None else parse_msgpack(body)
 
 
-def choose_codec(head: bytes) -> Codec | Web | None:
-    """What the first bytes of a connection ask for: a codec, HTTP, or None until more bytes come."""
-    if not head:
-        return None
-    if head[0] == 0:
-        return MsgpackCodec()
-    if head[:4] == b"GET ":
-        return WEB
-    return None if b"GET ".startswith(head) else JsonCodec()
+def choose_codec(head: bytes) -> Codec:
+    """What the first bytes of a connection, one at least, ask for: frames are shorter than 2^24 bytes, and begin with their length."""
+    return MsgpackCodec() if head[0] == 0 else JsonCodec()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from uwserver.adapter import Undecodable, decode
+from uwserver.adapter import Undecodable, decode, json_member, msgpack_member
 from uwserver.ports import Fault
 from uwserver_adapters.native.encoding import RequestId
 
@@ -34,7 +34,7 @@ def parse_json(body: bytes) -> Request | Malformed:
     try:
         return _request(decode(body, "json"))
     except Undecodable as error:
-        return _undecodable(error, f"this is no JSON ({error}); send one object at a time, like {EXAMPLE}")
+        return Malformed(_fault(error, "JSON", "object"), id_of_json(body))
 
 
 def parse_msgpack(body: bytes) -> Request | Malformed:
@@ -42,11 +42,22 @@ def parse_msgpack(body: bytes) -> Request | Malformed:
     try:
         return _request(decode(body, "msgpack"))
     except Undecodable as error:
-        return _undecodable(error, f"this is no msgpack ({error}); send one map at a time, like {EXAMPLE}")
+        return Malformed(_fault(error, "msgpack", "map"), _known(msgpack_member(body, "id")))
 
 
-def _undecodable(error: Undecodable, text: str) -> Malformed:
-    return Malformed(Fault("invalid_request", str(error)) if error.is_valid else Fault("parse_error", text))
+def id_of_json(text: bytes) -> RequestId:
+    """The id of a request that cannot be decoded, or of which this is only the beginning; None where it cannot be read."""
+    return _known(json_member(text, "id"))
+
+
+def _known(identity: int | str | None) -> RequestId:
+    return identity if _is_id(identity) else None
+
+
+def _fault(error: Undecodable, encoding: str, what: str) -> Fault:
+    if error.is_valid:
+        return error.fault
+    return Fault(error.fault.code, f"this is no {encoding} ({error}); send one {what} at a time, like {EXAMPLE}")
 
 
 _MEMBERS = ("jsonrpc", "id", "method", "params")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 from uwserver.adapter import AdapterContext, RateMeter, Refusals
@@ -33,7 +34,7 @@ class NativeService:
         self.context = context
         self.token = token
         self.fanout = Fanout(context)
-        self.refusals = Refusals(context.name, context.stats)
+        self.refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self._allowance = allowance
         self._requests_per_s = requests_per_s
         self._last_serial = 0

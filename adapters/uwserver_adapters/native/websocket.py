@@ -16,13 +16,12 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
+from uwserver.adapter import MESSAGE_LIMIT, is_host_known
 from uwserver.ports import ErrorCode, Fault
-from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
+from uwserver_adapters.native.codec import LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK
-from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, parse_json, parse_msgpack
+from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, id_of_json, parse_json, parse_msgpack
 
-LOCAL_ORIGINS = ("http://localhost", "http://localhost:*", "http://127.0.0.1", "http://127.0.0.1:*")
-"""Pages that may connect unless the configuration says otherwise: those of this machine."""
 HTTP_ANSWER = (
     b"HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nContent-Type: text/plain; charset=utf-8\r\nConnection: close\r\n\r\n"
     b"This is uwserver: it speaks JSON lines, msgpack frames and WebSocket here, it serves no pages.\n"
@@ -30,6 +29,8 @@ HTTP_ANSWER = (
     b"printf '" + EXAMPLE.encode() + b"\\n' | nc HOST PORT\n"
 )
 
+WEB_LIMIT = LINE_LIMIT + 4096
+"""Longest message taken in one or more frames, bytes: of more than `LINE_LIMIT` only the one message is refused, above this the peer."""
 SLICE = 2048
 """Bytes parsed at once: a slice full of the smallest frames must not take the loop's time from others."""
 _OVERHEAD = 1 << 10
@@ -47,10 +48,11 @@ _quiet.setLevel(logging.WARNING)
 
 
 class Handshake:
-    """The opening of a connection that began with ``GET ``.
+    """The opening of a connection that began with a GET of HTTP.
 
     Args:
         origins: those of pages that may connect, see `allows`.
+        hosts: names of this server beside its addresses, see `is_host_known`.
 
     Attributes:
         answer: what the peer gets once its request was complete; None before.
@@ -58,13 +60,14 @@ class Handshake:
         fault: why it was not, unless it only asked for a page.
     """
 
-    def __init__(self, origins: Sequence[str]) -> None:
+    def __init__(self, origins: Sequence[str], hosts: Sequence[str]) -> None:
         self.answer: bytes | None = None
         self.codec: WebSocketCodec | None = None
         self.fault: Fault | None = None
         self._origins = origins
+        self._hosts = hosts
         self._tail = b""
-        self._protocol = ServerProtocol(max_size=FRAME_LIMIT, logger=_quiet)
+        self._protocol = ServerProtocol(max_size=WEB_LIMIT, logger=_quiet)
 
     def receive(self, data: bytes) -> bytes:
         """Take bytes in pieces of any size, until there is an answer. Returns those after the request, which are the codec's."""
@@ -85,14 +88,9 @@ class Handshake:
     def _respond(self, request: HttpRequest) -> bytes:
         if "Upgrade" not in request.headers:
             return HTTP_ANSWER
-        origins = request.headers.get_all("Origin")
-        if not all(allows(self._origins, origin) for origin in origins):
-            text = (
-                f"pages of {origins[0][:200]} may not connect to this server: "
-                "name that origin in allowed_origins of the adapter, or open the page from http://localhost"
-            )
-            self.fault = Fault("denied", text, "allowed_origins")
-            return self._send(self._protocol.reject(403, text + "\n"))
+        self.fault = self._objection(request.headers.get_all("Origin"), request.headers.get_all("Host"))
+        if self.fault is not None:
+            return self._send(self._protocol.reject(403, self.fault.text + "\n"))
         response = self._protocol.accept(request)
         if response.status_code != 101:
             self.fault = Fault("invalid_request", (response.body or b"").decode().strip(), "handshake")
@@ -100,6 +98,17 @@ class Handshake:
         if self.fault is None:
             self.codec = WebSocketCodec(self._protocol)
         return answer
+
+    def _objection(self, origins: Sequence[str], hosts: Sequence[str]) -> Fault | None:
+        for origin in origins:
+            if not allows(self._origins, origin):
+                text = f"pages of {origin[:200]} may not connect to this server: name that origin in allowed_origins of the adapter"
+                return Fault("denied", text, "allowed_origins")
+        if not set(origins) - {"null"} and not all(is_host_known(host, self._hosts) for host in hosts):
+            # A page whose name was made to point here (DNS rebinding) says its own name.
+            text = f"{hosts[0][:200]} is no name of this server that it knows: add it to allowed_hosts of the adapter, or use the address"
+            return Fault("denied", text, "allowed_hosts")
+        return None
 
     def _send(self, response: Response) -> bytes:
         self._protocol.send_response(response)
@@ -133,7 +142,7 @@ class WebSocketCodec(Codec):
 
     def __init__(self, protocol: ServerProtocol) -> None:
         super().__init__(JSON, _text_frame)
-        self.limit = FRAME_LIMIT
+        self.limit = WEB_LIMIT
         self._protocol = protocol
         self._buffer = bytearray()
         self._events: deque[Request | Malformed | Control] = deque()
@@ -207,11 +216,13 @@ class WebSocketCodec(Codec):
             self._has_heard = True
             if not is_text:
                 self.encoding, self.frame = MSGPACK, _binary_frame
-        if not is_text:
+        if len(body) > LINE_LIMIT:
+            self._events.append(Malformed(self._too_large(LINE_LIMIT), id_of_json(body) if is_text else None))
+        elif not is_text:
             self._events.append(parse_msgpack(body))
-        elif len(body) > LINE_LIMIT:
-            self._events.append(Malformed(self._too_large(LINE_LIMIT)))
-        elif _is_utf8(body):
+        elif (
+            body.isascii() or len(body) > MESSAGE_LIMIT or _is_utf8(body)
+        ):  # a longer one is refused unless it is ASCII
             self._events.append(parse_json(body))
         else:
             self._end(

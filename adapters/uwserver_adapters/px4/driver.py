@@ -3,53 +3,27 @@
 from __future__ import annotations
 
 import logging
-import math
 import select
 import socket
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterStats, Order
+from uwserver.adapter import AdapterStats, Order, Refusals
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.px4 import codec
+from uwserver_adapters.px4.door import READ, Connection, Door
 from uwserver_adapters.px4.senses import Senses
 from uwserver_adapters.sil.channels import Outputs
 
 log = logging.getLogger(__name__)
 
-READ = 1 << 16
-"""Bytes read at a time."""
+BAD_IN_A_ROW = 100
+"""Messages and pieces that were not understood, none between them that was, after which the connection is ended."""
 WAITING = 1 << 20
 """Bytes that may wait for an autopilot that does not read; then the connection is ended."""
 
-PATIENCE_S = 1.0
-"""Wall time that a disarmed autopilot has for its outputs: some of its modes give none while nothing moves. An armed one has all of it."""
-
 COUNTS = ("controls", "late", "missed", "bad", "limited", "connections")
 """Keys of the adapter's details that count."""
-
-
-class Connection:
-    """One autopilot's."""
-
-    def __init__(self, stream: socket.socket) -> None:
-        self.stream = stream
-        self.codec = codec.Codec()
-        self.unsent = b""
-        self.is_greeted = False
-        self.controls: codec.Controls | None = None
-        self.is_fresh = False
-        self.told_s = math.inf
-
-    @property
-    def is_locked(self) -> bool:
-        """Whether the next tick waits for its outputs. Before the first ones, or built without lock-step, it would wait for ever."""
-        return self.controls is not None and self.controls.is_lockstep
-
-    @property
-    def patience_end(self) -> float:
-        """Wall time until which its outputs are waited for, s."""
-        return math.inf if self.controls is not None and self.controls.is_armed else self.told_s + PATIENCE_S
 
 
 class Px4Driver:
@@ -69,7 +43,7 @@ class Px4Driver:
         self, listener: socket.socket, outputs: Outputs, senses: Senses, ticks: int, step_s: float,
         steady: Callable[[], float], stats: AdapterStats,
     ) -> None:  # fmt: skip
-        self._listener = listener
+        self._door = Door(listener, Refusals("px4_hil", stats, steady), steady)
         self._outputs = outputs
         self._senses = senses
         self._ticks = ticks
@@ -92,7 +66,7 @@ class Px4Driver:
             if order is not None or now >= end:
                 return order
             again = end
-            if link is not None and link.is_greeted and not link.unsent:
+            if link is not None and not link.unsent:
                 again = min(end, link.patience_end if link.is_locked else self._due)
             self._wait(again - now)
 
@@ -113,13 +87,14 @@ class Px4Driver:
         self._stats.last_error = fault.text
 
     def close(self) -> None:
-        """End the connection. Loop thread, when the simulation does not call any more."""
+        """End all connections. Loop thread, when the simulation does not call any more."""
         self._drop("")
+        self._door.close()
 
     # -- steps ----------------------------------------------------------------------------------------------------------------------
 
     def _next(self, link: Connection, now: float) -> Order | None:
-        if not link.is_greeted or link.unsent:
+        if link.unsent:
             return None
         if link.is_locked and not link.is_fresh:
             if now < link.patience_end:
@@ -140,7 +115,7 @@ class Px4Driver:
 
     def _wait(self, seconds: float) -> None:
         poll = select.poll()
-        poll.register(self._listener, select.POLLIN)
+        self._door.register(poll)
         link = self._link
         if link is not None:
             poll.register(link.stream, select.POLLIN | (select.POLLOUT if link.unsent else 0))
@@ -149,23 +124,20 @@ class Px4Driver:
             if link.unsent:
                 self._send(link, b"")
             self._read(link)
-        if self._listener.fileno() in ready:
-            self._accept()
+        found = self._door.take(ready)
+        if found is not None:
+            self._begin(*found)
 
-    def _accept(self) -> None:
-        try:
-            stream, address = self._listener.accept()
-        except OSError:  # it went again
-            return
-        stream.setblocking(False)
-        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    def _begin(self, link: Connection, events: Sequence[codec.Event], bad: int) -> None:
+        """Another autopilot has spoken: it is in charge from now on."""
         self._drop("another has connected")
-        self._link = Connection(stream)
+        self._link = link
         self._stats.peers = 1
         self._counts["connections"] += 1
         self._senses.restart()
-        log.info("an autopilot has connected from %s", address)
-        self._send(self._link, self._link.codec.heartbeat())
+        log.info("an autopilot has connected")
+        self._count_bad(bad)
+        self._take(link, events)
 
     def _read(self, link: Connection) -> None:
         try:
@@ -178,8 +150,16 @@ class Px4Driver:
         if not data:
             self._drop("it closed")
             return
-        for event in link.codec.receive(data):
-            link.is_greeted = True
+        events = link.codec.receive(data)
+        link.bad_in_a_row = 0 if events else link.bad_in_a_row + link.codec.bad
+        self._take(link, events)
+        self._count_bad(link.codec.bad)
+        link.codec.bad = 0
+        if link.bad_in_a_row > BAD_IN_A_ROW:
+            self._drop("what it says is no MAVLink")
+
+    def _take(self, link: Connection, events: Sequence[codec.Event]) -> None:
+        for event in events:
             if isinstance(event, codec.Controls):
                 link.controls = event
                 # Without lock-step it names a time of its own clock.
@@ -190,10 +170,11 @@ class Px4Driver:
                 self._counts["is_locked"] = link.is_locked
             elif isinstance(event, codec.Interval):
                 self._senses.ask(event)
-        if link.codec.bad:
-            self._counts["bad"] += link.codec.bad
-            self._stats.errors += link.codec.bad
-            link.codec.bad = 0
+
+    def _count_bad(self, bad: int) -> None:
+        if bad:
+            self._counts["bad"] += bad
+            self._stats.errors += bad
 
     def _send(self, link: Connection, data: bytes) -> None:
         unsent = link.unsent + data

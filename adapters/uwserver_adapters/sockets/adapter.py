@@ -53,7 +53,7 @@ class SocketsAdapter:
             token = secrets.token_urlsafe(24)
         allowance = Allowance(config.max_subscriptions, config.max_unanswered)
         self.service = NativeService(context, token, allowance, config.max_requests_per_s)
-        self.peers: Peers[Peer] = Peers(config.max_clients, context.stats)
+        self.peers: Peers[Peer] = Peers(config.max_clients, self.service.refusals, context.stats)
         self._handshakes: set[asyncio.Task[None]] = set()
 
     async def run(self, ready: asyncio.Event) -> None:

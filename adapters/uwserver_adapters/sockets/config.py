@@ -10,7 +10,6 @@ from uwserver.adapter import UNANSWERED, AdapterTable
 from uwserver.table import Name, Positive
 from uwserver_adapters.native.outbox import QUEUE_BYTES
 from uwserver_adapters.native.session import SUBSCRIPTIONS
-from uwserver_adapters.native.websocket import LOCAL_ORIGINS
 
 _Count = Annotated[int, Meta(ge=1)]
 
@@ -22,7 +21,9 @@ class SocketsConfig(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     token: clients must show it; default: the environment's UWSERVER_TOKEN; generated and printed when bind is not loopback and there is none.
     udp_port: UDP port; 0 takes a free one; none by default.
     udp_lease_s: wall time after which a UDP client that says nothing is forgotten.
-    allowed_origins: pages of browsers that may connect by WebSocket: an origin, one with ":*" for any port, or "*" for all.
+    allowed_origins: pages of browsers that may connect by WebSocket: an origin ("http://localhost:8000"), one with ":*" for any port, or
+        "*" for all; by default none may.
+    allowed_hosts: names by which WebSocket clients that are no browsers may call this server, beside its addresses and localhost; "*" for any.
     tls_cert: certificate (PEM); with it, TCP and WebSocket are served over TLS only. A relative path starts from the folder in which the
         server was started, as do the next two.
     tls_key: its key (PEM); default: in the file of the certificate.
@@ -41,7 +42,8 @@ class SocketsConfig(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     token: Name | None = None
     udp_port: Annotated[int, Meta(ge=0, le=65535)] | None = None
     udp_lease_s: Positive = 10.0
-    allowed_origins: tuple[Name, ...] = LOCAL_ORIGINS
+    allowed_origins: tuple[Name, ...] = ()
+    allowed_hosts: tuple[Name, ...] = ()
     tls_cert: Name | None = None
     tls_key: Name | None = None
     tls_client_ca: Name | None = None

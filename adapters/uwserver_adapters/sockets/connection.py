@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 
 from uwserver import adapter
-from uwserver.adapter import Peer, Peers
+from uwserver.adapter import STRANGER_LIMIT, Peer, Peers
 from uwserver.ports import Fault
-from uwserver_adapters.native.codec import NEED_DATA, WEB, Codec, Control, JsonCodec, choose_codec
+from uwserver_adapters.native.codec import NEED_DATA, Codec, Control, JsonCodec, choose_codec
 from uwserver_adapters.native.outbox import Outbox
 from uwserver_adapters.native.requests import Malformed, Request
 from uwserver_adapters.native.service import NativeService
@@ -17,8 +17,6 @@ from uwserver_adapters.sockets.config import SocketsConfig
 
 TRIES = 3
 """Messages before a valid `hello` where a token is set."""
-STRANGER_LIMIT = 1 << 16
-"""Longest message of a peer that has not shown the token, bytes."""
 
 
 class Connection(adapter.Connection):
@@ -30,7 +28,6 @@ class Connection(adapter.Connection):
         self._config = config
         self._stats = service.context.stats
         self._outbox = Outbox(self.write, self._overflow, config.queue_samples, self._stats, config.queue_bytes)
-        self._head = b""
         self._session: Session | None = None
         self._waking: asyncio.Handle | None = None
         self._deadline: asyncio.TimerHandle | None = None
@@ -135,34 +132,39 @@ class Connection(adapter.Connection):
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
+    def takes_http(self, head: bytes) -> bool:
+        """A GET may open a WebSocket; nothing else of HTTP is answered."""
+        if not head.startswith(b"GET "):
+            return False
+        self._handshake = Handshake(self._config.allowed_origins, self._config.allowed_hosts)
+        if self._deadline is None:
+            self._deadline = self.loop.call_later(self._config.hello_timeout_s, self.abort)
+        return True
+
     def receive(self, data: bytes) -> None:
         """Store bytes; the first ones choose the codec."""
         if self._session is None:
-            self._head += data
-            codec = self._shake_hands(self._handshake) if self._handshake is not None else choose_codec(self._head)
-            if codec is WEB:
-                codec = self._open_web()
+            codec: Codec | None
+            if self._handshake is None:
+                codec = choose_codec(data)
+            else:
+                data = self._handshake.receive(data)
+                codec = self._let_in(self._handshake)
             if codec is None:
                 return
-            data, self._head = self._head, b""
             self._session = self._begin(codec)
         self._session.codec.receive(data)
 
-    def _open_web(self) -> Codec | None:
-        self._handshake = Handshake(self._config.allowed_origins)
-        if self._deadline is None:
-            self._deadline = self.loop.call_later(self._config.hello_timeout_s, self.abort)
-        return self._shake_hands(self._handshake)
-
-    def _shake_hands(self, handshake: Handshake) -> Codec | None:
-        """Go on with the opening of a WebSocket; returns its codec once the peer is let in."""
-        self._head = handshake.receive(self._head)
+    def _let_in(self, handshake: Handshake) -> Codec | None:
+        """Answer the opening of a WebSocket once it is complete; returns its codec if the peer is let in."""
         if handshake.answer is None:
             return None
         if handshake.fault is not None:
             self._stats.errors += 1
-            cause = "origin" if handshake.fault.code == "denied" else "handshake"
+            cause = {"allowed_origins": "origin", "allowed_hosts": "host"}.get(handshake.fault.where, "handshake")
             self._service.refusals.note(cause, handshake.fault.text)
+        elif handshake.codec is None:
+            self._service.refusals.note("http", "a peer asked for a page, which is not served here")
         if handshake.codec is None:
             self._stats.bytes_sent += len(handshake.answer)
             self.farewell(handshake.answer)

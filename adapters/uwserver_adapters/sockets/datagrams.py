@@ -15,7 +15,7 @@ from typing import cast
 
 import msgspec
 
-from uwserver.adapter import AdapterStats, Peer, Peers
+from uwserver.adapter import AdapterStats, Peer, Peers, RateMeter
 from uwserver.ports import Fault
 from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
@@ -29,6 +29,8 @@ DATAGRAM_LIMIT = 65507
 """Longest datagram, bytes: what UDP over IPv4 can carry."""
 STRANGER_LIMIT = 2048
 """Longest datagram that is read of an address without a session, bytes."""
+STRANGERS_PER_S = 1000
+"""Datagrams of addresses without a session that are read in a second: their senders' addresses may be forged, so they count together."""
 RECEIVE_BUFFER = 4 << 20
 """Asked of the kernel for the socket; it may give less."""
 COOKIE_S = 60.0
@@ -139,15 +141,20 @@ class DatagramClient:
         self._heard = self._loop.time()
         self._timer = self._loop.call_later(endpoint.config.udp_lease_s, self._check_lease)
 
-    def take(self, event: Request | Malformed) -> None:
-        """Carry out one datagram; any renews the lease."""
+    def admits(self) -> bool:
+        """Whether one more datagram may be read; any renews the lease."""
         self._heard = self._loop.time()
-        if not self._rate.take(self._heard):
-            if self._rate.count == self._rate.most + 1:
-                text = f"more than {self._rate.most} requests a second: send fewer, or raise max_requests_per_s"
-                self._service.refusals.note("rate", text)
-                self._refuse(Fault("overload", text))
-        elif isinstance(event, Malformed):
+        if self._rate.take(self._heard):
+            return True
+        if self._rate.count == self._rate.most + 1:
+            text = f"more than {self._rate.most} requests a second: send fewer, or raise max_requests_per_s"
+            self._service.refusals.note("rate", text)
+            self._refuse(Fault("overload", text))
+        return False
+
+    def take(self, event: Request | Malformed) -> None:
+        """Carry out one datagram."""
+        if isinstance(event, Malformed):
             self._service.refusals.note(event.fault.code, event.fault.text)
             self.session.refuse(event.id, event.fault)
         else:
@@ -198,6 +205,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         self._secret = secrets.token_bytes(32)
         self._is_paused = False
         self._lockout = Lockout()
+        self._strangers = RateMeter(STRANGERS_PER_S)
         self._loop = asyncio.get_running_loop()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -238,7 +246,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, address: Address) -> None:
         """Take one datagram."""
         client = self._clients.get(address)
-        if client is None and self._lockout.is_out(address[0], self._loop.time()):
+        if not self._admits(client, address):
             return
         if client is None and len(data) > STRANGER_LIMIT:
             self._challenge(JSON, len(data), address)
@@ -261,6 +269,18 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
             self._refuse_stranger(event, cookie)
             self._challenge(encoding, len(data), address)
 
+    def _admits(self, client: DatagramClient | None, address: Address) -> bool:
+        """Whether a datagram is read at all."""
+        if client is not None:
+            return client.admits()
+        now = self._loop.time()
+        if self._lockout.is_out(address[0], now):
+            return False
+        if self._strangers.take(now):
+            return True
+        self.service.refusals.note("strangers", f"more than {STRANGERS_PER_S} UDP datagrams of strangers a second")
+        return False
+
     def _admit(self, encoding: Encoding, hello: Request | Malformed, address: Address) -> None:
         client = DatagramClient(self, address, encoding)
         self._clients[address] = client
@@ -272,7 +292,8 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
             return
         if self.service.token is None:
             client.session.admit()
-        client.take(hello)
+        if client.admits():
+            client.take(hello)
         if not client.session.greeted:
             client.close()
 

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from uwserver.adapter import AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
-from uwserver_adapters.zenoh_bus.codec import Codec
+from uwserver_adapters.zenoh_bus.codec import ATTACHMENT_LIMIT, PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.publications import Publications, direct
@@ -225,14 +225,20 @@ def _taken(keys: KeyScheme) -> str:
 def _put(sample: zenoh.Sample) -> Put:
     import zenoh
 
-    attachment = sample.attachment
     return Put(
         str(sample.key_expr),
-        sample.payload.to_bytes(),
+        _taken_bytes(sample.payload, PAYLOAD_LIMIT) or b"",
         str(sample.encoding),
-        None if attachment is None else attachment.to_bytes(),
+        _taken_bytes(sample.attachment, ATTACHMENT_LIMIT),
         sample.kind == zenoh.SampleKind.DELETE,
     )
+
+
+def _taken_bytes(data: zenoh.ZBytes | None, limit: int) -> bytes | None:
+    """The bytes of a payload; of one that is too large only its size is of interest, and its copy would hold up everybody."""
+    if data is None:
+        return None
+    return bytes(limit + 1) if len(data) > limit else data.to_bytes()
 
 
 class _Reply:
@@ -253,15 +259,15 @@ class _Reply:
 
 
 def _question(query: zenoh.Query, sender: Worker) -> Question:
-    payload, encoding, attachment = query.payload, query.encoding, query.attachment
+    payload, encoding = query.payload, query.encoding
     key = query.key_expr
     intersects: Callable[[str], bool] = key.intersects
     return Question(
         str(key),
         query.parameters,
-        None if payload is None else payload.to_bytes(),
+        _taken_bytes(payload, PAYLOAD_LIMIT),
         "" if payload is None or encoding is None else str(encoding),
-        None if attachment is None else attachment.to_bytes(),
+        _taken_bytes(query.attachment, ATTACHMENT_LIMIT),
         _Reply(query, sender),
         intersects,
     )

@@ -11,7 +11,7 @@ from uwserver.adapter import EncodingName, SampleForm, Undecodable, decode, in_p
 from uwserver.ports import Buffer, Fault, Port, Refused, Sample
 
 PAYLOAD_LIMIT = 1 << 20
-"""Longest payload of a command or call, bytes."""
+"""Longest payload of a command or call, bytes; `decode` may take less."""
 ATTACHMENT_LIMIT = 1024
 """Longest attachment taken, bytes."""
 TEXT_LIMIT = 2000
@@ -169,7 +169,7 @@ def decode_caller(attachment: bytes | None) -> Caller:
 
 def _check_size(data: bytes, limit: int, what: str) -> None:
     if len(data) > limit:
-        raise Refused("too_large", f"the {what} holds at most {limit} bytes, this one has {len(data)}", what)
+        raise Refused("too_large", f"the {what} holds at most {limit} bytes", what)
 
 
 def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> object:
@@ -178,5 +178,5 @@ def _decode(data: bytes, encoding: EncodingName, limit: int, what: str) -> objec
         return decode(data, encoding)
     except Undecodable as error:
         if error.is_valid:
-            raise Refused("invalid_request", f"the {what}: {error}", what) from None
+            raise Refused(error.fault.code, f"the {what}: {error}", what) from None
         raise Refused("parse_error", f"the {what} is no {encoding} ({error})", what) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -95,7 +96,7 @@ class Requests:
         self._owed = Owed()
         self._strangers = Conversation(context, UNNAMED, self._owed)
         self._clients: dict[str, Conversation] = {}
-        self._refusals = Refusals(context.name, context.stats)
+        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
 
     # -- puts -------------------------------------------------------------------------------------------------------------------------
 

@@ -18,10 +18,12 @@ from uwclient.errors import CallRefused, ProtocolError, UwError
 from uwclient.ports import Event, Progress, Sample
 from uwclient.wire import RequestId
 
-LINE_LIMIT = 1 << 20
+LINE_LIMIT = 512 << 10
 """Longest JSON line the server takes, bytes."""
-FRAME_LIMIT = 16 << 20
-"""Longest frame in either direction, and longest JSON line accepted from the server, bytes."""
+FRAME_LIMIT = 5 << 20
+"""Longest frame the server takes, bytes."""
+ANSWER_LIMIT = 16 << 20
+"""Longest frame or JSON line accepted from the server, bytes."""
 _LENGTH = struct.Struct(">I")
 
 
@@ -68,8 +70,8 @@ class JsonLines:
     def feed(self, data: bytes) -> list[object]:
         """Take bytes, return the objects of the lines they complete; raises ProtocolError."""
         self._rest += data
-        if len(self._rest) > FRAME_LIMIT and b"\n" not in self._rest:
-            raise ProtocolError(f"the server sent a line of more than {FRAME_LIMIT} bytes", code="protocol")
+        if len(self._rest) > ANSWER_LIMIT and b"\n" not in self._rest:
+            raise ProtocolError(f"the server sent a line of more than {ANSWER_LIMIT} bytes", code="protocol")
         if b"\n" not in data:
             return []
         *lines, self._rest = self._rest.split(b"\n")
@@ -112,7 +114,7 @@ class MsgpackFrames:
         except (TypeError, ValueError, OverflowError) as error:
             raise CallRefused(f"the request cannot be sent as msgpack: {error}", code="bad_argument") from None
         # The length's first byte must be 0: it is what tells the server that this connection is binary.
-        _within(body, FRAME_LIMIT - 1, "a frame")
+        _within(body, FRAME_LIMIT, "a frame")
         return _LENGTH.pack(len(body)) + body
 
     def feed(self, data: bytes) -> list[object]:
@@ -122,7 +124,7 @@ class MsgpackFrames:
         start = 0
         while len(self._rest) - start >= _LENGTH.size:
             (length,) = _LENGTH.unpack_from(self._rest, start)
-            if length > FRAME_LIMIT:
+            if length > ANSWER_LIMIT:
                 raise ProtocolError(
                     f"what answers is not uwserver: it announced a frame of {length} bytes; check host and port",
                     code="protocol",

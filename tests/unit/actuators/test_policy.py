@@ -99,7 +99,8 @@ def test_the_vehicle_coasts_after_the_watchdog(make_world):
     fast = world.vehicles["rov"].nu[0]
     run(world, 3 * RATE)
     assert 0.0 <= world.vehicles["rov"].nu[0] < 0.5 * fast
-    assert not any(abs(force) > 1e-6 for force in world.read("rov/truth/wrench").value[0])
+    # 2 s after the watchdog the thrusters' lag of 0.14 s leaves a millionth.
+    assert not any(abs(force) > 1e-4 for force in world.read("rov/truth/wrench").value[0])
 
 
 # -- two who command one ----------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from uwserver.adapter import AdapterStats, Connection, Lines, Peers, connection
+from uwserver.adapter import AdapterStats, Connection, Lines, Peers, Refusals, connection
 from uwserver.testing import Loopback
 
 
@@ -61,7 +61,7 @@ class Echo(Connection):
 class Room:
     def __init__(self, most: int = 2) -> None:
         self.stats = AdapterStats()
-        self.peers = Peers(most, self.stats)
+        self.peers = Peers(most, Refusals("mine", self.stats, lambda: 0.0), self.stats)
 
     def enter(self) -> tuple[Echo, Loopback]:
         echo = Echo(self.peers)
@@ -128,7 +128,7 @@ def test_a_peer_that_floods_is_not_read_for_a_while():
         wire.feed(b"two\n")
         assert wire.take() == b"one\n"
         assert not wire.is_reading()
-        await until(wire.is_reading)
+        await until(lambda: wire.written)
         assert wire.take() == b"two\n"
 
     within_loop(scene)

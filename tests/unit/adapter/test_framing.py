@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
-from uwserver.adapter import Frames, Lines, Undecodable, decode, frame, line
+from uwserver.adapter import Frames, Lines, Undecodable, decode, frame, framing, line
 from uwserver.ports import Refused
+
+MANY = b"[" + b"1e5," * 17 + b"%s]"
+"""So many exponents that another decoder is needed."""
 
 
 def lines_of(reader: Lines) -> list[bytes | str]:
@@ -88,7 +92,16 @@ def test_values(data, encoding):
         (b"\x91" * 40 + b"\x01", "msgpack", True),
         (b"{", "json", False),
         (b"\xff\xfe", "json", False),
-        (b"1" * 10_000, "json", False),
+        (b"1" * 10_000, "json", True),
+        (b"1e400", "json", False),
+        (MANY % b"NaN", "json", False),
+        (MANY % b"-Infinity", "json", False),
+        (MANY % b"1e400", "json", False),
+        (MANY % b'"\\ud800"', "json", False),
+        (MANY % b'"\\udc00\\ud800"', "json", False),
+        (MANY % b'"\xff"', "json", False),
+        (MANY % b"1] 1", "json", False),
+        (MANY % b'"\n"', "json", False),
         (b"\xa1\xff", "msgpack", False),
     ],
 )
@@ -97,3 +110,47 @@ def test_what_is_no_value_says_why(data, encoding, is_valid):
         decode(data, encoding)
     assert caught.value.is_valid == is_valid
     assert 5 < len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        (b"1e300", 1e300),
+        (b"[1E5,-2.5e-7]", [100000.0, -2.5e-07]),
+        (b"12345678901234567890123", 12345678901234567890123),
+        (b"0.30000000000000004", 0.30000000000000004),
+        (b'[1e5,"\\ud83d\\ude00","\\\\ud800","\xc3\xa9"]', [1e5, "\U0001f600", "\\ud800", "\xe9"]),
+        (b' {"a":1e5,"a":2}\t', {"a": 2}),
+    ],
+)
+def test_numbers_on_which_the_fast_decoder_is_slow(monkeypatch, text, value):
+    monkeypatch.setattr(framing, "_JSON", None)
+    assert decode(b"[%s,%s]" % (text, b",".join([b"1e5"] * 17)), "json") == [value, *[1e5] * 17]
+
+
+@pytest.mark.parametrize(
+    ("data", "encoding"),
+    [
+        (b"[" + b"1e300," * 170_000 + b"1]", "json"),
+        (b"}{" * 500_000, "json"),
+        (b"[" + b"[]," * 340_000 + b"[]]", "json"),
+        (b"[" + (b"1" * 4000 + b",") * 250 + b"1]", "json"),
+        (b"\xdd\x00\x03\xd0\x90" + b"\xa4text" * 250_000, "msgpack"),
+        (b"\xdd\x00\x00\x20\x00" + b"\x80" * 8192, "msgpack"),
+        (b"\xc7\xff\x05" + b"x" * 255, "msgpack"),
+    ],
+)
+def test_no_decoder_sees_what_would_cost_too_much(monkeypatch, data, encoding):
+    for name in ("_JSON", "_SLOW", "_MSGPACK"):
+        monkeypatch.setattr(framing, name, None)
+    with pytest.raises(Undecodable) as caught:
+        decode(data, encoding)
+    assert caught.value.is_valid
+    assert len(str(caught.value)) < 300
+
+
+def test_a_buffer_and_a_piece_of_a_state_are_taken():
+    piece = b"QUJD" * (1 << 16)
+    assert decode(b'{"data":"%s","offset":0}' % piece, "json") == {"data": piece.decode(), "offset": 0}
+    value = {"data": b"x" * (4 << 20), "shape": [2048, 2048], "piece": piece.decode()}
+    assert decode(msgspec.msgpack.encode(value), "msgpack") == value

@@ -8,9 +8,11 @@ import errno
 import pytest
 
 from uwserver.adapter import (
+    AdapterStats,
     CannotListen,
     Connection,
     Peers,
+    Refusals,
     address_text,
     bound_socket,
     cannot_listen,
@@ -94,7 +96,7 @@ class Silent(Connection):
 
 def test_a_server_ends_with_all_its_peers():
     async def scene() -> None:
-        peers = Peers(5)
+        peers = Peers(5, Refusals("mine", AdapterStats(), lambda: 0.0))
         async with serve_tcp(lambda: Silent(peers), peers, "127.0.0.1", 0) as server:
             port = port_of_server(server)
             with pytest.raises(CannotListen, match="is in use, perhaps by a rival"):

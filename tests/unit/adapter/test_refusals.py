@@ -5,12 +5,19 @@ from __future__ import annotations
 import pytest
 
 from uwserver.adapter import AdapterStats, Refusals, did_you_mean
-from uwserver.adapter.refusals import CAUSES, WORD_LIMIT
+from uwserver.adapter.refusals import CAUSES, TELL_S, WORD_LIMIT
+
+
+class Clock:
+    now = 5.0
+
+    def __call__(self) -> float:
+        return self.now
 
 
 def test_the_first_of_each_cause_is_logged_all_are_counted(caplog: pytest.LogCaptureFixture):
     stats = AdapterStats()
-    refusals = Refusals("mine", stats)
+    refusals = Refusals("mine", stats, Clock())
     assert "refused" not in stats.details
     for _ in range(3):
         refusals.note("rate", "too many " + "x" * 1000)
@@ -21,9 +28,27 @@ def test_the_first_of_each_cause_is_logged_all_are_counted(caplog: pytest.LogCap
     assert len(caplog.messages[0]) < 700
 
 
+def test_a_cause_is_told_again_each_minute_with_the_count_since(caplog: pytest.LogCaptureFixture):
+    clock = Clock()
+    refusals = Refusals("mine", AdapterStats(), clock)
+    for _ in range(1000):
+        refusals.note("rate", "too many")
+    clock.now += TELL_S - 0.1
+    refusals.note("rate", "too many")
+    assert len(caplog.records) == 1
+    clock.now += 0.1
+    refusals.note("rate", "too many")
+    refusals.note("rate", "too many")
+    assert len(caplog.records) == 2
+    assert "too many (1000 more since the last such line)" in caplog.messages[1]
+    clock.now += TELL_S
+    refusals.note("rate", "too many")
+    assert "(1 more" in caplog.messages[2]
+
+
 def test_however_many_causes_there_are_the_log_and_the_status_are_bounded(caplog: pytest.LogCaptureFixture):
     stats = AdapterStats()
-    refusals = Refusals("mine", stats)
+    refusals = Refusals("mine", stats, Clock())
     for number in range(2 * CAUSES):
         refusals.note(str(number), "no")
     counts = stats.details["refused"]

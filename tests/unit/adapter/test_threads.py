@@ -33,6 +33,42 @@ def test_an_inbox_keeps_the_order_and_refuses_what_is_too_much():
     asyncio.run(scene())
 
 
+def test_an_inbox_takes_a_bounded_time_of_a_turn(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(threads, "TURN_S", 0.0)
+
+    async def scene() -> None:
+        loop, order = asyncio.get_running_loop(), list[object]()
+        inbox = Inbox(order.append, 10, lambda _: None)
+        for number in range(3):
+            inbox.put(number)
+        for other in "abc":
+            loop.call_soon(order.append, other)
+            await asyncio.sleep(0)
+        await until(lambda: 2 in order)
+        assert [item for item in order if isinstance(item, int)] == [0, 1, 2]
+        assert order.index("b") < order.index(2), "others have had their turn"
+
+    asyncio.run(scene())
+
+
+def test_an_inbox_survives_a_fault_of_who_takes(caplog: pytest.LogCaptureFixture):
+    async def scene() -> None:
+        taken: list[int] = []
+
+        def take(number: int) -> None:
+            taken.append(number)
+            if number == 0:
+                raise ValueError("of the test")
+
+        inbox = Inbox(take, 10, lambda _: None)
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)
+        inbox.put(0)
+        inbox.put(1)
+        await until(lambda: 1 in taken)
+
+    asyncio.run(scene())
+
+
 def test_an_inbox_outlives_its_loop():
     async def scene() -> Inbox[int]:
         return Inbox(lambda _: None, 3, lambda _: None)

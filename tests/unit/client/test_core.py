@@ -12,7 +12,7 @@ import msgpack
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from uwclient.core import FRAME_LIMIT, LINE_LIMIT, JsonLines, MsgpackFrames, Reply, Wire, framing
+from uwclient.core import ANSWER_LIMIT, FRAME_LIMIT, LINE_LIMIT, JsonLines, MsgpackFrames, Reply, Wire, framing
 from uwclient.errors import CallRefused, ProtocolError, UwError
 from uwclient.ports import Event, Progress, Sample
 from uwclient.session import time_reached
@@ -113,7 +113,7 @@ def test_an_endless_line_is_refused() -> None:
     chunk = b"x" * (4 << 20)
     for _ in range(4):
         assert lines.feed(chunk) == []
-    with pytest.raises(ProtocolError, match=str(FRAME_LIMIT)):
+    with pytest.raises(ProtocolError, match=str(ANSWER_LIMIT)):
         lines.feed(chunk)
 
 

@@ -171,7 +171,7 @@ def test_forces_act_with_the_density_of_the_column(tmp_path):
         assert body.buoyancy == pytest.approx(density * 9.81 * 0.0134, rel=1e-12)
         assert body.displaced == pytest.approx(density * 0.0134, rel=1e-12)
         assert body.M_A[0, 0] == pytest.approx(6.36 * density / 1000.0, rel=1e-12)
-        assert body.D_Q[0, 0] == pytest.approx(141.0 * density / 1000.0, rel=1e-12)
+        assert body.D_Q[0, 0] == pytest.approx(34.6 * density / 1000.0, rel=1e-12)
     assert by_column.water.density == pytest.approx(by_column.water.density_at(0.0), abs=1e-9)
 
 

@@ -126,12 +126,13 @@ def test_sensors_ask_the_moving_water():
 
 
 def test_a_surface_vehicle_stays_near_the_surface_in_waves():
+    """Within the significant height: with 2 N more buoyancy than weight it ducks under crests and comes up at 0.15 m/s."""
     world = make(z=(0.0, 0.0))
     for _ in range(10):
         world.step(480)
         for vehicle in world.vehicles.values():
             x, y, z = vehicle.p_NB
-            assert abs(z + world.water.elevation(x, y, world.t_ns / 1e9)) < 0.6
+            assert abs(z + world.water.elevation(x, y, world.t_ns / 1e9)) < 0.8
 
 
 BAD = """

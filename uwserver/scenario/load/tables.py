@@ -23,6 +23,8 @@ class Server(Table, kw_only=True, frozen=True):
     name: how the server calls itself.
     metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
     metrics: serve them.
+    allowed_hosts: names by which these may be asked, beside addresses and localhost; "*" for any. A web page whose name was made to point
+        here (DNS rebinding) could read them otherwise.
     state_folder: where clients may save and load states of the world as files (``world/save``, ``world/load``), beside this file unless it
         is absolute; at most 64 of them; default: nowhere.
     uvloop: run the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
@@ -32,6 +34,7 @@ class Server(Table, kw_only=True, frozen=True):
     metrics: bool = True
     metrics_bind: str = "127.0.0.1"
     metrics_port: Annotated[int, Meta(ge=0, le=65535)] = 9600
+    allowed_hosts: tuple[Name, ...] = ()
     state_folder: str = ""
     uvloop: bool = False
 

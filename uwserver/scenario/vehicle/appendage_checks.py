@@ -56,6 +56,8 @@ def _check_propeller(propeller: ShaftPropeller, path: KeyPath, report: Report) -
     if isinstance(propeller.curve, UnsetType):
         if propeller.astern_factor != 1.0:
             report((*path, "astern_factor"), "belongs to a curve: four quadrants have their own thrust astern")
+        if propeller.inflow != "axial":
+            report((*path, "inflow"), "the whole speed belongs to a curve: in four quadrants its direction counts")
         if propeller.quadrants is not UNSET and propeller.pitch_ratio is not UNSET:
             report((*path, "pitch_ratio"), "belongs to the B4-70, but quadrants give another propeller: leave one out")
         _check_quadrants(propeller, path, report)

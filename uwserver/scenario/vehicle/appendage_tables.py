@@ -92,7 +92,7 @@ class ShaftPropeller(Sourced, kw_only=True, frozen=True):
         wake_fraction: w of the speed of advance (1 - w) u.
         thrust_deduction: t of the thrust on the vehicle, (1 - t) T.
         handedness: right (clockwise seen along the axis) turns the vehicle to the left; none: no reaction torque.
-        inflow: advances with the speed along the axis, or with the whole speed.
+        inflow: advances with the speed along the axis, or, with `curve`, with the whole speed, whatever its direction.
         max_speed_radps: largest shaft speed, ahead and astern.
         rate_radps2: largest change of the shaft speed; default: no limit.
         time_constant_s: of its first-order lag.

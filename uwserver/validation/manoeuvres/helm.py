@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +21,8 @@ from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.validation.manoeuvres.bollard import DEPTH, bollard
 
-DEPTH = 500.0
-"""m; from here nothing reaches the surface."""
 _SMALL = 0.02
 """rad, of a fin to see what it does; and what part of an effect counts as none."""
 _AXES = (0, 1, 2, 5)
@@ -44,6 +44,9 @@ class Sticks(NamedTuple):
     planes: float = 0.0
     sink: float = 0.0
     nose_down: float = 0.0
+
+
+GLIDE_DOWN = Sticks(sink=1.0, nose_down=1.0)
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,11 @@ class Helm:
         column = Sticks._fields.index(stick)
         return any(part[..., column].any() for part in (self._mix.thrusters, self._mix.shafts, self._mix.wrench))
 
+    @property
+    def glides(self) -> bool:
+        """Whether ballast and a moving mass drive it, and no propulsor."""
+        return self.has("sink") and self.has("nose_down") and not self.has("surge")
+
     def tell(self, hydro: Hydrodynamics, row: int, sticks: Sticks) -> None:
         """Command the body in this row from now on."""
         record, asked, mix = hydro.bodies[row], np.array(sticks[:4]), self._mix
@@ -113,16 +121,15 @@ class Helm:
 
 def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
     thrusters, propellers = body.thrusters, body.appendages.propellers
-    servos = {servo.name: servo for servo in body.appendages.servos}
-    highs = np.array([servos[propeller.servo].high for propeller in propellers])
-    strengths = [max(force for _, force in _curve(t.table.curves, t.table.voltages, t.voltage)) for t in thrusters]
-    strengths += [
-        p.density * p.diameter**4 * (high / (2.0 * np.pi)) ** 2 * max(p.curve[0][1], 1e-9)
-        for p, high in zip(propellers, highs, strict=True)
-    ]
+    names = [servo.name for servo in body.appendages.servos]
+    servos = [names.index(propeller.servo) for propeller in propellers]
+    highs = np.array([body.appendages.servos[k].high for k in servos])
     placed = [(t.r, t.axis) for t in thrusters] + [(p.r, p.axis) for p in propellers]
-    columns = np.array([_column(r, axis) for r, axis in placed]).reshape(-1, 6).T
-    shares = _shares(columns * np.array(strengths))
+    columns = np.array([_column(r, axis) for r, axis in placed]).reshape(-1, 6)
+    alone = [partial(_push, thruster=k) for k in range(len(thrusters))]
+    alone += [partial(_spin, servo=k, speed=high) for k, high in zip(servos, highs.tolist(), strict=True)]
+    strengths = np.einsum("ni,ni->n", bollard(body, alone)[:, :3], columns[:, :3])
+    shares = _shares((columns * np.maximum(strengths, 1e-9)[:, None]).T)
     wrench = np.zeros((4, 4))
     if any(isinstance(actuator, ForceTorqueConfig) for actuator in vehicle.actuators.values()) and not shares.any():
         own = vehicle.autopilot
@@ -132,10 +139,15 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
     return _Mix(shares[:split], shares[split:] * highs[:, None], wrench)
 
 
-def _curve(
-    curves: Sequence[tuple[tuple[float, float], ...]], voltages: Sequence[float], voltage: float
-) -> tuple[tuple[float, float], ...]:
-    return curves[min(range(len(voltages)), key=lambda k: abs(voltages[k] - voltage))]
+def _push(hydro: Hydrodynamics, row: int, thruster: int) -> None:
+    """One thruster of the body in this row at full command."""
+    k = int(hydro.bodies["thruster_first"][row]) + thruster
+    hydro.thrusters["command"][k], hydro.thrusters["fresh"][k] = 1.0, 1
+
+
+def _spin(hydro: Hydrodynamics, row: int, servo: int, speed: float) -> None:
+    """One shaft of the body in this row at its speed, rad/s."""
+    hydro.servos["command"][int(hydro.bodies["servo_first"][row]) + servo] = speed
 
 
 def _column(r: Sequence[float], axis: Sequence[float]) -> FloatArray:

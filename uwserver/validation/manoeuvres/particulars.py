@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import msgspec
 import numpy as np
 from msgspec import UnsetType
 
-from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.scenario.vehicle.body import matrices
-from uwserver.validation.manoeuvres.helm import DEPTH, Helm, Sticks
+from uwserver.validation.manoeuvres.bollard import bollard
+from uwserver.validation.manoeuvres.helm import Helm, Sticks
 from uwserver.validation.manoeuvres.outline import outline
+from uwserver.validation.manoeuvres.runs import floats
 
-_HEAVY = 1e12
-"""kg and kg m2 of a body that no thrust moves."""
-_SPUN_UP_S = 10.0
 THRUSTS = {
     "ahead": (Sticks(surge=1.0), 0),
     "astern": (Sticks(surge=-1.0), 0),
@@ -54,8 +53,9 @@ def particulars(resolved: ResolvedVehicle, body: BodyParams, helm: Helm) -> list
     ]
     if resolved.solid is not None:
         found.append(Particular("length, width, height of its collision shapes", "m", _size(resolved.solid), ""))
-    arm = (body.weight * body.r_g[2] - body.buoyancy * body.r_b[2]) / max(body.weight, 1e-9)
-    found.append(Particular("righting arm", "m", (arm,), _statuses(rigid, file.buoyancy)))
+    if not floats(body):
+        arm = (body.weight * body.r_g[2] - body.buoyancy * body.r_b[2]) / max(body.weight, 1e-9)
+        found.append(Particular("righting arm", "m", (arm,), _statuses(rigid, file.buoyancy)))
     found.append(
         Particular("moments of inertia about the origin", "kg m2", tuple(np.diag(body.M_RB)[3:].tolist()), rigid.status)
     )
@@ -110,18 +110,8 @@ def _size(solid: Solid) -> tuple[float, ...]:
 
 def _thrust(helm: Helm) -> Iterator[tuple[str, int, float]]:
     """Name, axis and size of what each stick makes at rest, held fast: N or N m."""
-    body, zero, eye = helm.body, np.zeros((6, 6)), np.eye(6)
-    fast = replace(
-        body, M_RB=_HEAVY * eye, M_A=zero, D_L=zero, D_Q=zero, D_S=zero, weight=0.0, buoyancy=0.0, displaced=0.0
-    )
     known = {name: (sticks, axis) for name, (sticks, axis) in THRUSTS.items() if helm.has(_moved(sticks))}
-    hydro = Hydrodynamics([fast] * len(known), 0.02)
-    hydro.state[:, 2] = DEPTH
-    for row, (sticks, _) in enumerate(known.values()):
-        helm.tell(hydro, row, sticks)
-    for k in range(round(_SPUN_UP_S / hydro.dt)):
-        hydro.advance(k * hydro.dt)
-    wrench = hydro.rates_of_change(_SPUN_UP_S)[1]
+    wrench = bollard(helm.body, [partial(helm.tell, sticks=sticks) for sticks, _ in known.values()])
     for row, (name, (_, axis)) in enumerate(known.items()):
         yield name, axis, abs(float(wrench[row, axis]))
 

@@ -9,9 +9,11 @@ import numpy as np
 
 from uwserver.frames import multiply, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, STATE_SIZE, P, Q
-from uwserver.validation.manoeuvres.helm import DEPTH, Helm, Sticks
+from uwserver.validation.manoeuvres.bollard import DEPTH
+from uwserver.validation.manoeuvres.helm import Helm, Sticks
 
 DT = 0.02
 """s, of a tick."""
@@ -108,6 +110,11 @@ class Track:
         return self.since(0.9 * float(self.t[-1]))
 
 
+def floats(body: BodyParams) -> bool:
+    """Whether it is a vessel of the surface."""
+    return bool(body.shapes) and body.buoyancy >= FLOATING * body.weight
+
+
 class Waters:
     """Where a vehicle makes its manoeuvres: still, and deep for all but those of the surface.
 
@@ -120,7 +127,7 @@ class Waters:
     def __init__(self, helm: Helm) -> None:
         body = helm.body
         self.helm = helm
-        self.floats = bool(body.shapes) and body.buoyancy >= FLOATING * body.weight
+        self.floats = floats(body)
         self.rest = np.zeros(STATE_SIZE)
         self.rest[Q], self.rest[2] = 1.0, 0.0 if self.floats else DEPTH
         if self.floats:

@@ -24,7 +24,7 @@ from uwserver.validation.manoeuvres.figures import (
     mean,
     settled,
 )
-from uwserver.validation.manoeuvres.helm import Sticks
+from uwserver.validation.manoeuvres.helm import GLIDE_DOWN, Sticks
 from uwserver.validation.manoeuvres.runs import Plan, Track, Waters, hold, still, then
 
 THROTTLES = (0.3, 0.6, 1.0)
@@ -132,13 +132,18 @@ GLIDE = (
 
 
 def glide(waters: Waters) -> Trial:
-    """Heavy and nose down, then light and nose up, without thrust: for what has ballast, a moving mass and no propulsor."""
+    """Heavy, then light, without thrust, by ballast alone and with the moving mass: for what has both, and no propulsor."""
     helm = waters.helm
-    if not (helm.has("sink") and helm.has("nose_down")) or helm.has("surge"):
+    if not helm.glides:
         return Trial(
             "glide", "Glide", "", reason="it is no glider: that needs ballast and a moving mass, and no propulsor"
         )
-    sticks = {"down": Sticks(sink=1.0, nose_down=1.0), "up": Sticks(sink=-1.0, nose_down=-1.0)}
+    sticks = {
+        "down": Sticks(sink=1.0),
+        "up": Sticks(sink=-1.0),
+        "down, mass forward": GLIDE_DOWN,
+        "up, mass aft": Sticks(sink=-1.0, nose_down=-1.0),
+    }
     rows = []
     for told, track in zip(sticks, waters.sail([hold(each) for each in sticks.values()], LONG_S), strict=True):
         end = track.steady
@@ -148,7 +153,7 @@ def glide(waters: Waters) -> Trial:
     return Trial(
         "glide",
         "Glide",
-        f"Ballast and moving mass as far as they go, {LONG_S:g} s from rest; the last tenth.",
+        f"Ballast, and moving mass, as far as they go, {LONG_S:g} s from rest; the last tenth.",
         GLIDE,
         tuple(rows),
     )

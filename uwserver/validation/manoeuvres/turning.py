@@ -26,7 +26,7 @@ from uwserver.validation.manoeuvres.figures import (
     mean,
     turn_told,
 )
-from uwserver.validation.manoeuvres.helm import Sticks
+from uwserver.validation.manoeuvres.helm import GLIDE_DOWN, Sticks
 from uwserver.validation.manoeuvres.runs import Track, Waters, then
 
 RUDDER, ZIGZAG, ZIGZAG_BY_THRUST = rad(15.0), rad(10.0), rad(20.0)
@@ -43,12 +43,16 @@ CIRCLE = (
 
 
 def turning_circle(waters: Waters, more: Sequence[tuple[float, float]] = ()) -> Trial:
-    """At full throttle, rudder or yaw to starboard; `more` runs at (throttle, rudder angle in rad)."""
+    """At full throttle or in a glide, rudder or yaw to starboard; `more` runs at (throttle, rudder angle in rad)."""
     title, helm = "Turning circle", waters.helm
     turns: list[tuple[str, Sticks, Sticks]] = []
-    if helm.has("rudder") and helm.has("surge"):
-        for throttle, angle in dict.fromkeys([(1.0, min(RUDDER, helm.rudder)), *more]):
-            turns.append((turn_told(throttle, angle), Sticks(surge=throttle), Sticks(surge=throttle, rudder=angle)))
+    if helm.has("rudder"):
+        angle = min(RUDDER, helm.rudder)
+        for throttle, delta in dict.fromkeys([(1.0, angle), *more]) if helm.has("surge") else ():
+            turns.append((turn_told(throttle, delta), Sticks(surge=throttle), Sticks(surge=throttle, rudder=delta)))
+        if helm.glides:
+            told = f"gliding down, rudder {degrees(angle)}"
+            turns.append((told, GLIDE_DOWN, GLIDE_DOWN._replace(rudder=angle)))
     if helm.has("yaw"):
         if helm.has("surge"):
             turns.append((BY_THRUST, Sticks(surge=0.5), Sticks(surge=0.5, yaw=0.5)))
@@ -57,7 +61,10 @@ def turning_circle(waters: Waters, more: Sequence[tuple[float, float]] = ()) -> 
         return Trial("turn", title, "", reason="it has neither rudder nor a pair of thrusters that turns it")
     tracks = waters.sail([then(before, APPROACH_S, after) for _, before, after in turns], APPROACH_S + TURNING_S)
     rows = tuple(Row(told, _circle(track)) for (told, _, _), track in zip(turns, tracks, strict=True))
-    text = f"After {APPROACH_S:g} s straight ahead, to starboard for {TURNING_S:g} s; advance at 90, tactical diameter at 180 degrees."
+    text = (
+        f"After {APPROACH_S:g} s straight ahead, or gliding down, to starboard for {TURNING_S:g} s; advance at 90, tactical diameter at 180\n"
+        "degrees."
+    )
     return Trial("turn", title, text, CIRCLE, rows)
 
 

@@ -251,8 +251,9 @@ def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
             raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
         try:
             table = {**given, "kind": args["kind"], "target": args["target"]}
-            # By way of JSON, which has no NaN.
-            fault = msgspec.json.decode(msgspec.json.encode(table), type=FaultConfig)
+            given_fault: FaultConfig = msgspec.convert(table, FaultConfig)
+            # By way of JSON, which has no half a surrogate pair; of the finished table alone, as what else was given may be long.
+            fault = msgspec.json.decode(msgspec.json.encode(given_fault), type=FaultConfig)
         except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
             raise Refused("bad_argument", str(error), "parameters") from None
         faults.set(str(args["name"]), fault)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.mavlink.links.routes import Routes
 from uwserver_adapters.mavlink.links.tlog import Tlog
@@ -20,6 +20,8 @@ from uwserver_adapters.mavlink.wire.streams import Streams
 COMPONENT = 1
 """The autopilot's; ground stations look at no other."""
 _UNSIGNED = frozenset({"RADIO", "RADIO_STATUS"})
+_AT_ONCE = 1024
+"""Frames, and pieces that are none, which are looked at in one datagram or one piece of a serial line; it has far fewer."""
 _PARTS = 60
 """Messages of downloads that a channel gets between two ticks: 1200/s at the usual 20 ticks a second."""
 
@@ -40,6 +42,7 @@ class Router:
         vehicle: its state machine.
         channels: those that are open, by number.
         dialect: the messages.
+        refusals: of links.
 
     Raises:
         OSError: the log cannot be written.
@@ -58,6 +61,7 @@ class Router:
         self.channels: dict[int, Channel] = {}
         self._config = config
         self.context = context
+        self.refusals = Refusals(context.name, context.stats, steady)
         self.dialect = dialect
         self._steady = steady
         self._offset = unix_s - steady()
@@ -116,10 +120,16 @@ class Router:
     # -- in ---------------------------------------------------------------------------------------------------------------------------
 
     def receive(self, channel: Channel, data: bytes) -> None:
-        """Bytes of a peer, all taken at once."""
+        """Bytes of a peer, all taken at once; what a flood brings is not even looked at."""
+        if channel.meter.is_flooded(self._steady()):
+            self._counters["flood"] += 1
+            return
         channel.decoder.receive(data)
-        while self.work(channel):
-            pass
+        for _ in range(_AT_ONCE):
+            if not self.work(channel):
+                return
+        self._counters["flood"] += 1
+        channel.decoder.clear()
 
     def count(self, reason: str) -> None:
         """Something came that could not be taken."""
@@ -131,6 +141,7 @@ class Router:
         if isinstance(event, Frame):
             self._take(channel, event)
         elif isinstance(event, Malformed):
+            channel.meter.take(self._steady())
             self._counters[f"{event.reason}_bytes" if event.reason == "garbage" else event.reason] += (
                 event.size if event.reason == "garbage" else 1
             )

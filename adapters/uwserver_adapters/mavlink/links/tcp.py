@@ -55,6 +55,11 @@ class TcpPeer(Connection):
         """Take the next frame."""
         return self._channel is not None and self._router.work(self._channel)
 
+    def quiet_until(self) -> float:
+        """The end of the window, when the peer floods."""
+        meter = None if self._channel is None else self._channel.meter
+        return meter.end if meter is not None and meter.is_flooded(self.loop.time()) else 0.0
+
     def _send(self, data: bytes) -> bool:
         if self.is_closing or self.waiting > WAITING:
             return False
@@ -68,7 +73,7 @@ class TcpIn(Link):
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpin", address), router)
         self._at = address
-        self._peers: Peers[TcpPeer] = Peers(PEERS)
+        self._peers: Peers[TcpPeer] = Peers(PEERS, router.refusals)
         self._open = contextlib.AsyncExitStack()
 
     async def open(self) -> None:
@@ -90,7 +95,7 @@ class TcpOut(Link):
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpout", address), router)
         self._to = address
-        self._peers: Peers[TcpPeer] = Peers(1)
+        self._peers: Peers[TcpPeer] = Peers(1, router.refusals)
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:

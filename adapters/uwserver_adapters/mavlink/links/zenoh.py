@@ -12,7 +12,7 @@ from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.links.zenoh_json import IN as JSON_IN
 from uwserver_adapters.mavlink.links.zenoh_json import JsonKeys
 from uwserver_adapters.mavlink.wire.channel import Channel
-from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
+from uwserver_adapters.mavlink.wire.json_form import LONGEST, BadJson, frame_of
 
 if TYPE_CHECKING:
     import zenoh
@@ -89,7 +89,14 @@ class ZenohLink(Link):
 
     def _hears(self, take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
         """For a thread of zenoh."""
-        return lambda sample: self._inbox.put((take, sample.payload.to_bytes()))
+
+        def hear(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > LONGEST:  # its copy alone would hold up everybody
+                self._too_many(sample)
+            else:
+                self._inbox.put((take, sample.payload.to_bytes()))
+
+        return hear
 
     def _arrived(self, item: tuple[Callable[[bytes], None], bytes]) -> None:
         take, data = item

@@ -65,6 +65,11 @@ class Decoder:
             self._start = 0
         self._buffer += data
 
+    def clear(self) -> None:
+        """Forget what came and was not taken yet."""
+        self._buffer.clear()
+        self._start = 0
+
     def next_event(self) -> Frame | Malformed | None:
         """The next frame, or what was skipped on the way to it; None until more bytes come."""
         buffer, first = self._buffer, self._start

@@ -14,6 +14,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct, field
 
+from uwserver.adapter import Undecodable, decode
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Layout, Part, Value
 from uwserver_adapters.mavlink.wire.frames import Frame, pack
 
@@ -42,7 +43,6 @@ class _Envelope(Struct, frozen=True):
 
 _F32_END = 1 << 128
 """No number of 32 bits is as large."""
-_DECODER = msgspec.json.Decoder(_Envelope)
 
 
 def name_of(part: Part) -> str:
@@ -72,8 +72,8 @@ def frame_of(data: bytes, dialect: Dialect) -> bytes:
     if len(data) > LONGEST:
         raise BadJson(f"{len(data)} bytes, at most {LONGEST}")
     try:
-        envelope = _DECODER.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        envelope = msgspec.convert(decode(data, "json"), _Envelope)
+    except (Undecodable, msgspec.ValidationError) as error:
         raise BadJson(str(error)) from None
     given = envelope.message
     name = given.get("type")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, Conversation, port_of_kind, vehicle_of, vehicles_of
-from uwserver.ports import Buffer, Event, Fault, Field, Port, Refused, Reply, Sample, matches
+from uwserver.adapter import AdapterContext, Conversation, Undecodable, decode, port_of_kind, vehicle_of, vehicles_of
+from uwserver.ports import Event, Fault, Field, Port, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.bridge.mixing import Mixer
 from uwserver_adapters.moos.bridge.names import Outlet, variable
@@ -17,7 +17,7 @@ from uwserver_adapters.moos.bridge.usm import MOMENTARY, UsmInputs
 from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
-from uwserver_adapters.moos.wire import readable
+from uwserver_adapters.moos.wire import TEXT_LIMIT, readable
 
 Pairs = Sequence[tuple[str, float | str]]
 
@@ -134,11 +134,11 @@ class Bridge:
     def _reply(self, answer: Answer) -> None:
         self._post([(REPLY, msgspec.json.encode(answer).decode())])
 
-    def _tell(self, name: str, value: float | str, source: str, fault: Fault) -> None:
+    def _tell(self, name: str, value: float | str | bytes, source: str, fault: Fault) -> None:
         stats = self._context.stats
         stats.errors += 1
         stats.last_error = f"{name}: {fault.text}"
-        said = {"variable": name, "value": value[:80] if isinstance(value, str) else value, "src": source}
+        said = {"variable": name, "value": _shown(value), "src": source}
         text = msgspec.json.encode({**said, "code": fault.code, "message": fault.text, "where": fault.where})
         self._post([(ERROR, text.decode())])
 
@@ -158,7 +158,7 @@ class Bridge:
         for name, value, source, time in written:
             source = readable(source)
             if isinstance(value, bytes):
-                value = self._text_of(name, value)
+                value = self._read(name, value)
             elif isinstance(value, str):
                 value = readable(value)
             if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
@@ -175,12 +175,12 @@ class Bridge:
         for path, source in commanded.items():
             self._command(path, self._mixer.command(path), source)
 
-    def _text_of(self, name: str, value: bytes) -> str:
-        """A binary variable: base64 as in JSON for a field of bytes or a buffer, else text."""
+    def _read(self, name: str, value: bytes) -> str | bytes:
+        """A binary variable: itself for a field of bytes or a buffer, or where it is too long, else text."""
         packed = name in self._direct and self._direct[name][1].is_packed
-        return (msgspec.json.encode(Buffer(data=value)) if packed else value).decode("utf-8", "replace")
+        return value if packed or len(value) > TEXT_LIMIT else value.decode("utf-8", "replace")
 
-    def _pass_over(self, name: str, value: float | str, source: str, time: float) -> None:
+    def _pass_over(self, name: str, value: float | str | bytes, source: str, time: float) -> None:
         """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""
         before = self._passed_over.setdefault(name, time)
         if before is not None and time != before:
@@ -191,7 +191,10 @@ class Bridge:
     def _is_state(self, name: str) -> bool:
         return name in self._usm.names and name not in MOMENTARY
 
-    def _obey(self, name: str, value: float | str, source: str, commanded: dict[str, str]) -> None:
+    def _obey(self, name: str, value: float | str | bytes, source: str, commanded: dict[str, str]) -> None:
+        if isinstance(value, bytes):
+            self._obey_bytes(name, value, source)
+            return
         if name in self._mixer.names:
             if isinstance(value, str):
                 raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
@@ -206,11 +209,17 @@ class Bridge:
         elif self._table.usm and name in self._usm.names:
             self._usm.take(name, value, source, lambda fault: self._tell(name, value, source, fault))
 
+    def _obey_bytes(self, name: str, value: bytes, source: str) -> None:
+        if name not in self._direct or not self._direct[name][1].is_packed:
+            raise Refused("too_large", f"a text of {len(value)} bytes: the longest has {TEXT_LIMIT}", name)
+        port, field = self._direct[name]
+        self._command(port.path, {field.name: value}, source, name)
+
     def _neutral(self) -> None:
         for path in self._mixer.neutral():
             self._command(path, self._mixer.command(path), self._peer.source)
 
-    def _command(self, path: str, value: dict[str, object] | dict[str, float | list[float]], source: str, name: str = "") -> None:  # fmt: skip
+    def _command(self, path: str, value: Mapping[str, object], source: str, name: str = "") -> None:  # fmt: skip
         name = name or variable(path)
 
         def on_answer(reply: Reply) -> None:
@@ -229,11 +238,18 @@ class Bridge:
         self._peer.close()
 
 
+def _shown(value: float | str | bytes) -> float | str:
+    """A value as a refusal repeats it."""
+    if isinstance(value, bytes):
+        return f"<binary> {len(value)} bytes"
+    return value[:80] if isinstance(value, str) else value
+
+
 def _given(value: float | str) -> object:
     """A field of a command: a number, or a JSON list in a text."""
     if not isinstance(value, str):
         return value
     try:
-        return msgspec.json.decode(value.encode("utf-8", "replace"))
-    except (msgspec.DecodeError, RecursionError):
+        return decode(value.encode("utf-8", "replace"), "json")
+    except Undecodable:
         raise ValueError(f'"{value[:40]}" is neither a number nor a JSON list') from None

@@ -7,12 +7,12 @@ the same `id`, and either `value` and `tick`, or `error`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec import Struct
 
-from uwserver.adapter import AdapterContext, Conversation, Owed
+from uwserver.adapter import AdapterContext, Conversation, Owed, Undecodable, decode, json_member
 from uwserver.ports import Fault, Json, Refused, Reply
 
 TIMEOUT_S = 10.0
@@ -20,6 +20,7 @@ OPEN = 64
 """Calls that may be under way."""
 TEXT_LIMIT = 1 << 16
 
+T = TypeVar("T")
 Answer = dict[str, Json]
 """`id`, `service`, `src`, and either `tick`, `t_ns` and `value`, or `error`."""
 
@@ -42,18 +43,39 @@ def parse(text: str) -> Request:
     if len(text) > TEXT_LIMIT:
         raise Refused("too_large", f"a call of {len(text)} characters: the longest has {TEXT_LIMIT}")
     text = text.strip()
+    if text.startswith("{"):
+        return _converted(text, Request)
+    id, service, args = words(text)
+    if not service:
+        raise Refused("invalid_request", 'write [id] service [arguments], as in 7 world/step {"n": 10}')
+    return Request(service, id, _converted(args, dict[str, Any]) if args else {})
+
+
+def words(text: str) -> tuple[str | None, str, str]:
+    """Id, service and arguments of the short form; the id is None where there is none, the others may be empty."""
+    first, rest = _split(text)
+    if not first or "/" in first:
+        return None, first, rest
+    return first, *_split(rest)
+
+
+def _split(text: str) -> tuple[str, str]:
+    found = text.split(None, 1)
+    return (found[0] if found else "", found[1] if len(found) > 1 else "")
+
+
+def id_of(text: str) -> str | int | None:
+    """The id of a call that cannot be read; None where it has none."""
+    text = text[:TEXT_LIMIT].strip()
+    return json_member(text.encode("utf-8", "replace"), "id") if text.startswith("{") else words(text)[0]
+
+
+def _converted(text: str, kind: type[T]) -> T:
     try:
-        if text.startswith("{"):
-            return msgspec.json.decode(text.encode("utf-8", "replace"), type=Request)
-        words = text.split(None, 1)
-        id: str | None = None
-        if words and "/" not in words[0]:
-            id, words = words[0], words[1].split(None, 1) if len(words) > 1 else []
-        if not words:
-            raise Refused("invalid_request", 'write [id] service [arguments], as in 7 world/step {"n": 10}')
-        args = msgspec.json.decode(words[1].encode("utf-8", "replace"), type=dict[str, Any]) if len(words) > 1 else {}
-        return Request(words[0], id, args)
-    except (msgspec.DecodeError, RecursionError) as error:
+        return msgspec.convert(decode(text.encode("utf-8", "replace"), "json"), kind)
+    except Undecodable as error:
+        raise Refused(error.fault.code, f"the arguments are no JSON map that is taken: {error}") from None
+    except msgspec.ValidationError as error:
         raise Refused("parse_error", f"the arguments are no JSON map: {error}") from None
 
 
@@ -81,7 +103,7 @@ class Calls:
             source: client that wrote it.
             answer: takes the one answer.
         """
-        request = Request("")
+        request = Request("", id_of(text))
 
         def on_answer(reply: Reply) -> None:
             if reply.fault is not None:

@@ -125,7 +125,7 @@ def _number(value: Value) -> float:
 
 
 def _flag(value: Value) -> bool:
-    word = str(value).strip().lower()
+    word = str(value)[:40].strip().lower()
     if word not in ("true", "false"):
-        raise ValueError(f'"{word[:40]}" is neither true nor false')
+        raise ValueError(f'"{word}" is neither true nor false')
     return word == "true"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import AdapterContext, Peers, address_text, port_of_server, serve_tcp, serving
+from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, port_of_server, serve_tcp, serving
 from uwserver_adapters.moos.clock import MoosClock, warp_of
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database
@@ -31,7 +31,9 @@ class MoosDbAdapter:
         self.context = context
         self.clock = MoosClock(warp_of(context, config.warp), asyncio.get_running_loop().time)
         self.database = Database(config.community, self.clock.now, config.max_variables)
-        self.peers: Peers[Guest] = Peers(config.max_clients)
+        self.peers: Peers[Guest] = Peers(
+            config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        )
         self._names: dict[str, Guest] = {}
         self._with_mail: list[Guest] = []
         self._sending: asyncio.Handle | None = None
@@ -61,7 +63,7 @@ class MoosDbAdapter:
         loop = asyncio.get_running_loop()
         while True:
             self.database.tell()
-            self.context.stats.details["refused"] = self.database.refused
+            self.context.stats.details["refused_writes"] = self.database.refused
             await asyncio.sleep(TELL_S)
             for guest in self.peers:
                 guest.check(loop.time())

@@ -147,9 +147,9 @@ class Database:
         elif message.type == wire.UNREGISTER:
             self._forget(name, message.key)
         elif message.type == wire.WILDCARD_REGISTER:
-            self.register_all(name, *wire.wildcard_of(message.text))
+            self.register_all(name, *wire.wildcard_of(message))
         elif message.type == wire.WILDCARD_UNREGISTER:
-            pattern, app, _ = wire.wildcard_of(message.text)
+            pattern, app, _ = wire.wildcard_of(message)
             self.forget_all(name, pattern, app)
         elif message.type == wire.SERVER_REQUEST:
             self._answer(name, message)
@@ -293,7 +293,7 @@ class Database:
         for key, variable in self.variables.items():
             letter = variable.letter
             source = letter.message.src if letter is not None else "(write pending)"
-            value = "" if letter is None else str(letter.message.value)
+            value = "" if letter is None else str(replace(letter.message, data=letter.message.data[:64]).value)
             value = f"{value[:22]}..." if len(value) > 25 else value
             lines.append(
                 f"{key:<20} {variable.written:<20.3f} {source:<20} {variable.frequency:4.1f}Hz {variable.kind:<2} {value}\n"

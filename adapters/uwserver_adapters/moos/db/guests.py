@@ -126,7 +126,7 @@ class Guest(Connection):
     def _greet(self, messages: tuple[Message, ...]) -> None:
         host = self._host
         first = messages[0] if messages else Message(wire.NULL, "")
-        name = first.text
+        name = first.text if len(first.data) <= wire.NAMES_LIMIT else ""
         if first.type != wire.DATA or not 0 < len(name) <= CLIENT_NAME_LIMIT:
             self._send_away(f"say your name, 1 to {CLIENT_NAME_LIMIT} characters, in the first message")
             return

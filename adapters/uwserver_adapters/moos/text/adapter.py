@@ -6,7 +6,16 @@ import asyncio
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, Connection, Peers, address_text, port_of_server, serve_tcp, serving
+from uwserver.adapter import (
+    AdapterContext,
+    Connection,
+    Peers,
+    Refusals,
+    address_text,
+    port_of_server,
+    serve_tcp,
+    serving,
+)
 from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
 from uwserver_adapters.moos.clock import MoosClock
@@ -110,7 +119,9 @@ class MoosTextAdapter:
         self.context = context
         self.clock = MoosClock(1.0, asyncio.get_running_loop().time)
         self.database = Database("text", self.clock.now, config.max_variables)
-        self.peers: Peers[TextConnection] = Peers(config.max_clients)
+        self.peers: Peers[TextConnection] = Peers(
+            config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        )
         self._sessions: dict[str, TextSession] = {}
         self._last_number = 0
 

@@ -16,10 +16,16 @@ from uwserver.ports import ErrorCode, Refused
 
 VERBS = ("SUBSCRIBE", "UNSUBSCRIBE", "LIST", "GET", "CALL", "HELP", "QUIT")
 LINE_LIMIT = 1 << 16
+PAIRS = 256
+"""Variables that one line may write."""
+TEXT_LIMIT = 1 << 15
+"""Longest quoted text, characters."""
+NUMBER_LIMIT = 64
+"""Longest number, characters."""
 
 _TAG = re.compile(r"#(\S{1,64})(?:\s+|$)")
 _NAME = re.compile(r"[^\s=,;\"#]{1,256}")
-_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"')
+_QUOTED = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 _BARE = re.compile(r"[^\s,;\"]+")
 _GAP = re.compile(r"[\s,;]*")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -94,6 +100,8 @@ def _pairs(text: str) -> tuple[tuple[str, float | str], ...]:
             raise ValueError(f'"{text[at : at + 40]}" is neither NAME=value nor one of {", ".join(VERBS)}')
         value, at = _value(text, name.end() + 1)
         pairs.append((name[0], value))
+        if len(pairs) > PAIRS:
+            raise ValueError(f"a line writes at most {PAIRS} variables: write several lines")
         gap = _GAP.match(text, at)
         assert gap is not None
         if gap.end() == at and at < len(text):
@@ -106,7 +114,9 @@ def _pairs(text: str) -> tuple[tuple[str, float | str], ...]:
 
 def _value(text: str, at: int) -> tuple[float | str, int]:
     if text[at : at + 1] == '"':
-        quoted = _QUOTED.match(text, at)
+        quoted = _QUOTED.match(text, at, at + TEXT_LIMIT)
+        if quoted is None and len(text) > at + TEXT_LIMIT:
+            raise ValueError(f"a quoted text has at most {TEXT_LIMIT} characters")
         if quoted is None:
             raise ValueError('a quoted text that does not end: close it with ", write " within it as \\"')
         try:
@@ -117,7 +127,7 @@ def _value(text: str, at: int) -> tuple[float | str, int]:
     if bare is None:
         raise ValueError('a value is missing: write "" for an empty text')
     word = bare[0]
-    if _NUMBER.fullmatch(word):
+    if len(word) <= NUMBER_LIMIT and _NUMBER.fullmatch(word):
         number = float(word)
         if not math.isfinite(number):
             raise ValueError(f"{word[:40]} is too large")

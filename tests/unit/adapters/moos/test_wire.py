@@ -196,6 +196,8 @@ def mutated(at: int, value: int) -> bytes:
         (mutated(19, 2**31 - 1), "a text of 2147483647 bytes in a message with"),
         (mutated(19, -1), "a text of -1 bytes"),
         (mutated(77, 1), "a text of 1 bytes in a message with 0 left"),
+        (wire.packet([wire.encode(Message(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1)), "the most that are taken"),
+        (wire.packet([wire.encode(Message(wire.NOTIFY, "\udcff" * (wire.NAMES_LIMIT + 1)))]), "a name of 1025 bytes"),
     ],
 )
 def test_each_fault_is_named_and_ends_the_connection(data, text):
@@ -203,6 +205,13 @@ def test_each_fault_is_named_and_ends_the_connection(data, text):
     events = read_all(decoder, [data, NAME], None)
     assert [type(event) for event in events] == [Malformed]
     assert text in events[0].text
+
+
+def test_a_long_value_that_is_no_ascii_is_not_read_as_a_text():
+    for data in (b"\xff" * wire.TEXT_LIMIT, b"x" * (1 << 20)):
+        assert Message(wire.NOTIFY, "A", data=data, kind=wire.STRING).value == data.decode("utf-8", "surrogateescape")
+    long = b"\xff" * (wire.TEXT_LIMIT + 1)
+    assert Message(wire.NOTIFY, "A", data=long, kind=wire.STRING).value == long
 
 
 def test_a_claimed_length_allocates_nothing():
@@ -285,9 +294,9 @@ def test_notify_takes_its_kind_from_the_value():
     ],
 )
 def test_wildcards_are_read_and_written(text, found):
-    assert wire.wildcard_of(text) == found
+    assert wire.wildcard_of(Message(wire.WILDCARD_REGISTER, "", data=text.encode())) == found
     made = wire.wildcard("*", "me", 1.0, "NAV_*", "p*", 0.5)
-    assert wire.wildcard_of(made.text) == ("NAV_*", "p*", 0.5)
+    assert wire.wildcard_of(made) == ("NAV_*", "p*", 0.5)
 
 
 @pytest.mark.parametrize("bad", [Message("", "k"), Message("NN", "k"), Message("N", "k", id=2**31), Message("€", "k")])

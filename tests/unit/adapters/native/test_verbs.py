@@ -307,7 +307,7 @@ def test_rates_that_json_cannot_say(stage: Stage) -> None:
         for rate in (float("nan"), float("inf"), -1.0):
             assert (await talker.fault("subscribe", {"pattern": "**", "rate_hz": rate}))[0] == "bad_argument"
         lines = stage().talker()
-        assert (await lines.fault("subscribe", {"pattern": "**", "rate_hz": 10**400}))[0] == "bad_argument"
+        assert (await lines.fault("subscribe", {"pattern": "**", "rate_hz": 10**399}))[0] == "bad_argument"
 
     asyncio.run(scene())
 

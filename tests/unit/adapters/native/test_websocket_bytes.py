@@ -15,14 +15,14 @@ import pytest
 from uwserver_adapters.native.codec import NEED_DATA
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.requests import Malformed, Request
-from uwserver_adapters.native.websocket import LOCAL_ORIGINS, Handshake, allows
+from uwserver_adapters.native.websocket import Handshake, allows
 
 from uwserver.adapter import connection
 from uwserver.testing.codecs import read_all
 
 KEY = "dGhlIHNhbXBsZSBub25jZQ=="
 REQUEST = (
-    f"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {KEY}\r\n"
+    f"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {KEY}\r\n"
     "Sec-WebSocket-Version: 13\r\n\r\n"
 ).encode()
 ACCEPT = base64.b64encode(hashlib.sha1(f"{KEY}258EAFA5-E914-47DA-95CA-C5AB0DC85B11".encode()).digest())
@@ -73,7 +73,7 @@ def test_the_handshake_in_pieces(stage: Any, size: int) -> None:
 def test_a_page_gets_a_friendly_text(stage: Any) -> None:
     async def scene() -> None:
         talker = stage().talker()
-        talker.transport.feed(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
+        talker.transport.feed(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
         answer = talker.transport.take()
         assert answer.startswith(b"HTTP/1.1 426 ")
         assert b"new WebSocket" in answer
@@ -91,8 +91,7 @@ def test_a_page_gets_a_friendly_text(stage: Any) -> None:
             REQUEST.replace(b"\r\n\r\n", b"\r\nOrigin: http://evil.example\r\nOrigin: http://localhost\r\n\r\n"),
             b"HTTP/1.1 403 ",
         ),
-        (b"GET nonsense\r\n\r\n", b"HTTP/1.1 426 "),
-        (b"GET /" + b"x" * 10_000, b"HTTP/1.1 4"),
+        (b"GET /" + b"x" * 20_000, b"HTTP/1.1 4"),
         (b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 1000, b"HTTP/1.1 4"),
     ],
 )
@@ -224,7 +223,7 @@ def test_fuzz() -> None:
 
 
 def opened() -> Any:
-    handshake = Handshake(LOCAL_ORIGINS)
+    handshake = Handshake((), ())
     assert handshake.receive(REQUEST + b"rest") == b"rest"
     assert handshake.codec is not None
     return handshake.codec

@@ -13,7 +13,7 @@ mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink
 
 from px4_rig import connected, rig  # noqa: E402  # needs pymavlink
 from uwserver_adapters.px4 import codec  # noqa: E402
-from uwserver_adapters.px4.driver import PATIENCE_S  # noqa: E402
+from uwserver_adapters.px4.door import PATIENCE_S  # noqa: E402
 
 from uwserver.adapter import Order  # noqa: E402
 
@@ -50,6 +50,20 @@ def test_nothing_moves_before_the_autopilot_speaks() -> None:
             assert px4.names() == ["HEARTBEAT"]
             px4.greet()
             assert r.order() is not None
+
+
+@pytest.mark.parametrize("garbage", [b"\x00\xfd\x01\x00" * 200, b"\xfd\x00\x00" + bytes(9)])
+def test_who_says_no_mavlink_is_sent_away(garbage: bytes) -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() == Order(4, ())
+        for _ in range(400):
+            try:
+                px4.stream.send(garbage)
+            except OSError:
+                break
+            r.order()
+        assert r.stats.peers == 0
+        assert "is no MAVLink" in r.stats.last_error
 
 
 def test_armed_in_lockstep_each_step_waits_for_its_controls() -> None:
@@ -180,11 +194,13 @@ def test_an_autopilot_that_restarts_connects_again() -> None:
         assert r.stats.details["connections"] == 2
 
 
-def test_who_connects_last_drives() -> None:
+def test_who_speaks_last_drives() -> None:
     with rig() as r, connected(r) as first:
         assert r.order() is not None
         with connected(r) as second:
-            assert r.order() is not None
+            while r.stats.details["connections"] < 2:
+                r.order()
+            first.read()
             r.tick()
             assert "HIL_SENSOR" in second.names()
             assert "HIL_SENSOR" not in first.names()

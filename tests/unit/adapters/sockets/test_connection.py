@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT
 from uwserver_adapters.native.outbox import REPLIES
-from uwserver_adapters.sockets.connection import STRANGER_LIMIT, TRIES
+from uwserver_adapters.sockets.connection import TRIES
 
-from uwserver.adapter import connection, limits
+from uwserver.adapter import STRANGER_LIMIT, connection, limits
 from uwserver.ports import Event
 from uwserver.testing import sample_of
 from uwserver.testing.fake_context import DEPTH, IMU

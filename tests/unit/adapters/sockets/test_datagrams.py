@@ -283,6 +283,36 @@ def test_reliable_and_floods_are_refused(serving: Serving) -> None:
     play(serving, scene, max_requests_per_s=10)
 
 
+def test_a_flood_is_not_even_decoded(serving: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded: list[bytes] = []
+
+    def counted(data: bytes) -> Any:
+        decoded.append(data)
+        return parse_datagram(data)
+
+    monkeypatch.setattr(datagrams, "parse_datagram", counted)
+    monkeypatch.setattr(datagrams, "STRANGERS_PER_S", 20)
+
+    async def scene(context: Any, client: Talker, stranger: Talker) -> None:
+        await client.enter()
+        for _ in range(50):
+            client.send(b'{"id":1,"method":"ping","params":"of the client"}')
+            stranger.send(b'{"id":1,"method":"ping","params":"of a stranger"}')
+            await asyncio.sleep(0)
+        await until_quiet(decoded)
+        assert sum(b"client" in data for data in decoded) <= 10
+        assert sum(b"stranger" in data for data in decoded) <= 20
+
+    play(serving, scene, 2, max_requests_per_s=10)
+
+
+async def until_quiet(heard: list[bytes]) -> None:
+    count = -1
+    while len(heard) != count:
+        count = len(heard)
+        await asyncio.sleep(0.02)
+
+
 def test_clients_of_all_transports_are_counted(serving: Serving) -> None:
     async def scene(context: Any, talker: Talker) -> None:
         peer = await TcpPeer.connect(context)

@@ -148,7 +148,15 @@ def test_the_server_says_when_it_goes(serving: Serving) -> None:
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "null", "https://localhost", "http://localhost.evil.example"]
+    "origin",
+    [
+        "http://evil.example",
+        "http://localhost:8000",
+        "http://127.0.0.1",
+        "null",
+        "https://localhost",
+        "http://localhost.evil.example",
+    ],
 )
 def test_other_pages_are_refused(serving: Serving, origin: str, caplog: pytest.LogCaptureFixture) -> None:
     async def scene(context: Any, url: str) -> None:
@@ -166,8 +174,8 @@ def test_other_pages_are_refused(serving: Serving, origin: str, caplog: pytest.L
     ("config", "origin"),
     [
         ({}, None),
-        ({}, "http://localhost:8000"),
-        ({}, "http://127.0.0.1"),
+        ({"allowed_origins": ["http://localhost:8000"]}, "http://localhost:8000"),
+        ({"allowed_origins": ["http://127.0.0.1", "http://localhost:*"]}, "http://localhost:8000"),
         ({"allowed_origins": ["https://dive.example"]}, "https://dive.example"),
         ({"allowed_origins": ["*"]}, "null"),
     ],
@@ -202,9 +210,11 @@ def test_the_protocol_steps_of_the_page_work(serving: Serving) -> None:
     page = (Path(__file__).parents[4] / "docs/how-to/browser.md").read_text()
     sent = [json.loads(text.replace("'", '"')) for text in re.findall(r"JSON\.stringify\((\{.*?\})\)\)", page)]
     assert {message["method"] for message in sent} >= {"subscribe", "command"}
+    (origin,) = re.findall(r"--allow-origin (\S+)", page)
+    assert f"Open `{origin}/depth.html`" in page
 
     async def scene(context: Any, url: str) -> None:
-        async with connect(url, origin=websockets.Origin("http://localhost:8000")) as client:
+        async with connect(url, origin=websockets.Origin(origin)) as client:
             for message in sent:
                 await client.send(json.dumps(message).replace("bluerov2/", "rov/"))
             seen: list[Any] = []
@@ -214,4 +224,4 @@ def test_the_protocol_steps_of_the_page_work(serving: Serving) -> None:
             context.emit("rov/depth")
             assert "depth" in json.loads(await client.recv())["params"]["value"]
 
-    play(serving, scene)
+    play(serving, scene, allowed_origins=(origin,))

@@ -43,6 +43,7 @@ NONE = [0, 0, 0, 0]
         ({"propellers": {"new": {**PROPELLER, "astern_factor": 0.8}}}, "propellers.new.astern_factor: belongs to a curve"),
         ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE], "pitch_ratio": 1.0}}}, "propellers.new.pitch_ratio: belongs to the B4-70"),
         ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE, [0, 0.7, 0, 0]]}}}, "quadrants: the propeller gives more power than"),
+        ({"propellers": {"new": {**PROPELLER, "inflow": "speed"}}}, "propellers.new.inflow: the whole speed belongs to a curve"),
         ({"propellers": {"new": {**PROPELLER, "quadrants": []}}}, "propellers.new.quadrants"),
         ({"ballasts": {"buoyancy_engine": {"neutral_volume_m3": 1.0}}}, "neutral_volume_m3: must lie between"),
         ({"moving_masses": {"battery": {"min_position_m": 0.01}}}, "moving_masses.battery: position 0 must lie between"),

@@ -47,6 +47,12 @@ def test_statuses_of_several_tables_are_all_told(tmp_path: Path) -> None:
     assert found(tmp_path, raw)["righting arm"].status == "paper, guess"
 
 
+def test_a_vessel_of_the_surface_has_no_righting_arm_under_water(tmp_path: Path) -> None:
+    raw = vehicle()
+    raw["rigid_body"] = {**raw["rigid_body"], "mass_kg": 51.25}  # type: ignore[dict-item]
+    assert "righting arm" not in found(tmp_path, raw)
+
+
 def test_guesses_are_counted_without_what_is_published(tmp_path: Path) -> None:
     raw = vehicle(published=[{**GUESS, "quantity": "ahead_speed_mps", "value": 1.0}])
     raw["rigid_body"] = {**raw["rigid_body"], "status": "paper"}  # type: ignore[dict-item]

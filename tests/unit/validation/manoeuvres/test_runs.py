@@ -10,7 +10,8 @@ import pytest
 from manoeuvre_rig import ROV, helm, vehicle
 
 from uwserver.frames import quat_from_rpy
-from uwserver.validation.manoeuvres.helm import DEPTH, Sticks
+from uwserver.validation.manoeuvres.bollard import DEPTH
+from uwserver.validation.manoeuvres.helm import Sticks
 from uwserver.validation.manoeuvres.runs import DT, Track, Waters, hold, still, then
 
 

@@ -63,11 +63,12 @@ def test_ballast_sinks_and_lifts_and_a_glider_glides(tmp_path: Path) -> None:
     waters = Waters(helm(tmp_path, GLIDER))
     found, glide = trials.dive(waters), trials.glide(waters)
     assert found.value("ballast as heavy as it gets", "sink") == pytest.approx(terminal(5.03, 200.0), rel=1e-2)
-    pitch, angle = glide.value("down", "pitch"), glide.value("down", "angle")
+    pitch, angle = glide.value("down, mass forward", "pitch"), glide.value("down, mass forward", "angle")
     assert pitch == pytest.approx(-math.atan(10.0 * 0.1 / (102.5 * 0.05)), abs=0.02)
     assert angle is not None
+    assert glide.value("down", "angle") == pytest.approx(math.pi / 2.0, abs=0.01), "level, it just sinks"
     assert 0.0 < -pitch < angle < math.pi / 2.0  # type: ignore[operator]
-    assert glide.value("up", "angle") == pytest.approx(-angle, abs=0.02)
+    assert glide.value("up, mass aft", "angle") == pytest.approx(-angle, abs=0.02)
 
 
 def test_sideways(rov: Waters) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from manoeuvre_rig import RAFT, ROV, TORPEDO, helm, vehicle
+from manoeuvre_rig import FINS, GLIDER, RAFT, ROV, TORPEDO, helm, vehicle
 
 from uwserver.frames import quat_from_rpy
 from uwserver.validation.manoeuvres import turning
@@ -53,6 +53,13 @@ def test_thrusters_turn_on_the_spot(tmp_path: Path) -> None:
     expected = (-5.0 + math.sqrt(25.0 + 40.0 * moment)) / 20.0
     assert found.value("on the spot, yaw 100 %", "rate") == pytest.approx(expected, rel=1e-2)
     assert found.value("on the spot, yaw 100 %", "diameter") is None
+
+
+def test_a_glider_turns_as_it_glides(tmp_path: Path) -> None:
+    rudder = {"rudder": {**FINS["rudder"], "area_m2": 0.1}}
+    found = turning.turning_circle(Waters(helm(tmp_path, GLIDER | {"fins": rudder})))
+    assert [row.condition for row in found.rows] == ["gliding down, rudder 15 degrees"]
+    assert found.rows[0].values[4] > 0.0  # type: ignore[operator]
 
 
 def test_overshoots_are_read_from_the_heading() -> None:

@@ -77,6 +77,27 @@ def test_a_flood_of_one_peer_is_bounded_and_seen(make_bench):
     assert details["bad_input"] == 200
 
 
+def test_a_flood_is_not_even_decoded(make_bench, monkeypatch):
+    bench = make_bench(frames_per_s=100)
+    flood = bench.station(255)
+    seen = []
+    decoder = flood.channel.decoder
+    next_event = decoder.next_event
+
+    def counted():
+        seen.append(1)
+        return next_event()
+
+    monkeypatch.setattr(decoder, "next_event", counted)
+    for _ in range(20):
+        bench.router.receive(flood.channel, b"\xfd" * 65_507)
+    assert len(seen) == 1024, "of one datagram, and then of none"
+    bench.run(1.1)
+    assert bench.rov.stats.details["counters"]["flood"] == 20
+    flood.send("PARAM_REQUEST_READ", 1, 1, b"JS_GAIN_DEFAULT", -1)
+    assert len(flood.of("PARAM_VALUE")) == 1
+
+
 def test_bad_input_is_counted_and_shown(bench):
     station = bench.station()
     good = station.bytes_of("HEARTBEAT", 6, 8, 0, 0, 4, 3)

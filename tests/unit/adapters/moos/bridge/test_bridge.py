@@ -562,7 +562,8 @@ async def test_a_call_is_answered(make, text, id, args):
     [
         ("", "invalid_request"), ("7", "invalid_request"), ("world/nothing", "unknown_service"), ("world/echo {", "parse_error"),
         ("world/echo [1]", "parse_error"), ('{"id": 1}', "parse_error"), ('world/run_until {"t_s": "soon"}', "bad_shape"),
-        ("x" * 100_000, "too_large"), ('{"service":"world/echo","timeout_s":-1}', "bad_argument"), ("{" * 5000, "parse_error"),
+        ("x" * 100_000, "too_large"), ('{"service":"world/echo","timeout_s":-1}', "bad_argument"), ("{" * 5000, "invalid_request"),
+        ("world/echo " + "[" + "1e300," * 8000 + "1]", "too_large"), ('world/echo {"value": NaN}', "parse_error"),
     ],
 )  # fmt: skip
 async def test_a_call_that_cannot_be_is_told_why(make, text, code):
@@ -570,6 +571,36 @@ async def test_a_call_that_cannot_be_is_told_why(make, text, code):
     bench.write(UWSERVER_CALL=text)
     (reply,) = map(json.loads, bench.posted(module.REPLY))
     assert reply["error"]["code"] == code
+
+
+@pytest.mark.parametrize(
+    ("text", "id"),
+    [
+        ('7 world/echo {"value": NaN}', "7"),
+        ('{"id": 3, "service": "world/echo", "args": NaN}', 3),
+        ("7", "7"),
+        ("", None),
+    ],
+)
+async def test_the_refusal_of_what_cannot_be_read_has_the_id(make, text, id):
+    bench = make()
+    bench.write(UWSERVER_CALL=text)
+    (reply,) = map(json.loads, bench.posted(module.REPLY))
+    assert reply["id"] == id
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("USM_RESET", "x=1," * 16_384), ("DRIFT_VECTOR", "1" * 100_000), ("CURRENT_X", "1" * 100_000), ("USM_SIM_PAUSED", "true" * 10_000),
+        ("UWSERVER_CALL", b"\xff" * 100_000), ("CURRENT_X", b"\xff" * 100_000),
+    ],
+)  # fmt: skip
+async def test_endless_texts_are_refused_unread(make, name, value):
+    bench = make()
+    bench.write(**{name: value})
+    assert bench.posted(module.ERROR) or bench.posted(module.REPLY)
+    assert bench.calls == []
 
 
 async def test_a_call_that_takes_too_long_is_cancelled(make):

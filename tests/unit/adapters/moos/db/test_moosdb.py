@@ -308,7 +308,6 @@ async def test_who_says_no_name_is_disconnected(tank, monkeypatch):
 @pytest.mark.parametrize(
     "bad",
     [
-        b"GET / HTTP/1.1\r\n\r\n",
         wire.HELLO + struct.pack("<iiB", 2**31 - 1, 1, 0),
         wire.HELLO + struct.pack("<iiB", 4, 1, 0),
         wire.HELLO + struct.pack("<iiB", 9, 1, 0),

@@ -37,6 +37,7 @@ LINES = [
     ("tag", b"#7 NAV_X=1\n", Write((("NAV_X", 1.0),), "7")),
     ("verbs in any case", b"subscribe NAV_* 5\n", Verb("SUBSCRIBE", "NAV_* 5")),
     ("tagged verb", b"#a/b CALL world/step {\"n\": 1}\n", Verb("CALL", 'world/step {"n": 1}', "a/b")),
+    ("no number is so long", b"A=" + b"1" * 65 + b"\n", Write((("A", "1" * 65),))),
     ("a variable may be called as a verb", b"LIST=1\n", Write((("LIST", 1.0),))),
 ]  # fmt: skip
 BAD = [
@@ -51,6 +52,7 @@ BAD = [
     (b"A=\xff\n", "no UTF-8 at byte 2"),
     (b"#7\n", "nothing behind the tag"),
     (b"x" * 300 + b"=1\n", "is neither NAME=value"),
+    (b"A=1 " * 257 + b"\n", "a line writes at most 256 variables"),
 ]
 
 

@@ -1,0 +1,186 @@
+"""What one message costs whoever decodes it: processor time of the thread in the costliest single call."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from uwserver_adapters.ardupilot.wire import parse as servo_frame
+from uwserver_adapters.moos import wire as moos
+from uwserver_adapters.moos.bridge.calls import parse as moos_call
+from uwserver_adapters.moos.codec import Fix, reset_pose
+from uwserver_adapters.moos.text.lines import parse as moos_line
+from uwserver_adapters.native.codec import JsonCodec, MsgpackCodec
+from uwserver_adapters.native.websocket import Handshake
+from uwserver_adapters.sockets.datagrams import parse_datagram
+from uwserver_adapters.zenoh_bus.codec import decode_map
+
+from uwserver.adapter import frame, line
+from uwserver.ports import Refused
+from uwserver_bench.hostile.messages import JSON, MIB, MSGPACK
+from uwserver_bench.rows import Row
+
+BAR_MS = 1.0
+IN_PYTHON = ("16 KiB of 1e300,", "2048 messages", "short frames")
+"""Work that is done in Python, or calls it for each number: others are let in each half millisecond, so that no bar is needed."""
+HAS_MAVLINK = find_spec("pymavlink") is not None
+
+Call = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Decoding:
+    """One attack on one decoder.
+
+    Attributes:
+        wire: which adapter reads it.
+        name: of the attack.
+        calls: makes the calls that the adapter makes of it, one after the other; each is measured alone. None from a call ends them.
+    """
+
+    wire: str
+    name: str
+    calls: Callable[[], Iterator[Call]]
+
+
+def _once(work: Callable[[bytes], object], data: bytes) -> Callable[[], Iterator[Call]]:
+    return lambda: iter([lambda: work(data)])
+
+
+def _reader(make: Callable[[], object], data: bytes) -> Callable[[], Iterator[Call]]:
+    """A decoder that stores bytes and gives one event a call."""
+
+    def calls() -> Iterator[Call]:
+        decoder = make()
+        yield lambda: decoder.receive(data)  # type: ignore[attr-defined]  # each decoder here has these two
+        events: Call = decoder.next_event  # type: ignore[attr-defined]
+        for _ in range(MOST_CALLS):
+            yield events
+
+    return calls
+
+
+MOST_CALLS = 200
+"""Calls of one decoder that are measured: the costliest is among the first."""
+
+
+def _websocket() -> object:
+    handshake = Handshake((), ())
+    handshake.receive(
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+    assert handshake.codec is not None
+    return handshake.codec
+
+
+def web_frame(body: bytes, opcode: int = 1) -> bytes:
+    """A frame of a client, masked with zeros."""
+    return bytes((0x80 | opcode, 0x80 | 127)) + len(body).to_bytes(8, "big") + bytes(4) + body
+
+
+def _native() -> Iterator[Decoding]:
+    for name, body in JSON.items():
+        yield Decoding("JSON lines", name, _reader(JsonCodec, line(body)))
+        yield Decoding("WebSocket", name, _reader(_websocket, web_frame(body)))
+        yield Decoding("zenoh", name, _once(lambda data: decode_map(data, "json"), body))
+        if len(body) < 1 << 16:
+            yield Decoding("UDP", name, _once(parse_datagram, body))
+    for name, body in MSGPACK.items():
+        yield Decoding("msgpack frames", name, _reader(MsgpackCodec, frame(body)))
+        yield Decoding("WebSocket", name, _reader(_websocket, web_frame(body, 2)))
+        yield Decoding("zenoh", name, _once(lambda data: decode_map(data, "msgpack"), body))
+
+
+def _packet(message: moos.Message, count: int = 1) -> bytes:
+    return moos.packet([moos.encode(message)] * count)
+
+
+def _text(value: str) -> moos.Message:
+    return moos.notify("A", value, 0.0, "x")
+
+
+MOOS: Mapping[str, bytes] = {
+    "16 384 messages in a packet": _packet(moos.notify("A", 1.0, 0.0, "x"), 16_384),
+    "2048 messages in a packet": _packet(moos.notify("A", 1.0, 0.0, "x"), 2048),
+    "a value of 4 MiB": _packet(_text("x" * (4 * MIB - 200))),
+    "a name of 1 MiB that is no UTF-8": _packet(moos.Message(moos.NOTIFY, "\udcff" * MIB)),
+}
+
+
+def _moos() -> Iterator[Decoding]:
+    for name, data in MOOS.items():
+        yield Decoding("MOOSDB", name, _reader(moos.Decoder, data))
+    long = moos.Message(moos.NOTIFY, "A", data=b"\xff" * (4 * MIB), kind=moos.STRING)
+    yield Decoding("MOOSDB", "a text of 4 MiB that is no UTF-8", _once(lambda _: long.value, b""))
+    call = "7 world/echo " + '{"value":[' + "1e300," * 10_000 + "1]}"
+    yield Decoding(
+        "MOOSDB", "UWSERVER_CALL, 64 KiB of 1e300,", _once(lambda data: moos_call(data.decode()), call.encode())
+    )
+    reset = "x=1," * 16_384
+    yield Decoding(
+        "MOOSDB", "USM_RESET, 64 KiB of x=1,", _once(lambda data: reset_pose(data.decode(), Fix()), reset.encode())
+    )
+    for name, data in {
+        "64 KiB of A=1": b"A=1 " * 16_384, "a number of 64 KiB": b"A=" + b"1" * 65_000, "quotes": b'A="' + b'\\"' * 32_000 + b'"',
+    }.items():  # fmt: skip
+        yield Decoding("MOOS text", name, _once(moos_line, data))
+
+
+def _autopilots() -> Iterator[Decoding]:
+    yield Decoding("ArduPilot JSON", "2 KiB of frames", _once(servo_frame, b"\x1a\x48\x00\x00" * 512))
+    if not HAS_MAVLINK:
+        return
+    from uwserver_adapters.mavlink.wire.dialect import Dialect
+    from uwserver_adapters.mavlink.wire.frames import Decoder
+    from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
+    from uwserver_adapters.px4.codec import Codec
+    from uwserver_adapters.px4.door import READ
+
+    dialect = Dialect()
+
+    def message(data: bytes) -> object:
+        try:
+            return frame_of(data, dialect)
+        except BadJson as error:
+            return error
+
+    garbage = {"0xFD": b"\xfd", "zeros": b"\0", "all bytes": bytes(range(256)), "short frames": b"\xfd\0\0" + bytes(9)}
+    for name, bits in garbage.items():
+        yield Decoding("MAVLink", name, _reader(lambda: Decoder(dialect), bits * (65_507 // len(bits))))
+        yield Decoding("PX4", name, _once(Codec().receive, bits * (READ // len(bits))))
+    yield Decoding("MAVLink", "JSON, 16 KiB of 1e300,", _once(message, JSON["16 KiB of 1e300,"][:16_000] + b"1]}"))
+
+
+def decodings() -> Iterator[Decoding]:
+    """All attacks on decoders."""
+    yield from _native()
+    yield from _moos()
+    yield from _autopilots()
+
+
+def costs(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """A row for each attack on a decoder."""
+    say("hostile: decoders")
+    repeats = 1 if quick else 5
+    rows = []
+    for each in decodings():
+        in_python = any(name in each.name for name in IN_PYTHON)
+        values = tuple(_cost_ms(each) for _ in range(repeats))
+        bar, note = (None, "in Python: others are let in") if in_python else (BAR_MS, "")
+        rows.append(Row("decode", f"{each.wire}: {each.name}", "ms", values, at_most=bar, note=note))
+    return rows
+
+
+def _cost_ms(attack: Decoding) -> float:
+    """Of the costliest call."""
+    most = 0
+    for call in attack.calls():
+        start = time.thread_time_ns()
+        with contextlib.suppress(Refused, ValueError):  # it is refused, which is what should happen
+            call()
+        most = max(most, time.thread_time_ns() - start)
+    return most * 1e-6

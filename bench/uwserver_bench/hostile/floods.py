@@ -1,0 +1,95 @@
+"""Floods against a running server: who sends what. Rows of a table; a new attack is a row more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from uwserver_adapters.moos import wire as moos
+
+from uwserver.adapter import frame, line
+from uwserver_bench.hostile.messages import JSON, MSGPACK
+
+CONNECTIONS = 3
+HELLO = b"hello"
+"""Of a UDP flood: it begins with the cookie of a session."""
+
+SCENARIO = """\
+schema = 1
+title = "bench hostile"
+[world]
+rate_hz = 240
+[server]
+metrics = false
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 20.0]
+[vehicles.rov.autopilot]
+[adapters.tcp]
+kind = "sockets"
+port = 0
+udp_port = 0
+[adapters.moos]
+kind = "moosdb"
+port = 0
+[adapters.text]
+kind = "moos_text"
+port = 0
+"""
+MAVLINK = """\
+[adapters.mavlink]
+kind = "mavlink"
+links = ["udpin:127.0.0.1:0"]
+"""
+
+
+@dataclass(frozen=True)
+class Flood:
+    """Connections that send the same bytes again and again, as fast as these are taken; what is closed is opened again.
+
+    Attributes:
+        name: of the row.
+        address: under which name the server tells where: the adapter's, or "udp".
+        data: sent again and again.
+        first: sent once by each connection; `HELLO` for a session by UDP.
+        connections: at once.
+        is_udp: datagrams.
+        pause_s: wall time between two sendings of a connection.
+    """
+
+    name: str
+    address: str
+    data: bytes
+    first: bytes = b""
+    connections: int = CONNECTIONS
+    is_udp: bool = False
+    pause_s: float = 0.0
+
+
+def _tcp(name: str, data: bytes, **more: float) -> Flood:
+    return Flood(f"TCP: {name}", "tcp", data, pause_s=more.get("pause_s", 0.0))
+
+
+def _floods() -> Iterator[Flood]:
+    for name in (
+        "1 MiB of 1e300,", "16 KiB of 1e300,", "64 KiB of 123.4567890123456,", "2000 of []", "}{ x 500 000", "1 MiB of base64",
+        "integers of 4000 digits", "set_fault, 16 KiB of 1e300,", "set_mission, 800 items", "world/load, a piece of 768 KiB",
+    ):  # fmt: skip
+        yield _tcp(name, line(JSON[name]))
+    yield _tcp("small pings, 1000 in a piece", line(b'{"id":1,"method":"ping"}') * 1000)
+    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 4 MiB"):
+        yield _tcp(f"msgpack, {name}", frame(MSGPACK[name]))
+    yield Flood("UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True)
+    yield Flood("UDP: 16 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"], HELLO, is_udp=True)
+    greeting = moos.HELLO + moos.packet(
+        [moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"flood%d", kind=moos.STRING))]
+    )
+    writes = moos.packet([moos.encode(moos.notify("FLOOD", 1.0, 0.0, "flood"))] * 2048)
+    yield Flood("MOOSDB: 2048 writes in a packet", "moos", writes, greeting)
+    yield Flood("MOOS text: 256 writes in a line", "text", b"A=1 " * 256 + b"\n")
+    yield Flood("MAVLink UDP: 64 KiB of 0xFD", "mavlink", b"\xfd" * 65_507, is_udp=True)
+
+
+FLOODS: Mapping[str, Flood] = {flood.name: flood for flood in _floods()}
+HAS_MAVLINK = find_spec("pymavlink") is not None

@@ -1,0 +1,101 @@
+"""What can still be read of a message that no decoder takes: so that its refusal names the request that it answers."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import msgspec
+
+from uwserver.adapter.bounds import BINARY, LIST, MAP, MAX_VALUES, MESSAGE_LIMIT, REFUSED, SIZES, TEXT, length_at
+
+# The closing quote is optional: an unterminated text then takes linear time, and nothing behind its beginning is looked at.
+_STRING = rb'"[^"\\]*(?:\\.[^"\\]*)*"?'
+_TOKEN = re.compile(_STRING + rb"|[\[\]{}]", re.DOTALL)
+_VALUE = re.compile(rb"\s*:\s*(-?\d{1,20}(?![\d.eE])|" + _STRING + rb")", re.DOTALL)
+_FIXED_EXTENSIONS = {0xD4: 3, 0xD5: 4, 0xD6: 6, 0xD7: 10, 0xD8: 18}
+
+
+def json_member(text: bytes, name: str) -> int | str | None:
+    """The integer or text under a name in the outermost map of a JSON message, as far as it can be read; else None."""
+    head = text[:MESSAGE_LIMIT]
+    key = b'"%s"' % name.encode()
+    depth = 0
+    for number, token in enumerate(_TOKEN.finditer(head)):
+        found = token[0]
+        if number >= MAX_VALUES or (depth < 1 and (number or found != b"{")):
+            return None
+        if found in (b"{", b"["):
+            depth += 1
+        elif found in (b"}", b"]"):
+            depth -= 1
+        elif depth == 1 and found == key and (value := _VALUE.match(head, token.end())):
+            return _plain(value[1])
+    return None
+
+
+def _plain(token: bytes) -> int | str | None:
+    try:
+        value: int | str = json.loads(token)
+        if isinstance(value, str):
+            value.encode()
+    except ValueError:  # cut off, or half a surrogate pair
+        return None
+    return value
+
+
+def msgpack_member(frame: bytes, name: str) -> int | str | None:
+    """The same of a msgpack message."""
+    if not frame or SIZES[frame[0]] != MAP:
+        return None
+    key = msgspec.msgpack.encode(name)
+    entries, position = length_at(frame, 0)
+    for _ in range(min(entries, MAX_VALUES)):
+        value = _after(frame, position)
+        end = _after(frame, value)
+        if end > len(frame):
+            return None
+        if frame[position:value] == key:
+            return _scalar(frame[value:end])
+        position = end
+    return None
+
+
+def _scalar(data: bytes) -> int | str | None:
+    try:
+        value = msgspec.msgpack.decode(data)
+    except ValueError:
+        return None
+    return value if type(value) in (int, str) else None
+
+
+def _after(frame: bytes, position: int) -> int:
+    """Where the next value begins; beyond the end where this one is cut off, or has too many parts."""
+    awaited = 1
+    for _ in range(MAX_VALUES):
+        if position >= len(frame):
+            break
+        lead = frame[position]
+        size = SIZES[lead]
+        if size > 0:
+            position += size
+        elif size == REFUSED:
+            position += _extension(frame, position)
+        else:
+            count, position = length_at(frame, position)
+            if size in (TEXT, BINARY):
+                position += count
+            elif size in (LIST, MAP):
+                awaited += count * -size
+        awaited -= 1
+        if not awaited:
+            return position
+    return len(frame) + 1
+
+
+def _extension(frame: bytes, position: int) -> int:
+    lead = frame[position]
+    if lead in range(0xC7, 0xCA):
+        width = 1 << lead - 0xC7
+        return 2 + width + int.from_bytes(frame[position + 1 : position + 1 + width], "big")
+    return _FIXED_EXTENSIONS.get(lead, 1)
