@@ -46,7 +46,7 @@ class Trace:
         self._ends = ends
         self._clock = SystemTime()
 
-    def requested(self, item: Command | Call, tick: int) -> None:
+    def requested(self, item: Command | Call, tick: int, batch: int) -> None:
         """Nothing is noted of requests."""
 
     def ticked(self, world: World) -> None:

@@ -80,7 +80,7 @@ class Rig:
             finally:
                 self.simulation.stop()
                 thread.join(TIMEOUT_S)
-                self.bus.dispatch()
+                self.bus.drain()
 
     def pump(self, done: Callable[[], object]) -> None:
         while not done():
@@ -232,10 +232,11 @@ def test_commands_of_one_pause_act_in_the_batches_in_which_they_came(tmp_path: P
         with rig.recording(tmp_path / name):
             if len(batches) == 1:
                 # Held back, so that both are taken at once.
-                taken, rig.mailbox.take = rig.mailbox.take, list  # type: ignore[method-assign]
+                both_are_there = threading.Event()
+                rig.simulation.steer(lambda there=both_are_there: there.wait(TIMEOUT_S))  # type: ignore[misc]
                 for command in batches[0]:
                     rig.mailbox.post(command, None)
-                rig.mailbox.take = taken  # type: ignore[method-assign]
+                both_are_there.set()
             else:
                 for batch in batches:
                     rig.post(*batch)
@@ -330,7 +331,7 @@ def test_a_damaged_file_is_told(run: tuple[Path, Rig], tmp_path: Path) -> None:
     assert "damaged before byte" in outcome.output
 
 
-@pytest.mark.parametrize("part", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("part", [0.5, 0.7, 0.9])
 def test_a_cut_file_is_replayed_as_far_as_it_goes(run: tuple[Path, Rig], tmp_path: Path, part: float) -> None:
     content = run[0].read_bytes()
     (tmp_path / "cut.mcap").write_bytes(content[: int(part * len(content))])

@@ -78,8 +78,7 @@ class Recorder:
         self._second = max(1, round(world.rate_hz))
         # Each counter has one thread that writes it: loop, simulation, recorder.
         self._samples_put = self._dropped = 0
-        self._index = self._requests_put = self._batch = 0
-        self._in_batch = False
+        self._index = self._requests_put = 0
         self._samples_taken = self._requests_taken = self._samples = self._bytes = 0
 
     @contextlib.contextmanager
@@ -140,7 +139,7 @@ class Recorder:
 
     # -- simulation thread ----------------------------------------------------------------------------------------------------------
 
-    def requested(self, item: Command | Call, tick: int) -> None:
+    def requested(self, item: Command | Call, tick: int, batch: int) -> None:
         """Queue a request."""
         if not self._open or self._error:
             return
@@ -149,12 +148,8 @@ class Recorder:
                 f"{MAX_REQUESTS} commands and calls wait to be written: they come faster than the recorder can write"
             )
             return
-        if not self._in_batch and self._simulation is not None:
-            # What is carried out together ends before the simulation's next turn.
-            self._in_batch = True
-            self._simulation.steer(self._end_batch)
         self._requests_put += 1
-        self._queue.append(Request.of(item, self._next_index(), self._batch, tick))
+        self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
     def ticked(self, world: World) -> None:
         """Queue the state each simulated second; wait for the writer where nobody waits for the tick."""
@@ -164,10 +159,6 @@ class Recorder:
             self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
             self._ending.wait(_BACKPRESSURE_S)
-
-    def _end_batch(self) -> None:
-        self._in_batch = False
-        self._batch += 1
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1

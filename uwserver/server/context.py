@@ -31,6 +31,8 @@ from uwserver.simulation.thread import Simulation
 from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
+STOPS = ("disarm", "deactivate")
+"""Services that stop a vehicle or an actuator: whoever calls one does not wait until others have been served."""
 CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
 
 LOOP_SERVICES = (
@@ -173,10 +175,10 @@ class Context:
             self._hub.files.call(service, checked, source, on_reply)
             return _too_late
         if service in CLOCK:
-            return self._hub.simulation.call(service, checked, client, on_reply)
+            return self._hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:
             return self._begin(Call(service, checked, source), on_reply)
-        self._hub.mailbox.post(Call(service, checked, source), on_reply)
+        self._hub.mailbox.post(Call(service, checked, source), on_reply, first=service.rpartition("/")[2] in STOPS)
         return _too_late
 
     def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:

@@ -145,7 +145,7 @@ class Server:
             self._simulation.stop()
             await self._loop.run_in_executor(None, thread.join, STOP_TIMEOUT_S)
             self._hub.bus.say(event)
-            self._hub.bus.dispatch()
+            self._hub.bus.drain()
             await self._hub.files.finish()
             for t_s, path in self._options.save_at:
                 if world.tick < self._simulation.world.ticks.at(t_s):

@@ -1,6 +1,6 @@
 """The two crossings between the simulation thread and the asyncio loop. Nothing else is shared but immutable values.
 
-loop -> simulation: `Mailbox`, drained at the start of a tick
+loop -> simulation: `Mailbox`, from which the simulation takes at the start of a tick
 simulation -> loop: `Bus.publish`, one wake-up of the loop a tick
 """
 
@@ -12,16 +12,28 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from uwserver.ports import Call, Command, Event, OnReply, Progress, Refused, Reply, Sample
+from uwserver.ports import Call, Command, Event, OnReply, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput
+from uwserver.simulation.clock import SystemTime, Time
+from uwserver.simulation.turns import Turns
+from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
 
-MAX_POSTED = 4096
-"""Commands and calls that may wait for one tick."""
-
 MAX_TICKS = 1024
 """Ticks of samples that may wait for the loop; older samples are dropped and counted, replies and events never."""
+
+AHEAD_NS = NANOSECONDS // 100
+"""Work for the loop, in wall time, by which a world that nothing paces may be ahead of it: whoever asks waits no longer than that."""
+
+SLICE_NS = NANOSECONDS // 200
+"""Wall time after which the loop looks at its sockets before it delivers on."""
+
+_LEAST_AHEAD = 2
+"""So that one tick is made while another is delivered."""
+
+_NEWEST = 0.25
+"""Weight of the newest measurement in the mean time that the loop needs for a tick."""
 
 
 class Sink(Protocol):
@@ -35,36 +47,36 @@ class Sink(Protocol):
 
 
 class Mailbox:
-    """What the loop posts for the simulation. `wake` is set with each post, for a simulation that waits."""
+    """What the loop posts for the simulation.
+
+    Attributes:
+        posted: what waits, by client.
+        wake: set with each post, for a simulation that waits.
+    """
 
     def __init__(self) -> None:
-        self._posted: deque[Posted] = deque()
+        self.posted: Turns[Posted] = Turns()
         self.wake = threading.Event()
 
-    def post(self, item: Command | Call, on_reply: OnReply | None, *, always: bool = False) -> None:
-        """Queue for the next tick.
+    def post(
+        self, item: Command | Call, on_reply: OnReply | None, *, always: bool = False, first: bool = False
+    ) -> None:
+        """Queue for the next tick, or the next in which there is time for it.
 
         Args:
             item, on_reply: what is asked, and who gets the answer.
-            always: never refused; for what who asks bounds, as one cancel for each call.
+            always, first: as for `Turns.put`.
 
         Raises:
             Refused: `overload` when too many wait already.
         """
-        if len(self._posted) >= MAX_POSTED and not always:
-            raise Refused(
-                "overload",
-                f"{MAX_POSTED} requests wait for the next tick already: send fewer, or wait for their replies",
-            )
-        self._posted.append(Posted(item, on_reply))
+        self.posted.put(client_of(item.source), Posted(item, on_reply), always=always, first=first)
         self.wake.set()
 
-    def take(self) -> list[Posted]:
-        """Everything posted so far, in order. Simulation thread."""
-        taken = []
-        while self._posted:
-            taken.append(self._posted.popleft())
-        return taken
+
+def client_of(source: str) -> str:
+    """Who stands behind a source: what is before the first space. A name that a client gives itself later stands behind it."""
+    return source.partition(" ")[0]
 
 
 class Bus:
@@ -73,10 +85,22 @@ class Bus:
     Attributes:
         dropped: samples that the loop was too slow to take.
         last: newest delivered sample of each port. Loop thread.
+        ahead: ticks that may wait for the loop where nothing paces them: what it works off in `AHEAD_NS`, as measured.
     """
 
-    def __init__(self, wake_loop: Callable[[Callable[[], None]], object]) -> None:
+    def __init__(self, wake_loop: Callable[[Callable[[], None]], object], time: Time | None = None) -> None:
+        """Of a loop.
+
+        Args:
+            wake_loop: lets the loop call a function, from any thread.
+            time: measures the loop; default: the machine's.
+        """
         self._wake_loop = wake_loop
+        self._time = time or SystemTime()
+        self._tick_ns = 0.0
+        self._began: int | None = None
+        self._delivered = 0
+        self.ahead = MAX_TICKS // 2
         self._crossing: deque[TickOutput | tuple[OnReply, Reply | Progress] | Event] = deque()
         self._waiting_ticks = 0
         self._awake = False
@@ -124,7 +148,7 @@ class Bus:
             self._wake()
 
     def backlog(self) -> int:
-        """Ticks that wait for the loop."""
+        """Ticks that wait for the loop, or are being delivered."""
         return self._waiting_ticks
 
     def _wake(self) -> None:
@@ -133,18 +157,43 @@ class Bus:
             self._wake_loop(self.dispatch)
 
     def dispatch(self) -> None:
-        """Deliver everything that waits. Loop thread."""
-        with self._lock:
-            taken, self._crossing = self._crossing, deque()
-            self._waiting_ticks = 0
-            self._awake = False
-        for item in taken:
+        """Deliver what waits; after `SLICE_NS` the rest waits until the loop has looked at its sockets. Loop thread."""
+        now = self._time.now_ns()
+        self._measure(now)
+        if self._deliver_until(now + SLICE_NS):
+            self._wake_loop(self.dispatch)
+
+    def drain(self) -> None:
+        """Deliver everything that waits, for the end. Loop thread."""
+        self._deliver_until(None)
+
+    def _measure(self, now: int) -> None:
+        """From one delivery to the next the loop does all that follows from the samples: it writes them to its sockets."""
+        if self._began is not None and self._delivered:
+            tick_ns = min((now - self._began) / self._delivered, AHEAD_NS)  # an idle loop tells nothing
+            self._tick_ns += _NEWEST * (tick_ns - self._tick_ns)
+            self.ahead = max(_LEAST_AHEAD, min(MAX_TICKS // 2, int(AHEAD_NS / max(1.0, self._tick_ns))))
+        self._began, self._delivered = now, 0
+
+    def _deliver_until(self, end: int | None) -> bool:
+        """Returns whether something is left."""
+        while True:
+            with self._lock:
+                if not self._crossing:
+                    self._awake = False
+                    return False
+                item = self._crossing.popleft()
             if isinstance(item, TickOutput):
                 self._deliver(item)
+                self._delivered += 1
+                with self._lock:
+                    self._waiting_ticks -= 1
             elif isinstance(item, Event):
                 self._each(lambda sink, event=item: sink.put_event(event))  # type: ignore[misc]
             else:
                 answer(*item)
+            if end is not None and self._time.now_ns() >= end:
+                return True
 
     def _deliver(self, output: TickOutput) -> None:
         for event in output.events:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import gc
 import logging
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from uwserver.logs import place_of
-from uwserver.ports import Call, Command, Event, Json, OnReply, Progress, Refused, Reply
+from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import Posted, TickOutput
-from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
+from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.clock import Pace, Time, Timing
+from uwserver.simulation.intake import Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
+from uwserver.simulation.turns import Turns
 from uwserver.units import NANOSECONDS
 from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
@@ -24,18 +25,14 @@ from uwserver.world.world import Diverged, World
 log = logging.getLogger(__name__)
 
 _PROGRESS_NS = NANOSECONDS // 10
+STEERING_NS = NANOSECONDS // 4000
+"""Wall time between two ticks for services of the clock, in real time; what does not fit waits for the next."""
+MAX_GOALS = 256
+"""Steps and runs that may be under way at once: each is told its progress."""
+_LOOK_S = 0.0005
+"""How long a world that is ahead of the loop sleeps before it looks again."""
 _IDLE_S = 0.25
 """How long a paused or waiting world sleeps at most before it looks around; a post wakes it at once."""
-
-
-class Observer(Protocol):
-    """Follows a run from inside, on the simulation thread; must be quick. A recorder is one."""
-
-    def requested(self, item: Command | Call, tick: int) -> None:
-        """A command or call that is carried out at the start of `tick` (also those that the world then refuses)."""
-
-    def ticked(self, world: World) -> None:
-        """A tick is done; the world stands between two ticks."""
 
 
 @dataclass(eq=False)
@@ -71,11 +68,11 @@ class Simulation:
         self.until_tick: int | None = None
         self._time = time
         self._stop = threading.Event()
-        self._steering: deque[Callable[[], None]] = deque()
+        self._steering: Turns[Callable[[], None]] = Turns()
         self._goals: list[Goal] = []
         self._next_progress = 0
         self._jumps = world.jumps
-        self._observer: Observer | None = None
+        self._intake = Intake(world, mailbox.posted, time)
         self._appointments: list[tuple[int, Callable[[], None]]] = []
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
@@ -87,11 +84,17 @@ class Simulation:
 
     def observe(self, observer: Observer) -> None:
         """Let one observer follow the run. Before `run`."""
-        self._observer = observer
+        self._intake.observer = observer
 
-    def steer(self, action: Callable[[], None]) -> None:
-        """Carry out an action of the clock between two ticks."""
-        self._steering.append(action)
+    def steer(self, action: Callable[[], None], source: str = "", *, always: bool = False, first: bool = False) -> None:
+        """Carry out an action of the clock between two ticks.
+
+        Args:
+            action: to be carried out on the simulation thread.
+            source: who wants it.
+            always, first: as for `Turns.put`, whose `Refused` may be raised.
+        """
+        self._steering.put(client_of(source), action, always=always, first=first)
         self.mailbox.wake.set()
 
     def appoint(self, tick: int, action: Callable[[], None]) -> None:
@@ -105,28 +108,38 @@ class Simulation:
             Why that was refused; "" where it was not.
         """
         replies: list[Reply | Progress] = []
-        self._submit(Posted(Call("world/load", in_one_piece(data), "begin"), replies.append))
+        self._intake.submit(Posted(Call("world/load", in_one_piece(data), "begin"), replies.append))
         output = self.world.flush()
+        self._intake.batch += 1
         for on_reply, reply in output.replies:
             on_reply(reply)
         self._follow_jump()
         faults = [reply.fault for reply in replies if isinstance(reply, Reply) and reply.fault is not None]
         return faults[0].text if faults else ""
 
-    def call(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
-        """Start a service of the clock (`uwserver.simulation.services`) with checked arguments; `client` is a name of the barrier, or "".
+    def call(
+        self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""
+    ) -> Callable[[], bool]:
+        """Start a service of the clock (`uwserver.simulation.services`) with checked arguments.
+
+        Args:
+            service, args: what is asked.
+            client: a name of the barrier, or "".
+            on_reply: gets the answer.
+            source: who asks.
 
         Returns:
-            Its cancel function.
+            Its cancel function. As `steer` it may raise `Refused`.
         """
         if service in ("world/step", "world/run_until", "world/run_until_tick"):
-            return self._start_goal(service, args, client, on_reply)
+            return self._start_goal(service, args, client, on_reply, source)
         action = {
             "world/pause": self._pause,
             "world/resume": self._resume,
             "world/set_speed": lambda: self._set_speed(args["speed"]),
         }[service]
-        self.steer(lambda: self._acknowledge(action, on_reply))
+        # Whoever stops the world does not wait until others have been served.
+        self.steer(lambda: self._acknowledge(action, on_reply), source, first=service == "world/pause")
         return lambda: False
 
     # -- the thread -----------------------------------------------------------------------------------------------------------------
@@ -151,11 +164,11 @@ class Simulation:
 
     def _refuse_the_rest(self, refused: Refused) -> None:
         """Everybody who still waits gets an answer."""
-        while self._steering:
-            self._steering.popleft()()
+        while (action := self._steering.take()) is not None:
+            action()
         for goal in self._goals[:]:
             self._finish(goal, refused)
-        for posted in self.mailbox.take():
+        while (posted := self.mailbox.posted.take()) is not None:
             if posted.on_reply is not None:
                 self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
         for on_reply, answer in self.world.end(refused.fault.text):
@@ -166,8 +179,8 @@ class Simulation:
         return ended or self._stop.is_set()
 
     def _turn(self) -> None:
-        while self._steering:
-            self._steering.popleft()()
+        for action in self._intake.within(STEERING_NS if self._is_paced() else None, self._steering):
+            action()
         if (
             self.failure
             # A paused world that was told to step or run asks nobody for grants; a grant does not move a paused one.
@@ -180,23 +193,32 @@ class Simulation:
 
     def _is_due(self) -> bool:
         """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
-        if self.timing.pace is not None and not (self._goals and not self._goals[0].paced):
+        if self.timing.pace is not None and not self._hurries():
             late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
             if late_ns is None:
                 self.mailbox.wake.clear()  # before `_turn` looks at what came
                 return False
             self.lateness.add(late_ns)
         else:
-            # Nobody waits for the wall clock here, so the tick may wait for the loop: nothing is lost to a sink.
-            while self.bus.backlog() > MAX_TICKS // 2 and not self._stop.is_set():
-                self._time.wait(0.0005, self._stop)
+            # Nobody waits for the wall clock here, so the tick may wait for the loop: nothing is lost to a sink, and the loop hears its peers.
+            while self.bus.backlog() >= self.bus.ahead and not self._stop.is_set():
+                self.bus.flush()
+                self._time.wait(_LOOK_S, self._stop)
         return True
 
+    def _hurries(self) -> bool:
+        """Whether a paused world runs steps as fast as it can."""
+        return bool(self._goals) and not self._goals[0].paced
+
+    def _is_paced(self) -> bool:
+        """Whether a tick must not be kept waiting."""
+        return self.timing.mode == "realtime" and not self._hurries()
+
     def _tick(self) -> None:
-        self._take_posted()
         try:
-            output = self.world.advance()
+            output = self.world.advance(self._intake.requests(self._is_paced()))
         except Diverged as error:
+            self._intake.batch += 1
             self._follow_jump()  # a load may have been in this tick; its failure is the one that follows
             self.failure = str(error)
             log.error("%s", error)
@@ -206,10 +228,11 @@ class Simulation:
             for goal in self._goals[:]:
                 self._finish(goal, Refused("internal", self.failure))
             return
+        self._intake.batch += 1
         self.lateness.ticks += 1
         self.lockstep.ticked(output)
-        if self._observer is not None:
-            self._observer.ticked(self.world)
+        if self._intake.observer is not None:
+            self._intake.observer.ticked(self.world)
         self.bus.publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
         self._keep_appointments()
@@ -221,25 +244,21 @@ class Simulation:
             self._appointments.remove(appointment)
             appointment[1]()
 
-    def _take_posted(self) -> None:
-        for posted in self.mailbox.take():
-            self._submit(posted)
-
-    def _submit(self, posted: Posted) -> None:
-        if self._observer is not None:
-            self._observer.requested(posted.item, self.world.tick)
-        self.world.post(posted)
-
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
         self.pace.release()
         self.mailbox.wake.clear()
-        self._take_posted()
-        output: TickOutput = self.world.flush()
+        output: TickOutput = self.world.flush(self._intake.requests(self._is_paced()))
+        self._intake.batch += 1
         self.bus.publish(output)
         self.bus.flush()
         self._follow_jump()
-        if not self._steering and not self._stop.is_set() and not self.lockstep.asks:
+        if (
+            not len(self._steering)
+            and not len(self.mailbox.posted)
+            and not self._stop.is_set()
+            and not self.lockstep.asks
+        ):
             self.mailbox.wake.wait(_IDLE_S)
 
     def _follow_jump(self) -> None:
@@ -260,7 +279,7 @@ class Simulation:
     def _granted(self) -> bool:
         world = self.world
         for command in self.lockstep.orders(world.tick, world.ports):
-            self._submit(Posted(command, None))
+            self._intake.submit(Posted(command, None))
         return self.lockstep.is_granted(world.tick)
 
     def _pause_for_loss(self, text: str) -> None:
@@ -300,7 +319,9 @@ class Simulation:
         self.pace.speed = float(speed)  # type: ignore[arg-type]  # checked against the argument
         self.pace.release()
 
-    def _start_goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Callable[[], bool]:
+    def _start_goal(
+        self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str
+    ) -> Callable[[], bool]:
         state: dict[str, Goal] = {}
 
         def start() -> None:
@@ -319,25 +340,24 @@ class Simulation:
             if goal is not None and goal not in self._goals:
                 return False
             # One that has not begun yet has when this is carried out: steering keeps its order.
-            self.steer(lambda: self._cancel(state.get("goal")))
+            self.steer(lambda: self._cancel(state.get("goal")), source, always=True)
             return True
 
-        self.steer(start)
+        self.steer(start, source)
         return cancel
 
     def _goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Goal:
         now = self.world.tick
         if self.failure:
             raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
-        if service == "world/run_until":
-            tick = self.world.ticks.at(float(args["t_s"]))  # type: ignore[arg-type]
+        if len(self._goals) >= MAX_GOALS:
+            raise Refused("overload", f"{MAX_GOALS} steps and runs of all clients are under way: wait for one of them")
+        if service != "world/step":
+            by_time = service == "world/run_until"
+            tick = self.world.ticks.at(float(args["t_s"])) if by_time else int(args["tick"])  # type: ignore[arg-type]
             if tick < now:
-                raise Refused("out_of_range", f"t = {self.world.t_ns / NANOSECONDS:g} s is past that already", "t_s")
-            return Goal(tick, now, on_reply, self.paused, paced=True)
-        if service == "world/run_until_tick":
-            tick = int(args["tick"])  # type: ignore[arg-type]
-            if tick < now:
-                raise Refused("out_of_range", f"tick {now} is past that already", "tick")
+                text = f"the world stands at tick {now}, t = {self.world.t_ns / NANOSECONDS:g} s: that is past already"
+                raise Refused("out_of_range", text, "t_s" if by_time else "tick")
             return Goal(tick, now, on_reply, self.paused, paced=True)
         n = int(args["n"])  # type: ignore[arg-type]
         if self.timing.mode == "lockstep" and not self.paused:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 
 from uwserver.ports import Call, Command, OnReply, Refused, Reply
 from uwserver.ports.crossing import Later, Posted, TickOutput
@@ -33,10 +34,15 @@ class Requests:
         self._now = now
         self.posted: list[Posted] = []
 
-    def carry_out(self, output: TickOutput) -> None:
-        """Carry out what was posted; replies go to the output. A call may put the world to another tick."""
+    def carry_out(self, output: TickOutput, more: Iterable[Posted] = ()) -> None:
+        """Carry out what was posted, then more; replies go to the output. A call may put the world to another tick.
+
+        Args:
+            output: of the tick.
+            more: is asked for its next only when the one before is done, so that who gives them can stop in time.
+        """
         posted, self.posted = self.posted, []
-        for entry in posted:
+        for entry in chain(posted, more):
             if isinstance(entry.item, Call):
                 # A call may depend on the commands before it.
                 self._commands.apply(self._now()[0])

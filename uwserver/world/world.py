@@ -299,8 +299,10 @@ class World:
         find("port", port, self.ports)
         return self._last.get(port)
 
-    def advance(self) -> TickOutput:
-        """One tick. The order is part of the contract (`Stage`; within one, by a part's order and path):
+    def advance(self, more: Iterable[Posted] = ()) -> TickOutput:
+        """One tick; `more` is carried out after what was posted (`Requests.carry_out`).
+
+        The order is part of the contract (`Stage`; within one, by a part's order and path):
 
         1. faults that begin or end, so that they meet the commands of this tick;
         2. what was posted, so that a command acts in the tick that its reply names;
@@ -317,8 +319,8 @@ class World:
         for part in self._first:
             if part.next_tick is not None and tick >= part.next_tick:
                 part.before(tick, self.t_ns)
-        if self._requests.posted:
-            self._requests.carry_out(output)
+        if self._requests.posted or more:
+            self._requests.carry_out(output, more)
             tick = self._tick  # a restore or reset may have been among it
         for part in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
@@ -346,10 +348,10 @@ class World:
             output.events, self._events = self._events, []
         output.tick, output.t_ns = self._tick, self.t_ns
 
-    def flush(self) -> TickOutput:
+    def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self._requests.carry_out(output)
+        self._requests.carry_out(output, more)
         self._end_tick(output)
         return output
 

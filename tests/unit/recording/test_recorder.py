@@ -137,15 +137,14 @@ def test_samples_events_and_the_last_state_are_written(bench: Bench, path: Path)
 
 def test_requests_are_written_in_order_with_their_batch(bench: Bench, path: Path) -> None:
     with bench.running():
-        bench.recorder.requested(Command("rov/thrusters", ((0.5,) * 8,), "a"), 7)
-        bench.recorder.requested(Call("world/state_hash", {"x": [1, 2.0, None]}, "b"), 7)
-        bench.simulation._steering.popleft()()
-        bench.recorder.requested(Command("rov/force_torque", (None, (1.0, 2.0, 3.0)), "a"), 7)
+        bench.recorder.requested(Command("rov/thrusters", ((0.5,) * 8,), "a"), 7, 4)
+        bench.recorder.requested(Call("world/state_hash", {"x": [1, 2.0, None]}, "b"), 7, 4)
+        bench.recorder.requested(Command("rov/force_torque", (None, (1.0, 2.0, 3.0)), "a"), 7, 5)
     assert bodies(path, REQUESTS) == [
-        {"index": 0, "batch": 0, "tick": 7, "source": "a", "port": "rov/thrusters", "value": [[0.5] * 8]},
+        {"index": 0, "batch": 4, "tick": 7, "source": "a", "port": "rov/thrusters", "value": [[0.5] * 8]},
         {
             "index": 1,
-            "batch": 0,
+            "batch": 4,
             "tick": 7,
             "source": "b",
             "service": "world/state_hash",
@@ -153,7 +152,7 @@ def test_requests_are_written_in_order_with_their_batch(bench: Bench, path: Path
         },
         {
             "index": 2,
-            "batch": 1,
+            "batch": 5,
             "tick": 7,
             "source": "a",
             "port": "rov/force_torque",
@@ -248,7 +247,7 @@ def test_real_time_drops_samples_but_no_request_when_the_disk_is_slow(
     with bench.running():
         for _ in range(15):
             bench.recorder.put_samples([SAMPLE, SAMPLE])
-            bench.recorder.requested(Call("world/state_hash", {}, "a"), 1)
+            bench.recorder.requested(Call("world/state_hash", {}, "a"), 1, 0)
         bench.world.tick = 240
         bench.recorder.ticked(bench.world)  # returns although the queue is full
         assert bench.recorder.status()["dropped"] == 20
@@ -286,7 +285,7 @@ def test_a_flood_of_requests_ends_the_recording_with_a_reason(
     monkeypatch.setattr(recorder_module, "MAX_REQUESTS", 5)
     with bench.running():
         for _ in range(7):
-            bench.recorder.requested(Call("world/state_hash", {}, "a"), 1)
+            bench.recorder.requested(Call("world/state_hash", {}, "a"), 1, 0)
         assert "5 commands and calls wait" in str(bench.recorder.status()["error"])
         assert bench.recorder.status()["recording"] is False
         stalled.set()
@@ -309,7 +308,7 @@ def test_a_disk_that_fails_later_ends_the_recording_once(
             if thread.name == "recorder":
                 thread.join(WAIT_S)
         bench.recorder.put_samples([SAMPLE])
-        bench.recorder.requested(Call("world/state_hash", {}, "a"), 1)
+        bench.recorder.requested(Call("world/state_hash", {}, "a"), 1, 0)
         bench.recorder.ticked(bench.world)
         assert bench.recorder.status()["recording"] is False
     errors = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]

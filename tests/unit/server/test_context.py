@@ -63,7 +63,7 @@ class Notes:
         rig.simulation.observe(notes)
         return notes.items
 
-    def requested(self, item: Command | Call, tick: int) -> None:
+    def requested(self, item: Command | Call, tick: int, batch: int) -> None:
         self.items.append(item)
 
     def ticked(self, world: World) -> None: ...
@@ -205,10 +205,11 @@ def piloted() -> Iterator[Loop]:
 
 
 def fill(rig: Rig) -> None:
-    """Post as much as there is room for."""
-    with contextlib.suppress(Refused):
-        while True:
-            rig.mailbox.post(Call("world/state_hash", {}), None)
+    """Post as much as there is room for, a crowd and the peers alike."""
+    for source in ("crowd1", "crowd2", "crowd3", "crowd4", "robots:1", "robots:2"):
+        with contextlib.suppress(Refused):
+            while True:
+                rig.mailbox.post(Call("world/faults", {}, source), None)
 
 
 def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) -> None:
@@ -230,7 +231,7 @@ def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) ->
     gone.command("rov/autopilot/depth", {"depth": 3.0}, leaver)
     stays.call("world/state_hash", {}, other)
     fill(rig)
-    with pytest.raises(Refused, match="wait for the next tick"):
+    with pytest.raises(Refused, match="wait for their tick"):
         stays.command("rov/autopilot/depth", {"depth": 2.0}, other)
     detach()
     gone.close()
@@ -254,8 +255,9 @@ def test_one_cancel_for_each_call_goes_past_a_full_mailbox(piloted: Loop) -> Non
     assert answer is not None
     assert answer.code == "preempted", answer.text
     assert not cancel(), "it is over"
-    cancels = [item for item in carried_out if item.service == "rov/autopilot/cancel_goto"]
-    assert [(item.source, item) for item in cancels] == [("robots:1", carried_out[-1])]
+    of_the_client = [item.service for item in carried_out if item.source == "robots:1"]
+    assert (of_the_client[0], of_the_client[-1]) == ("rov/autopilot/goto", "rov/autopilot/cancel_goto"), "in its order"
+    assert of_the_client.count("rov/autopilot/cancel_goto") == 1
 
 
 def test_a_client_is_there_until_it_leaves(resolved: Resolved) -> None:
@@ -267,3 +269,15 @@ def test_a_client_is_there_until_it_leaves(resolved: Resolved) -> None:
         assert barrier.absent() == ["b"]
         leave()
         assert barrier.absent() == ["a", "b"]
+
+
+def test_who_stops_a_vehicle_does_not_wait_until_a_crowd_has_been_served(piloted: Loop) -> None:
+    heard, context = Heard(), Context(hub_of(piloted), "robots", False)
+    held, carried_out = Held(piloted), Notes.of(piloted)
+    fill(piloted)
+    context.call("rov/thrusters/deactivate", {}, "3", heard)
+    context.call("rov/autopilot/disarm", {}, "4", heard)
+    held.let_go()
+    assert piloted.reply(heard).fault is None
+    assert piloted.reply(heard).fault is None
+    assert [item.source for item in carried_out[:2]] == ["robots:4", "robots:3"]

@@ -8,7 +8,9 @@ import pytest
 
 from uwserver.ports import Call, Event, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
-from uwserver.simulation.bus import MAX_POSTED, MAX_TICKS, Bus, Mailbox
+from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
+from uwserver.simulation.turns import MAX_WAITING
+from uwserver.testing import MockTime
 
 
 class Notes:
@@ -69,7 +71,7 @@ def test_a_loop_that_stalls_costs_samples_but_no_reply_and_no_event():
         bus.publish(tick(k, replies=[(answers.append, Reply(k, k))], events=[Event("reset", k, k, "")]))
     assert bus.dropped == 10
     assert bus.backlog() == MAX_TICKS + 10
-    bus.dispatch()
+    bus.drain()
     assert len(answers) == MAX_TICKS + 10
     assert notes.seen.count("reset") == MAX_TICKS + 10
     assert bus.backlog() == 0
@@ -92,7 +94,7 @@ def test_a_broken_sink_and_a_broken_asker_hurt_nobody(caplog):
     bus.attach(notes)
     bus.publish(tick(1, replies=[(fails, Reply(1, 1)), (answers.append, Reply(1, 1))]))
     with caplog.at_level(logging.ERROR):
-        bus.dispatch()
+        bus.drain()
     assert notes.seen == [[1]]
     assert len(answers) == 1
     assert "broken sink" in caplog.text
@@ -109,13 +111,75 @@ def test_a_detached_sink_hears_no_more():
     assert bus.last["rov/imu"].seq == 1
 
 
-def test_the_mailbox_is_bounded_and_tells_the_sender():
+def test_the_mailbox_is_bounded_tells_the_sender_and_wakes_the_simulation():
     mailbox = Mailbox()
-    for _ in range(MAX_POSTED):
-        mailbox.post(Call("world/reset", {}), None)
-    with pytest.raises(Refused, match="wait for the next tick") as caught:
-        mailbox.post(Call("world/reset", {}), None)
+    for _ in range(MAX_WAITING):
+        mailbox.post(Call("world/reset", {}, "tcp:1"), None)
+    with pytest.raises(Refused, match="wait for their tick") as caught:
+        mailbox.post(Call("world/reset", {}, "tcp:1"), None)
     assert caught.value.fault.code == "overload"
-    assert len(mailbox.take()) == MAX_POSTED
-    assert mailbox.take() == []
+    mailbox.post(Call("world/reset", {}, "tcp:2"), None)
+    assert len(mailbox.posted) == MAX_WAITING + 1
     assert mailbox.wake.is_set()
+
+
+def test_a_client_that_has_said_its_name_is_still_the_same():
+    mailbox = Mailbox()
+    for source in ("tcp:1", "tcp:1 (helm)", "tcp:1 (helm)", "tcp:2"):
+        mailbox.post(Call("world/reset", {}, source), None)
+    taken = [mailbox.posted.take() for _ in range(4)]
+    assert [posted.item.source for posted in taken] == ["tcp:1", "tcp:2", "tcp:1 (helm)", "tcp:1 (helm)"]
+
+
+class Slow:
+    """A sink that needs its time for a tick."""
+
+    def __init__(self, time: MockTime, seconds: float) -> None:
+        self._time, self._seconds = time, seconds
+        self.ticks = 0
+
+    def put_samples(self, samples) -> None:
+        self.ticks += 1
+        self._time.pass_time(self._seconds)
+
+    def put_event(self, event) -> None:
+        pass
+
+
+def test_a_long_delivery_is_cut_so_that_the_loop_can_look_at_its_sockets():
+    wakes, time = [], MockTime()
+    bus, slow = Bus(wakes.append, time), Slow(time, 0.004)
+    bus.attach(slow)
+    for k in range(8):
+        bus.publish(tick(k))
+    seen = []
+    while wakes:
+        wakes.pop()()
+        seen.append((slow.ticks, bus.backlog()))
+    assert seen == [(3, 5), (6, 2), (8, 0)]
+    bus.publish(tick(9))
+    assert len(wakes) == 1
+    bus.publish(tick(10))
+    bus.drain()
+    assert (slow.ticks, bus.backlog()) == (10, 0)
+
+
+def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
+    """All of its turn: also what it writes to its sockets after the delivery."""
+    wakes, time = [], MockTime()
+    bus, slow = Bus(wakes.append, time), Slow(time, 0.001)
+    bus.attach(slow)
+    assert bus.ahead == MAX_TICKS // 2
+
+    def turns(count: int, writing_s: float) -> int:
+        for _ in range(count):
+            bus.publish(tick(0))
+            bus.publish(tick(1))
+            wakes.pop()()
+            time.pass_time(writing_s)
+        return bus.ahead
+
+    assert turns(40, writing_s=0.0) == pytest.approx(20, abs=1)
+    assert turns(40, writing_s=0.006) == pytest.approx(5, abs=1)
+    assert turns(40, writing_s=10.0) == 2, "at least one is made while another is delivered"
+    assert turns(40, writing_s=0.0) == pytest.approx(20, abs=1)

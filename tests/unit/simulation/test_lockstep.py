@@ -92,7 +92,7 @@ def test_the_recorder_sees_what_a_driver_commands(resolved):
     seen = []
 
     class Observer:
-        def requested(self, item, tick):
+        def requested(self, item, tick, batch):
             seen.append((item, tick))
 
         def ticked(self, world):

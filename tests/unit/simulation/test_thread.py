@@ -79,7 +79,11 @@ def test_run_until_tick_reaches_that_tick_and_pauses_a_paused_world(resolved):
             assert (reply.tick, reply.fault) == (tick, None)
         assert rig.simulation.paused
         fault = rig.call("world/run_until_tick", tick=119).fault
-        assert (fault.code, fault.where, fault.text) == ("out_of_range", "tick", "tick 120 is past that already")
+        assert (fault.code, fault.where, fault.text) == (
+            "out_of_range",
+            "tick",
+            "the world stands at tick 120, t = 0.5 s: that is past already",
+        )
 
 
 def test_a_long_run_tells_progress_and_can_be_cancelled(resolved):
@@ -247,7 +251,7 @@ def test_the_observer_sees_requests_with_their_tick_and_every_tick(resolved):
             self.requests: list = []
             self.ticks: list[int] = []
 
-        def requested(self, item, tick: int) -> None:
+        def requested(self, item, tick: int, batch: int) -> None:
             self.requests.append((tick, type(item).__name__))
 
         def ticked(self, world) -> None:

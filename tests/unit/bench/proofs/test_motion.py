@@ -9,6 +9,7 @@ import pytest
 from uwserver_bench.proofs.motion import (
     DEEP,
     angular_frequency,
+    decay_rise,
     energy_excess,
     momentum,
     potential_energy,
@@ -97,3 +98,13 @@ def test_energy_does_not_grow_beyond_the_work() -> None:
     excess = energy_excess([BODY, replace(BODY, D_L=5.0 * np.eye(6))], 0.01, 3.0)
     assert excess.shape == (2,)
     assert excess.max() < 1e-6
+
+
+def test_a_free_decay_loses_energy_in_each_run_and_one_that_is_pumped_gains_it() -> None:
+    assert decay_rise(BODY, 0.01, 2.0, count=7).shape == (7,)
+    assert decay_rise(BODY, 0.01, 2.0, count=7).max() < 0.0
+    assert decay_rise(replace(BODY, D_L=-np.eye(6)), 0.01, 2.0, count=7).min() > 1e-4
+
+
+def test_a_free_decay_without_damping_keeps_its_energy_whatever_its_weight() -> None:
+    assert np.abs(decay_rise(replace(BODY, D_L=ZERO), 0.01, 5.0, count=7)).max() < 1e-8

@@ -1,0 +1,62 @@
+"""Who is served when: each client in turn, each in its own order, nobody without a limit."""
+
+from __future__ import annotations
+
+import pytest
+
+from uwserver.ports import Refused
+from uwserver.simulation.turns import FREE_PLACES, MAX_WAITING, MAX_WAITING_OF_ALL, Turns
+
+
+def taken(turns: Turns[str]) -> list[str]:
+    return [item for _ in range(len(turns)) if (item := turns.take()) is not None]
+
+
+def fill(turns: Turns[str]) -> None:
+    for client in range(MAX_WAITING_OF_ALL // MAX_WAITING):
+        for _ in range(MAX_WAITING):
+            turns.put(f"crowd {client}", "")
+
+
+def test_clients_take_turns_and_each_keeps_its_order() -> None:
+    turns: Turns[str] = Turns()
+    for client, count in (("a", 4), ("b", 1), ("c", 2)):
+        for n in range(count):
+            turns.put(client, f"{client}{n}")
+    assert turns.take() == "a0"
+    turns.put("b", "b1")
+    assert taken(turns) == ["b0", "c0", "a1", "b1", "c1", "a2", "a3"]
+    assert (turns.take(), len(turns)) == (None, 0)
+
+
+def test_whose_turn_is_next_still_keeps_its_own_order() -> None:
+    turns: Turns[str] = Turns()
+    for item in ("a0", "a1", "b0"):
+        turns.put(item[0], item)
+    turns.put("c", "c0", first=True)
+    turns.put("b", "b1", first=True)
+    assert taken(turns) == ["b0", "c0", "a0", "b1", "a1"]
+
+
+def test_a_client_has_a_limit_of_its_own_and_is_told_which() -> None:
+    turns: Turns[str] = Turns()
+    for _ in range(MAX_WAITING):
+        turns.put("a", "")
+    with pytest.raises(Refused, match="1024 requests of this client wait") as caught:
+        turns.put("a", "")
+    assert caught.value.fault.code == "overload"
+    turns.put("a", "", always=True)
+    turns.put("b", "")
+    assert len(turns) == MAX_WAITING + 2
+
+
+def test_many_cannot_shut_out_one_who_asks_little() -> None:
+    turns: Turns[str] = Turns()
+    fill(turns)
+    for _ in range(FREE_PLACES):
+        turns.put("a", "")
+    with pytest.raises(
+        Refused, match="4096 requests of all clients wait for their tick already, 16 of them of this one"
+    ):
+        turns.put("a", "")
+    turns.put("a", "", always=True)
