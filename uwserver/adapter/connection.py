@@ -13,6 +13,7 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 
 from uwserver.adapter.contract import AdapterStats
 from uwserver.adapter.foreign import REFUSALS, FirstBytes
+from uwserver.adapter.limits import Turns
 from uwserver.adapter.refusals import Refusals
 from uwserver.ports import Fault
 
@@ -20,6 +21,8 @@ log = logging.getLogger(__name__)
 
 TURN_S = 0.002
 """Wall time after which the other peers have their turn."""
+REST_S = 0.004
+"""Wall time before a peer that has used up its turn has the next: at most a third of all time is theirs."""
 LINGER_S = 1.0
 """Wall time that a peer has to read the last text."""
 CLOSING_S = 0.2
@@ -57,12 +60,14 @@ class Peers(Generic[P]):
 
     Attributes:
         most, refusals: as given.
+        turns: of those that have more to do than fits into one.
     """
 
     def __init__(self, most: int, refusals: Refusals, stats: AdapterStats | None = None) -> None:
         self.most = most
         self.refusals = refusals
         self._stats = stats
+        self.turns = Turns()
         self._peers: dict[P, None] = {}
         self._all_gone = asyncio.Event()
 
@@ -318,7 +323,7 @@ class Connection(asyncio.Protocol):
                 return
             if now() >= end and not self.is_closing:
                 self.transport.pause_reading()
-                self._turn = self.loop.call_soon(self._work)
+                self._turn = self.loop.call_at(self.peers.turns.after(now(), TURN_S, REST_S), self._work)
                 return
 
     def _read_on(self) -> None:

@@ -1,4 +1,4 @@
-"""What bounds a peer that asks too often."""
+"""What bounds a peer that asks too often, or for too much."""
 
 from __future__ import annotations
 
@@ -24,14 +24,34 @@ class RateMeter:
         self.count = 0
         self.end = 0.0
 
-    def take(self, now: float) -> bool:
-        """Count one; whether it is still allowed."""
+    def take(self, now: float, weight: int = 1) -> bool:
+        """Count one, or one that costs as much as several; whether it is still allowed."""
         if now >= self.end:
             self.end = now + self._window_s
             self.count = 0
-        self.count += 1
+        self.count += weight
         return self.count <= self.most
 
     def is_flooded(self, now: float) -> bool:
         """Whether more came than allowed, and the window lasts."""
         return self.count > self.most and now < self.end
+
+
+class Turns:
+    """When peers that have used up their turn have the next one: one after the other, with a rest before each. What the loop does keeps the
+    simulation waiting for the interpreter; so however many peers flood, it has it to itself for most of the time."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def after(self, now: float, turn_s: float, rest_s: float) -> float:
+        """When (time of the loop) a peer whose turn ends now has the next.
+
+        Args:
+            now: time of the loop.
+            turn_s: how long it may last.
+            rest_s: before each.
+        """
+        at = max(self._next, now + rest_s)
+        self._next = at + turn_s + rest_s
+        return at

@@ -29,6 +29,8 @@ DATAGRAM_LIMIT = 65507
 """Longest datagram, bytes: what UDP over IPv4 can carry."""
 STRANGER_LIMIT = 2048
 """Longest datagram that is read of an address without a session, bytes."""
+SMALL, PIECE = 1024, 64
+"""A datagram counts as one request, and as one more for each `PIECE` bytes beyond the first `SMALL`: nothing else holds it back."""
 STRANGERS_PER_S = 1000
 """Datagrams of addresses without a session that are read in a second: their senders' addresses may be forged, so they count together."""
 RECEIVE_BUFFER = 4 << 20
@@ -141,12 +143,13 @@ class DatagramClient:
         self._heard = self._loop.time()
         self._timer = self._loop.call_later(endpoint.config.udp_lease_s, self._check_lease)
 
-    def admits(self) -> bool:
-        """Whether one more datagram may be read; any renews the lease."""
+    def admits(self, size: int) -> bool:
+        """Whether one more datagram, of so many bytes, may be read; any renews the lease."""
         self._heard = self._loop.time()
-        if self._rate.take(self._heard):
+        was_flooded = self._rate.is_flooded(self._heard)
+        if self._rate.take(self._heard, 1 + max(0, size - SMALL) // PIECE):
             return True
-        if self._rate.count == self._rate.most + 1:
+        if not was_flooded:
             text = f"more than {self._rate.most} requests a second: send fewer, or raise max_requests_per_s"
             self._service.refusals.note("rate", text)
             self._refuse(Fault("overload", text))
@@ -246,7 +249,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, address: Address) -> None:
         """Take one datagram."""
         client = self._clients.get(address)
-        if not self._admits(client, address):
+        if not self._admits(client, len(data), address):
             return
         if client is None and len(data) > STRANGER_LIMIT:
             self._challenge(JSON, len(data), address)
@@ -269,10 +272,10 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
             self._refuse_stranger(event, cookie)
             self._challenge(encoding, len(data), address)
 
-    def _admits(self, client: DatagramClient | None, address: Address) -> bool:
+    def _admits(self, client: DatagramClient | None, size: int, address: Address) -> bool:
         """Whether a datagram is read at all."""
         if client is not None:
-            return client.admits()
+            return client.admits(size)
         now = self._loop.time()
         if self._lockout.is_out(address[0], now):
             return False
@@ -292,7 +295,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
             return
         if self.service.token is None:
             client.session.admit()
-        if client.admits():
+        if client.admits(0):
             client.take(hello)
         if not client.session.greeted:
             client.close()

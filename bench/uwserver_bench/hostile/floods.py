@@ -12,6 +12,8 @@ from uwserver.adapter import frame, line
 from uwserver_bench.hostile.messages import JSON, MSGPACK
 
 CONNECTIONS = 3
+DATAGRAM_S = 0.001
+"""Wall time between two datagrams of an attacker: nothing holds it back, and its own processor time is not what is measured."""
 HELLO = b"hello"
 """Of a UDP flood: it begins with the cookie of a session."""
 
@@ -80,15 +82,17 @@ def _floods() -> Iterator[Flood]:
     yield _tcp("small pings, 1000 in a piece", line(b'{"id":1,"method":"ping"}') * 1000)
     for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 4 MiB"):
         yield _tcp(f"msgpack, {name}", frame(MSGPACK[name]))
-    yield Flood("UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True)
-    yield Flood("UDP: 16 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"], HELLO, is_udp=True)
+    yield Flood(
+        "UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True, pause_s=DATAGRAM_S
+    )
+    yield Flood("UDP: 16 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"], HELLO, is_udp=True, pause_s=DATAGRAM_S)
     greeting = moos.HELLO + moos.packet(
         [moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"flood%d", kind=moos.STRING))]
     )
     writes = moos.packet([moos.encode(moos.notify("FLOOD", 1.0, 0.0, "flood"))] * 2048)
     yield Flood("MOOSDB: 2048 writes in a packet", "moos", writes, greeting)
     yield Flood("MOOS text: 256 writes in a line", "text", b"A=1 " * 256 + b"\n")
-    yield Flood("MAVLink UDP: 64 KiB of 0xFD", "mavlink", b"\xfd" * 65_507, is_udp=True)
+    yield Flood("MAVLink UDP: 64 KiB of 0xFD", "mavlink", b"\xfd" * 65_507, is_udp=True, pause_s=DATAGRAM_S)
 
 
 FLOODS: Mapping[str, Flood] = {flood.name: flood for flood in _floods()}

@@ -114,6 +114,7 @@ def test_much_at_once_is_worked_off_in_turns(monkeypatch: pytest.MonkeyPatch):
         assert not busy.is_reading()
         other.feed(b"me too\n")
         assert other.take() == b"me too\n", "another peer has its turn between"
+        assert not busy.is_reading(), "it rests"
         await until(busy.is_reading)
         assert busy.take() == b"line\n" * 49
 

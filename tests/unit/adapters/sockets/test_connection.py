@@ -79,6 +79,7 @@ def test_late_replies_of_one_turn_are_one_write(stage: Stage, pack: Any) -> None
 
 def test_a_long_piece_is_worked_off_in_turns(stage: Stage, pack: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "TURN_S", 0.0)
+    monkeypatch.setattr(connection, "REST_S", 0.0)
 
     async def scene() -> None:
         theatre = stage()
@@ -399,6 +400,7 @@ def test_a_peer_that_wants_nothing_is_closed_at_its_end(stage: Stage, before: by
 
 def test_the_end_waits_for_the_requests_before_it(stage: Stage, pack: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "TURN_S", 0.0)
+    monkeypatch.setattr(connection, "REST_S", 0.0)
 
     async def scene() -> None:
         talker = stage().talker()

@@ -283,6 +283,20 @@ def test_reliable_and_floods_are_refused(serving: Serving) -> None:
     play(serving, scene, max_requests_per_s=10)
 
 
+def test_a_large_datagram_counts_as_many_requests(serving: Serving) -> None:
+    async def scene(context: Any, talker: Talker) -> None:
+        await talker.enter()
+        large = {"id": 2, "method": "ping", "params": "x" * (1024 + 40 * 64)}
+        for _ in range(4):
+            talker.send(large)
+            await asyncio.sleep(0)
+        codes = [(await talker.hear()).get("error", {}).get("data", {}).get("code") for _ in range(3)]
+        assert codes == [None, None, "overload"]
+        await talker.silent()
+
+    play(serving, scene, max_requests_per_s=100)
+
+
 def test_a_flood_is_not_even_decoded(serving: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     decoded: list[bytes] = []
 
