@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection, Peer, Peers
+from uwserver.adapter.accepting import Listener, note_no_descriptors, serve_tcp
+from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
     ENTRY_POINT_GROUP,
     Adapter,
@@ -28,11 +29,10 @@ from uwserver.adapter.listening import (
     cannot_listen,
     is_host_known,
     is_loopback,
-    port_of_server,
-    serve_tcp,
     serving,
 )
 from uwserver.adapter.log_file import LogFile
+from uwserver.adapter.peers import STRANGERS, Peer, Peers, host_of
 from uwserver.adapter.readings import Reading, Readings
 from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
 from uwserver.adapter.roles import field_of, port_of, port_of_kind, vehicle_of, vehicles_of
@@ -43,12 +43,13 @@ from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 
 __all__ = [
-    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "REFUSALS", "TURN_S", "UNANSWERED", "Adapter", "AdapterContext",
+    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "REFUSALS", "STRANGERS", "TURN_S", "UNANSWERED", "Adapter", "AdapterContext",
     "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection", "Conversation",
-    "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers",
+    "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers",
     "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "Undecodable",
     "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
-    "decode", "did_you_mean", "field_of", "frame", "http_answer", "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "line",
-    "load_adapter", "port_of", "port_of_kind", "port_of_server", "raw_field", "serve_tcp", "serving", "tls_context", "vehicle_of",
+    "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer", "in_pieces", "installed_adapters", "is_host_known", "is_loopback",
+    "line",
+    "load_adapter", "note_no_descriptors", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving", "tls_context", "vehicle_of",
     "vehicles_of",
 ]  # fmt: skip
