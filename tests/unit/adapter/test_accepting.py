@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import resource
 import socket
+import struct
 
 import pytest
 
@@ -119,3 +120,32 @@ def test_a_name_is_served_at_all_its_addresses():
                 pass
 
     asyncio.run(asyncio.wait_for(scene(), 20))
+
+
+def test_who_cut_the_line_is_written_to_no_more(caplog: pytest.LogCaptureFixture):
+    """Between the fatal write and the end that the loop tells a turn later there may be many writes; the library logs each."""
+
+    async def scene() -> None:
+        peers = peers_of(AdapterStats())
+        made: list[Echo] = []
+
+        def make() -> Echo:
+            made.append(Echo(peers, 10.0))
+            return made[-1]
+
+        async with serve_tcp(make, peers, "127.0.0.1", 0) as listener:
+            _, writer = await asyncio.open_connection("127.0.0.1", listener.port)
+            while not made or not hasattr(made[0], "transport"):
+                await asyncio.sleep(0.001)
+            writer.transport.get_extra_info("socket").setsockopt(
+                socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
+            )
+            writer.transport.abort()
+            await asyncio.sleep(0)
+            for _ in range(50):
+                made[0].write(b"x")
+            while len(peers):
+                await asyncio.sleep(0.001)
+
+    asyncio.run(asyncio.wait_for(scene(), 20))
+    assert caplog.records == []
