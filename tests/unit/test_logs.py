@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
+import sys
 
 import pytest
 
-from uwserver.logs import JsonFormatter, set_up_logging
+from uwserver import logs
+from uwserver.logs import CAUSES, TOLD_S, VARIED, JsonFormatter, SparingHandler, set_up_logging
 
 
 @pytest.fixture
@@ -86,3 +89,92 @@ def test_an_unknown_level_is_refused(logger):
 def test_the_formatter_needs_no_arguments():
     record = logging.LogRecord("x", logging.ERROR, "", 0, "%s and %s", ("a", "b"), None)
     assert json.loads(JsonFormatter().format(record))["text"] == "a and b"
+
+
+# -- floods -------------------------------------------------------------------------------------------------------------------------
+
+
+class Page:
+    """A handler and what it wrote; records with a time of the test's own."""
+
+    def __init__(self) -> None:
+        self.stream = io.StringIO()
+        self.handler = SparingHandler(self.stream)
+        self.now = logging.makeLogRecord({}).created
+
+    def say(
+        self, text: str, *args: object, level: int = logging.WARNING, name: str = "asyncio", exc: object = None
+    ) -> None:
+        record = logging.LogRecord(name, level, "", 0, text, args, exc)
+        record.created = self.now
+        self.handler.handle(record)
+
+    def lines(self) -> list[str]:
+        return self.stream.getvalue().splitlines()
+
+
+def test_a_cause_is_written_once_a_minute_with_its_count():
+    page = Page()
+    for _ in range(130_000):
+        page.say("socket.send() raised exception.")
+    page.say("another")
+    assert page.lines() == ["socket.send() raised exception.", "another"]
+    page.now += TOLD_S
+    page.say("socket.send() raised exception.")
+    assert page.lines()[2:] == [
+        "socket.send() raised exception. (129999 more of these since the line before)",
+        "socket.send() raised exception.",
+    ]
+
+
+def test_the_count_comes_without_a_further_line_and_at_the_end(monkeypatch: pytest.MonkeyPatch):
+    page = Page()
+    page.now -= TOLD_S / 2
+    for text in ("a", "a", "b", "b"):
+        if text == "b":
+            page.now += TOLD_S / 2
+        page.say(text)
+    page.handler.flush()
+    assert page.lines() == ["a", "b"]
+    monkeypatch.setattr(logs, "TOLD_S", TOLD_S / 3)
+    page.handler.flush()
+    assert page.lines()[2:] == ["a (1 more of these since the line before)"]
+    page.handler.close()
+    assert page.lines()[3:] == ["b (1 more of these since the line before)"]
+
+
+def test_lines_that_differ_in_what_they_name_are_written_some_times():
+    page = Page()
+    for number in range(100):
+        page.say("%s failed", number)
+    assert page.lines() == [f"{number} failed" for number in range(VARIED)]
+    page.handler.close()
+    assert page.lines()[-1] == "99 failed (90 more of these since the line before)"
+
+
+def test_tracebacks_of_one_cause_are_written_once():
+    page = Page()
+    for number in range(1000):
+        try:
+            raise OSError(24, "Too many open files")
+        except OSError:
+            page.say(f"socket.accept() out of system resource\nsocket: <fd={number}>", exc=sys.exc_info())
+    assert page.stream.getvalue().count("Traceback") == 1
+    page.say("socket.accept() out of system resource\nsocket: <fd=1>")
+    assert page.stream.getvalue().count("socket.accept()") == 2, "without a traceback it is another cause"
+
+
+def test_what_is_remembered_is_bounded_and_debugging_is_not_cut():
+    page = Page()
+    for number in range(10 * CAUSES):
+        page.say(f"text {number}")
+        page.say("so", level=logging.DEBUG)
+    assert len(page.lines()) == 20 * CAUSES
+    assert len(page.handler._causes) == CAUSES
+
+
+def test_the_server_s_log_is_spared(logger, capsys):
+    set_up_logging("info", as_json=False)
+    for _ in range(1000):
+        logging.getLogger("asyncio").warning("socket.send() raised exception.")
+    assert len(lines(capsys)) == 1

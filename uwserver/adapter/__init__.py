@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from uwserver.adapter.accepting import Listener, note_no_descriptors, serve_tcp
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
-from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection, Peer, Peers
+from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
     ENTRY_POINT_GROUP,
     Adapter,
@@ -29,11 +30,10 @@ from uwserver.adapter.listening import (
     cannot_listen,
     is_host_known,
     is_loopback,
-    port_of_server,
-    serve_tcp,
     serving,
 )
 from uwserver.adapter.log_file import LogFile
+from uwserver.adapter.peers import STRANGERS, Peer, Peers, host_of
 from uwserver.adapter.readings import Reading, Readings
 from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
 from uwserver.adapter.roles import field_of, port_of, port_of_kind, vehicle_of, vehicles_of
@@ -45,12 +45,12 @@ from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 
 __all__ = [
-    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "REFUSALS", "STRANGER_LIMIT", "TURN_S", "UNANSWERED", "Adapter",
-    "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection", "Conversation",
-    "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers",
-    "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong", "Undecodable",
-    "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen", "decode",
-    "did_you_mean", "field_of", "frame", "http_answer", "in_pieces", "installed_adapters", "is_host_known", "is_loopback",
-    "json_member", "line", "load_adapter", "msgpack_member", "port_of", "port_of_kind", "port_of_server", "raw_field", "serve_tcp",
-    "serving", "tls_context", "vehicle_of", "vehicles_of",
+    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TURN_S", "UNANSWERED",
+    "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection",
+    "Conversation", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer", "Order",
+    "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong",
+    "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
+    "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer", "in_pieces", "installed_adapters", "is_host_known",
+    "is_loopback", "json_member", "line", "load_adapter", "msgpack_member", "note_no_descriptors", "port_of", "port_of_kind",
+    "raw_field", "serve_tcp", "serving", "tls_context", "vehicle_of", "vehicles_of",
 ]  # fmt: skip

@@ -6,15 +6,12 @@ Nothing a peer sends takes more than `TURN_S` of the loop before others have the
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-from collections.abc import Iterator
-from typing import Any, Generic, Protocol, TypeVar, cast
+import math
+from typing import Any, cast
 
-from uwserver.adapter.contract import AdapterStats
 from uwserver.adapter.foreign import REFUSALS, FirstBytes
-from uwserver.adapter.limits import Turns
-from uwserver.adapter.refusals import Refusals
+from uwserver.adapter.peers import Peers, host_of
 from uwserver.ports import Fault
 
 log = logging.getLogger(__name__)
@@ -25,101 +22,8 @@ REST_S = 0.004
 """Wall time before a peer that has used up its turn has the next: at most a third of all time is theirs."""
 LINGER_S = 1.0
 """Wall time that a peer has to read the last text."""
-CLOSING_S = 0.2
-"""Wall time in which peers may take what was written before the adapter ends."""
 HIGH_WATER = 1 << 16
 """Bytes in the transport above which `pause_writing` is called."""
-
-
-class Peer(Protocol):
-    """A client of any transport, as an adapter counts and ends it.
-
-    Attributes:
-        is_half_open: it only listens on, and may be long dead.
-    """
-
-    is_half_open: bool
-
-    def close(self) -> None:
-        """Send what it still takes, then end it."""
-
-    def abort(self) -> None:
-        """End it at once."""
-
-
-P = TypeVar("P", bound=Peer)
-
-
-class Peers(Generic[P]):
-    """All peers of one adapter, at most so many at once.
-
-    Args:
-        most: that may be there.
-        refusals: where it is told who was sent away.
-        stats: whose `peers` is kept; None where the adapter counts otherwise.
-
-    Attributes:
-        most, refusals: as given.
-        turns: of those that have more to do than fits into one.
-    """
-
-    def __init__(self, most: int, refusals: Refusals, stats: AdapterStats | None = None) -> None:
-        self.most = most
-        self.refusals = refusals
-        self._stats = stats
-        self.turns = Turns()
-        self._peers: dict[P, None] = {}
-        self._all_gone = asyncio.Event()
-
-    def __iter__(self) -> Iterator[P]:
-        return iter(list(self._peers))
-
-    def __len__(self) -> int:
-        return len(self._peers)
-
-    @property
-    def too_many(self) -> Fault:
-        """What one peer too many is told."""
-        return Fault("overload", f"{self.most} clients are connected: close some, or raise max_clients of the adapter")
-
-    def enter(self, peer: P) -> bool:
-        """Whether there is room for a peer. One that only listens on, and may be long dead, makes way."""
-        room = len(self._peers) < self.most
-        if not room:
-            idle = next((other for other in self._peers if other.is_half_open), None)
-            if idle is not None:
-                idle.abort()
-                room = True
-        self._peers[peer] = None
-        self._count()
-        return room
-
-    def leave(self, peer: P) -> None:
-        """A peer is gone."""
-        self._peers.pop(peer, None)
-        self._count()
-        if not self._peers:
-            self._all_gone.set()
-
-    def _count(self) -> None:
-        if self._stats is not None:
-            self._stats.peers = len(self._peers)
-
-    async def close(self) -> None:
-        """End all; returns when they are gone."""
-        for peer in self:
-            peer.close()
-        try:
-            if self._peers:
-                self._all_gone.clear()
-                with contextlib.suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(self._all_gone.wait(), CLOSING_S)
-        finally:
-            for peer in self:
-                peer.abort()
-        if self._peers:
-            self._all_gone.clear()
-            await self._all_gone.wait()  # an aborted transport is gone with the next turn of the loop
 
 
 class Connection(asyncio.Protocol):
@@ -127,15 +31,21 @@ class Connection(asyncio.Protocol):
 
     Args:
         peers: of the adapter.
+        first_message_s: wall time in which the peer must be admitted (`admit`), which is for the derived class to say; `math.inf` where it
+            may wait among strangers, until others need the place. Default: all are admitted as they come.
 
     Attributes:
+        host: of the peer, see `host_of`.
+        is_stranger: it was not admitted yet.
         is_half_open: the peer sends nothing more, but may still read (``echo ... | nc -N``).
         peers, loop, transport: as given, as running, as connected.
         is_closing: it ends; nothing is read or written any more.
         is_working: a turn of this peer is under way.
     """
 
-    def __init__(self, peers: Peers[Any]) -> None:
+    def __init__(self, peers: Peers[Any], first_message_s: float | None = None) -> None:
+        self.host = ""
+        self.is_stranger = True
         self.is_half_open = False
         self.is_closing = False
         self.is_working = False
@@ -143,6 +53,8 @@ class Connection(asyncio.Protocol):
         self.loop = asyncio.get_running_loop()
         self.transport: asyncio.Transport
         self._first: FirstBytes | None = FirstBytes()
+        self._first_message_s = first_message_s
+        self._deadline: asyncio.TimerHandle | None = None
         self._turn: asyncio.Handle | None = None
         self._linger: asyncio.TimerHandle | None = None
 
@@ -178,8 +90,14 @@ class Connection(asyncio.Protocol):
         """Whether anything may still come for the peer though it asks for nothing more."""
         return False
 
+    def missed(self) -> None:
+        """It was not admitted in time."""
+        text = f"nothing valid came within {self._first_message_s:g} s"
+        self.peers.refusals.note("timeout", text)
+        self.farewell(self.refused(Fault("timeout", text)))
+
     def refused(self, fault: Fault) -> bytes:
-        """The text that one peer too many gets."""
+        """The text that a peer gets for which there is no place, or which said nothing in time."""
         return f"{fault.text}\n".encode()
 
     def stop(self) -> None:
@@ -187,6 +105,18 @@ class Connection(asyncio.Protocol):
 
     def closed(self) -> None:
         """The peer is gone."""
+
+    def admit(self) -> bool:
+        """It has shown that it is one of ours: it takes a place of those. Where there is none it is told so, and ends; then False."""
+        if not self.is_stranger:
+            return True
+        fault = self.peers.admit(self)
+        if fault is not None:
+            self.farewell(self.refused(fault))
+            return False
+        self.is_stranger = False
+        self._stop_deadline()
+        return True
 
     # -- writing and ending ---------------------------------------------------------------------------------------------------------
 
@@ -196,8 +126,8 @@ class Connection(asyncio.Protocol):
         return self.transport.get_write_buffer_size()
 
     def write(self, data: bytes) -> None:
-        """Send, unless it ends already."""
-        if not self.is_closing:
+        """Send, unless it ends already: also by the peer, which is told to us a turn later."""
+        if not self.is_closing and not self.transport.is_closing():
             self.transport.write(data)
 
     def close(self) -> None:
@@ -237,9 +167,15 @@ class Connection(asyncio.Protocol):
     def _begin_closing(self, linger_s: float | None = None) -> None:
         self.is_closing = True
         self._stop_turns()
+        self._stop_deadline()
         self.stop()
         # A peer that reads nothing would keep its connection, and our memory, for ever.
         self._linger = self.loop.call_later(LINGER_S if linger_s is None else linger_s, self.transport.abort)
+
+    def _stop_deadline(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
 
     def _stop_turns(self) -> None:
         if self._turn is not None:
@@ -252,15 +188,20 @@ class Connection(asyncio.Protocol):
         """Begin; a peer too many is told and sent away."""
         self.transport = cast(asyncio.Transport, transport)
         self.transport.set_write_buffer_limits(HIGH_WATER)
-        if self.peers.enter(self):
-            self.opened()
-        else:
-            self.farewell(self.refused(self.peers.too_many))
+        self.host = host_of(self.transport.get_extra_info("peername"))
+        self.peers.enter(self, self.host)
+        if self._first_message_s is None:
+            if not self.admit():
+                return
+        elif self._first_message_s < math.inf:
+            self._deadline = self.loop.call_later(self._first_message_s, self.missed)
+        self.opened()
 
     def connection_lost(self, error: Exception | None) -> None:
         """End; the peer died, or we closed."""
         self.is_closing = True
         self._stop_turns()
+        self._stop_deadline()
         if self._linger is not None:
             self._linger.cancel()
         try:

@@ -7,14 +7,12 @@ import contextlib
 import errno
 import ipaddress
 import socket
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from typing import Any, Literal
+from collections.abc import Iterator, Sequence
+from typing import Literal
 
-from uwserver.adapter.connection import Peers
 from uwserver.adapter.contract import AdapterContext, Subscriber
 from uwserver.adapter.refusals import CannotServe
 
-BACKLOG = 256
 ANOTHER = "another uwserver"
 """Who most likely holds an address that is in use."""
 
@@ -105,44 +103,6 @@ def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> s
     except OSError as error:
         raise cannot_listen(error, bind, port, kind, rival=rival) from error
     return endpoint
-
-
-@contextlib.asynccontextmanager
-async def serve_tcp(
-    make: Callable[[], asyncio.Protocol],
-    peers: Peers[Any],
-    bind: str,
-    port: int,
-    *,
-    key: str = "port",
-    rival: str = ANOTHER,
-) -> AsyncIterator[asyncio.Server]:
-    """A TCP server while the context is open; then all peers are closed, those that do not go are cut off.
-
-    Args:
-        make: a protocol for each that connects, usually a `Connection`.
-        peers: those that have connected.
-        bind, port: the address; port 0 takes a free one.
-        key: of the adapter's table that gives the port.
-        rival: who most likely holds it when it is in use.
-
-    Raises:
-        CannotListen: the address cannot be had.
-    """
-    try:
-        server = await asyncio.get_running_loop().create_server(make, bind, port, backlog=BACKLOG)
-    except OSError as error:
-        raise cannot_listen(error, bind, port, key=key, rival=rival) from error
-    try:
-        yield server
-    finally:
-        server.close()
-        await peers.close()
-
-
-def port_of_server(server: asyncio.Server) -> int:
-    """The port that a server has really got."""
-    return int(server.sockets[0].getsockname()[1])
 
 
 @contextlib.contextmanager

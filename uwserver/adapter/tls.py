@@ -49,6 +49,28 @@ def tls_context(cert: str | None, key: str | None, client_ca: str | None) -> ssl
     return context
 
 
+_PLAIN = ("HTTP_REQUEST", "WRONG_VERSION_NUMBER", "UNKNOWN_PROTOCOL", "RECORD_LAYER_FAILURE", "PACKET_LENGTH_TOO_LONG")
+_TOO_OLD = ("UNSUPPORTED_PROTOCOL", "VERSION_TOO_LOW")
+_NO_CERTIFICATE = ("PEER_DID_NOT_RETURN_A_CERTIFICATE", "CERTIFICATE_VERIFY_FAILED")
+_REMEDIES = (
+    (_PLAIN, "plain client", "this port speaks TLS only, connect with TLS (wss:// in a browser)"),
+    (_TOO_OLD, "old version", "TLS 1.2 is the least"),
+    (_NO_CERTIFICATE, "client certificate", "a client needs a certificate of tls_client_ca"),
+    (("TIMEOUT",), "timeout", "it took too long"),
+)
+
+
+def handshake_refusal(reason: str) -> tuple[str, str]:
+    """Cause and text for `Refusals.note` of a handshake that failed.
+
+    Args:
+        reason: of OpenSSL, or ``TIMEOUT``.
+    """
+    unknown = ((), "failure", "check the client's TLS settings and its trust in tls_cert")
+    _, cause, remedy = next((entry for entry in _REMEDIES if reason in entry[0]), unknown)
+    return f"tls {cause}", f"a TLS handshake failed ({reason.lower()}): {remedy}"
+
+
 def _check_readable(setting: str, file: str | None) -> None:
     if file is None:
         return

@@ -18,10 +18,9 @@ from uwserver.adapter import (
     Refusals,
     http_answer,
     is_host_known,
-    port_of_server,
     serve_tcp,
 )
-from uwserver.ports import Fault, Json
+from uwserver.ports import Json
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +29,7 @@ REQUEST_TIMEOUT_S = 5.0
 REQUEST_LIMIT = 1 << 14
 """Longest head of a request, bytes."""
 MOST_PEERS = 64
-"""Connections at once."""
+"""Connections at once; the oldest makes way."""
 
 _END: Final = b"\r\n\r\n"
 _FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
@@ -95,7 +94,7 @@ class Service:
 
 
 class Asker(Connection):
-    """One peer with one request.
+    """One peer with one request: a stranger for as long as it is there.
 
     Args:
         service: what it may ask for.
@@ -103,20 +102,15 @@ class Asker(Connection):
     """
 
     def __init__(self, service: Service, peers: Peers[Asker]) -> None:
-        super().__init__(peers)
+        super().__init__(peers, REQUEST_TIMEOUT_S)
         self._service = service
         self._head = bytearray()
         self._is_http = False
-        self._deadline = self.loop.call_later(REQUEST_TIMEOUT_S, self.abort)
 
     def takes_http(self, head: bytes) -> bool:
         """All of it."""
         self._is_http = True
         return True
-
-    def refused(self, fault: Fault) -> bytes:
-        """What one too many gets."""
-        return http_answer("503 Service Unavailable", "too many ask at once: try again\n")
 
     def receive(self, data: bytes) -> None:
         """Store bytes."""
@@ -131,13 +125,9 @@ class Asker(Connection):
             self.abort()
         return False
 
-    def stop(self) -> None:
-        """It has its answer."""
-        self._deadline.cancel()
-
-    def closed(self) -> None:
-        """It is gone."""
-        self._deadline.cancel()
+    def missed(self) -> None:
+        """It has not ended its request in time: who is so slow waits for no answer."""
+        self.abort()
 
 
 @contextlib.asynccontextmanager
@@ -159,6 +149,6 @@ async def serve_http(
     """
     refusals = Refusals("/health and /metrics", AdapterStats(), asyncio.get_running_loop().time)
     service = Service(status, metrics, hosts, refusals)
-    peers: Peers[Asker] = Peers(MOST_PEERS, refusals)
+    peers: Peers[Asker] = Peers(0, refusals, strangers=MOST_PEERS)
     async with serve_tcp(partial(Asker, service, peers), peers, bind, port, key="[server] metrics_port") as server:
-        yield port_of_server(server)
+        yield server.port

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,8 @@ class Monitor:
             self.real_time_factor = max(0.0, (t_ns - sim) / (now - wall))
             self.lateness = self._hub().simulation.lateness.quantiles()
             wall, sim = now, t_ns
+            for handler in logging.getLogger().handlers:
+                handler.flush()  # counts of what flooded the log are told though nothing more comes
 
     def status(self) -> dict[str, Json]:
         """The `world/status` answer."""

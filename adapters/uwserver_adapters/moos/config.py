@@ -121,7 +121,7 @@ class MoosDbConfig(AdapterTable, tag="moosdb", kw_only=True, frozen=True):
     bridge: which variables stand for what of the world.
     warp: MOOSTimeWarp of the missions; default: the speed of this server.
     client_timeout_s: wall time without a word of a client after which it is disconnected.
-    max_clients: connected at once.
+    max_clients: that have said their name, at once.
     max_variables: kept; more are refused.
     queue_bytes: that wait for a client which does not read, before it is disconnected.
     packet_bytes: longest packet of a client.
@@ -145,7 +145,8 @@ class MoosTextConfig(AdapterTable, tag="moos_text", kw_only=True, frozen=True):
     port: TCP port; 0 takes a free one.
     serial: a serial line or pseudo-terminal to speak on too, such as "/dev/ttyS1".
     bridge: which variables stand for what of the world.
-    max_clients: connected at once.
+    max_clients: that have said a valid line, at once.
+    first_line_s: wall time in which a client must have said one.
     max_variables: kept; more are refused.
     queue_bytes: that wait for a client which does not read, before it is disconnected.
     line_bytes: longest line of a client.
@@ -157,5 +158,6 @@ class MoosTextConfig(AdapterTable, tag="moos_text", kw_only=True, frozen=True):
     bridge: BridgeTable = BridgeTable()
     max_clients: Count = 128
     max_variables: Count = 20_000
+    first_line_s: Positive = 60.0
     queue_bytes: Count = 4 << 20
     line_bytes: Count = 1 << 16

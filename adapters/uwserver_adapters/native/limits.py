@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from uwserver.adapter import RateMeter
+from uwserver.ports import Fault
 
 WRONG_TOKENS = 10
 """Wrong tokens that a host may show in `LOCKOUT_S`; then it is not heard until that ends."""
@@ -12,7 +13,17 @@ LOCKOUT_HOSTS = 1024
 
 
 class Lockout:
-    """Hosts that try tokens: after too many wrong ones a host is not heard for a while, with whatever it says."""
+    """Hosts that try tokens: after too many wrong ones a host is not heard for a while, with whatever it says. Clients that it has stay.
+
+    Attributes:
+        fault: what such a host is told.
+    """
+
+    fault = Fault(
+        "denied",
+        f"more than {WRONG_TOKENS} wrong tokens of one host: it is not heard for up to {LOCKOUT_S:g} s",
+        "token",
+    )
 
     def __init__(self) -> None:
         self._hosts: dict[object, RateMeter] = {}

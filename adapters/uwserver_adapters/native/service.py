@@ -10,6 +10,7 @@ from uwserver.ports import Fault
 from uwserver_adapters.native import verbs
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.fanout import Fanout
+from uwserver_adapters.native.limits import Lockout
 from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.native.requests import Request
 from uwserver_adapters.native.session import Allowance, Session
@@ -28,6 +29,7 @@ class NativeService:
         context, token: as given.
         fanout: routes of samples and events to clients; the adapter's `Subscriber`.
         refusals: counts what was refused.
+        lockout: hosts that try tokens.
     """
 
     def __init__(self, context: AdapterContext, token: str | None, allowance: Allowance, requests_per_s: int) -> None:
@@ -35,6 +37,7 @@ class NativeService:
         self.token = token
         self.fanout = Fanout(context)
         self.refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        self.lockout = Lockout()
         self._allowance = allowance
         self._requests_per_s = requests_per_s
         self._last_serial = 0
@@ -50,11 +53,13 @@ class NativeService:
         self._last_serial += 1
         return Session(self._last_serial, codec, outbox, self.fanout, wake, self._allowance)
 
-    def take(self, session: Session, request: Request) -> Fault | None:
-        """Carry out a request of a client; gives the fault with which its connection must end, if there is one."""
+    def take(self, session: Session, request: Request, host: str) -> Fault | None:
+        """Carry out a request of a client at a host; gives the fault with which its connection must end, if there is one."""
         fault = verbs.take(session, request, self.token)
         if fault is not None:
             self.refusals.note(fault.code, fault.text)
+            if fault.code == "denied" and self.lockout.wrong(host, asyncio.get_running_loop().time()):
+                self.refusals.note("lockout", self.lockout.fault.text)
         return fault
 
     def rate_meter(self) -> RateMeter:

@@ -12,12 +12,12 @@ import ssl
 from uwserver.adapter import (
     AdapterContext,
     CannotListen,
+    Listener,
     Peer,
     Peers,
     address_text,
     cannot_listen,
     is_loopback,
-    port_of_server,
     serve_tcp,
     serving,
     tls_context,
@@ -27,7 +27,6 @@ from uwserver_adapters.native.session import Allowance
 from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.sockets.datagrams import RECEIVE_BUFFER, DatagramEndpoint
-from uwserver_adapters.sockets.doorway import Doorway
 
 log = logging.getLogger(__name__)
 
@@ -53,8 +52,13 @@ class SocketsAdapter:
             token = secrets.token_urlsafe(24)
         allowance = Allowance(config.max_subscriptions, config.max_unanswered)
         self.service = NativeService(context, token, allowance, config.max_requests_per_s)
-        self.peers: Peers[Peer] = Peers(config.max_clients, self.service.refusals, context.stats)
-        self._handshakes: set[asyncio.Task[None]] = set()
+        self.peers: Peers[Peer] = Peers(
+            config.max_clients,
+            self.service.refusals,
+            context.stats,
+            most_per_host=config.max_clients_per_host,
+            strangers=config.max_strangers,
+        )
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -64,8 +68,11 @@ class SocketsAdapter:
         """
         config = self.config
         tls = self._tls()
-        async with serve_tcp(lambda: self._greet(tls), self.peers, config.bind, config.port) as server:
-            port = port_of_server(server)
+        serving_tcp = serve_tcp(
+            self._greet, self.peers, config.bind, config.port, tls=tls, handshake_s=config.hello_timeout_s
+        )
+        async with serving_tcp as server:
+            port = server.port
             datagrams: asyncio.DatagramTransport | None = None
             try:
                 if config.udp_port is not None:
@@ -76,14 +83,11 @@ class SocketsAdapter:
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
-                await self._end_handshakes()
                 if datagrams is not None:
                     await self._end_datagrams(datagrams)
 
-    def _greet(self, tls: ssl.SSLContext | None) -> asyncio.Protocol:
-        if tls is None:
-            return Connection(self.service, self.config, self.peers)
-        return Doorway(self.service, self.config, self.peers, self._handshakes, tls)
+    def _greet(self) -> Connection:
+        return Connection(self.service, self.config, self.peers)
 
     def _tls(self) -> ssl.SSLContext | None:
         config = self.config
@@ -93,7 +97,7 @@ class SocketsAdapter:
             raise CannotListen(f'{text}; give UDP an adapter of its own ([adapters.<name>] with kind = "sockets")')
         return context
 
-    async def _listen_for_datagrams(self, server: asyncio.Server, port: int) -> asyncio.DatagramTransport:
+    async def _listen_for_datagrams(self, server: Listener, port: int) -> asyncio.DatagramTransport:
         bind = self.config.bind
         # The same address as for TCP: where bind is a name, it was resolved there.
         listener = server.sockets[0]
@@ -119,11 +123,6 @@ class SocketsAdapter:
             peer.close()  # while a datagram can still be sent
         transport.abort()
         await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
-
-    async def _end_handshakes(self) -> None:
-        for handshake in self._handshakes:
-            handshake.cancel()
-        await asyncio.gather(*self._handshakes, return_exceptions=True)
 
     def _announce_token(self, port: int) -> None:
         bind = self.config.bind

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from uwserver.adapter import UNANSWERED, AdapterTable
+from uwserver.adapter import STRANGERS, UNANSWERED, AdapterTable
 from uwserver.table import Name, Positive
 from uwserver_adapters.native.outbox import QUEUE_BYTES
 from uwserver_adapters.native.session import SUBSCRIPTIONS
@@ -33,8 +33,10 @@ class SocketsConfig(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     max_requests_per_s: of one client; more are refused.
     max_subscriptions: of one client.
     max_unanswered: commands and calls of one client that wait for the world.
-    max_clients: connected at once.
-    hello_timeout_s: wall time in which a client must have shown the token, and ended a TLS or WebSocket handshake.
+    max_clients: admitted at once: they have shown the token, or said a valid message where there is none.
+    max_clients_per_host: likewise, of one host but this machine.
+    max_strangers: connected besides, not admitted yet; the oldest makes way.
+    hello_timeout_s: wall time in which a client must have been admitted, and before that ended a TLS handshake.
     """
 
     bind: Name = "127.0.0.1"
@@ -53,4 +55,6 @@ class SocketsConfig(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     max_subscriptions: _Count = SUBSCRIPTIONS
     max_unanswered: _Count = UNANSWERED
     max_clients: _Count = 256
+    max_clients_per_host: _Count = 128
+    max_strangers: _Count = STRANGERS
     hello_timeout_s: Positive = 10.0

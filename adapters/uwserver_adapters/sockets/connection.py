@@ -23,14 +23,13 @@ class Connection(adapter.Connection):
     """Made by the server for each peer; all its methods run on the loop."""
 
     def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
-        super().__init__(peers)
+        super().__init__(peers, config.hello_timeout_s)
         self._service = service
         self._config = config
         self._stats = service.context.stats
         self._outbox = Outbox(self.write, self._overflow, config.queue_samples, self._stats, config.queue_bytes)
         self._session: Session | None = None
         self._waking: asyncio.Handle | None = None
-        self._deadline: asyncio.TimerHandle | None = None
         self._rate = service.rate_meter()
         self._handshake: Handshake | None = None
         self._ends_with_peer = False  # neither TLS nor WebSocket knows a peer that only listens on
@@ -42,20 +41,29 @@ class Connection(adapter.Connection):
     def opened(self) -> None:
         """There is room for it."""
         self._ends_with_peer = self.transport.get_extra_info("sslcontext") is not None
-        if self._service.token is not None:
-            self._deadline = self.loop.call_later(self._config.hello_timeout_s, self._hello_missed)
+        if self._is_locked_out():
+            self._dismiss(self._service.lockout.fault)
 
     def refused(self, fault: Fault) -> bytes:
-        """One too many: a JSON line, as which encoding it speaks is not known yet."""
-        self._service.refusals.note("max_clients", fault.text)
+        """One too many: a JSON line where which encoding it speaks is not known yet."""
         return self._last_text(fault)
+
+    def missed(self) -> None:
+        """It has not shown in time that it is one of ours."""
+        if self._handshake is not None and self._session is None:
+            self.abort()
+        elif self._service.token is None:
+            super().missed()
+        else:
+            text = 'this server wants a token: no valid "hello" came in time'
+            self._service.refusals.note("timeout", text)
+            self._dismiss(Fault("denied", text, "token"))
 
     def stop(self) -> None:
         """It begins to end."""
         self._outbox.close()
-        for handle in (self._waking, self._deadline):
-            if handle is not None:
-                handle.cancel()
+        if self._waking is not None:
+            self._waking.cancel()
 
     def closed(self) -> None:
         """The peer died, or we closed."""
@@ -97,10 +105,6 @@ class Connection(adapter.Connection):
         if not self.is_closing:
             self.farewell(self._last_text(fault))
 
-    def _hello_missed(self) -> None:
-        text = 'this server wants a token: no valid "hello" came in time'
-        self._dismiss(Fault("denied", text, "token"))
-
     def _overflow(self, text: str) -> None:
         self._service.refusals.note("slow reader", text)
         self._dismiss(Fault("overload", text))
@@ -137,8 +141,6 @@ class Connection(adapter.Connection):
         if not head.startswith(b"GET "):
             return False
         self._handshake = Handshake(self._config.allowed_origins, self._config.allowed_hosts)
-        if self._deadline is None:
-            self._deadline = self.loop.call_later(self._config.hello_timeout_s, self.abort)
         return True
 
     def receive(self, data: bytes) -> None:
@@ -170,8 +172,6 @@ class Connection(adapter.Connection):
             self.farewell(handshake.answer)
             return None
         self._ends_with_peer = True
-        if self._service.token is None and self._deadline is not None:
-            self._deadline.cancel()
         self.write(handshake.answer)
         return handshake.codec
 
@@ -209,7 +209,8 @@ class Connection(adapter.Connection):
             self._service.refusals.note("rate", text)
             session.refuse(event.id, Fault("overload", text))
         elif isinstance(event, Request):
-            self._carry_out(event, session)
+            if self.admit():
+                self._carry_out(event, session)
         else:
             self._service.refusals.note(event.fault.code, event.fault.text)
             if event.fatal:
@@ -228,6 +229,9 @@ class Connection(adapter.Connection):
 
     def _take_from_stranger(self, event: Request | Malformed, session: Session) -> None:
         """Before a valid `hello` nothing else is answered, and not often."""
+        if self._is_locked_out():
+            self._dismiss(self._service.lockout.fault)
+            return
         self._tries += 1
         if isinstance(event, Request):
             self._carry_out(event, session)
@@ -238,16 +242,18 @@ class Connection(adapter.Connection):
             )
         if session.admitted:
             session.codec.limit = self._full_limit
-            if self._deadline is not None:
-                self._deadline.cancel()
+            self.admit()
         elif self._tries >= TRIES or (isinstance(event, Malformed) and event.fatal):
             self._outbox.flush()
             text = 'too many messages without a valid "hello"'
             self._service.refusals.note("denied", text)
             self._dismiss(Fault("denied", text, "token"))
 
+    def _is_locked_out(self) -> bool:
+        return self._service.lockout.is_out(self.host, self.loop.time())
+
     def _carry_out(self, request: Request, session: Session) -> None:
-        fault = self._service.take(session, request)
+        fault = self._service.take(session, request, self.host)
         if fault is not None:
             self._outbox.flush()
             last = session.codec.ending(fault)

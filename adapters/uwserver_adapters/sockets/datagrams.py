@@ -15,11 +15,10 @@ from typing import cast
 
 import msgspec
 
-from uwserver.adapter import AdapterStats, Peer, Peers, RateMeter
+from uwserver.adapter import AdapterStats, Peer, Peers, RateMeter, host_of
 from uwserver.ports import Fault
 from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
-from uwserver_adapters.native.limits import LOCKOUT_S, WRONG_TOKENS, Lockout
 from uwserver_adapters.native.outbox import Delivery
 from uwserver_adapters.native.requests import Malformed, Request, parse_json, parse_msgpack
 from uwserver_adapters.native.service import NativeService
@@ -161,10 +160,8 @@ class DatagramClient:
             self._service.refusals.note(event.fault.code, event.fault.text)
             self.session.refuse(event.id, event.fault)
         else:
-            fault = self._service.take(self.session, event)
+            fault = self._service.take(self.session, event, host_of(self._address))
             if fault is not None:
-                if fault.code == "denied":
-                    self._endpoint.denied(self._address)
                 self.close()
 
     def _refuse(self, fault: Fault) -> None:
@@ -207,7 +204,6 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         self._clients: dict[Address, DatagramClient] = {}
         self._secret = secrets.token_bytes(32)
         self._is_paused = False
-        self._lockout = Lockout()
         self._strangers = RateMeter(STRANGERS_PER_S)
         self._loop = asyncio.get_running_loop()
 
@@ -237,14 +233,6 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
     def forget(self, address: Address) -> None:
         """An address has no session any more."""
         self._clients.pop(address, None)
-
-    def denied(self, address: Address) -> None:
-        """An address showed a wrong token; its host may not try for ever."""
-        if self._lockout.wrong(address[0], self._loop.time()):
-            text = (
-                f"more than {WRONG_TOKENS} wrong tokens of one host: it gets no UDP session for up to {LOCKOUT_S:g} s"
-            )
-            self.service.refusals.note("lockout", text)
 
     def datagram_received(self, data: bytes, address: Address) -> None:
         """Take one datagram."""
@@ -277,7 +265,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         if client is not None:
             return client.admits(size)
         now = self._loop.time()
-        if self._lockout.is_out(address[0], now):
+        if self.service.lockout.is_out(host_of(address), now):
             return False
         if self._strangers.take(now):
             return True
@@ -287,9 +275,9 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
     def _admit(self, encoding: Encoding, hello: Request | Malformed, address: Address) -> None:
         client = DatagramClient(self, address, encoding)
         self._clients[address] = client
-        if not self.peers.enter(client):
-            fault = self.peers.too_many
-            self.service.refusals.note("max_clients", fault.text)
+        self.peers.enter(client, host_of(address))
+        fault = self.peers.admit(client)
+        if fault is not None:
             client.session.refuse(None, fault)
             client.close()
             return

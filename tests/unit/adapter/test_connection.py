@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from uwserver.adapter import AdapterStats, Connection, Lines, Peers, Refusals, connection
+from uwserver.adapter import AdapterStats, Connection, Lines, Peers, Refusals, connection, peers
 from uwserver.testing import Loopback
 
 
@@ -78,7 +78,7 @@ def within_loop(scene: Callable[[Room], Coroutine[Any, Any, None]]) -> None:
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "LINGER_S", 0.02)
-    monkeypatch.setattr(connection, "CLOSING_S", 0.02)
+    monkeypatch.setattr(peers, "CLOSING_S", 0.02)
 
 
 async def until(condition: Callable[[], object]) -> None:

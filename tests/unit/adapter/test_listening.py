@@ -17,7 +17,6 @@ from uwserver.adapter import (
     bound_socket,
     cannot_listen,
     is_loopback,
-    port_of_server,
     serve_tcp,
     serving,
 )
@@ -98,7 +97,7 @@ def test_a_server_ends_with_all_its_peers():
     async def scene() -> None:
         peers = Peers(5, Refusals("mine", AdapterStats(), lambda: 0.0))
         async with serve_tcp(lambda: Silent(peers), peers, "127.0.0.1", 0) as server:
-            port = port_of_server(server)
+            port = server.port
             with pytest.raises(CannotListen, match="is in use, perhaps by a rival"):
                 async with serve_tcp(lambda: Silent(peers), peers, "127.0.0.1", port, rival="a rival"):
                     pass

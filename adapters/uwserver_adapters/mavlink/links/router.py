@@ -156,6 +156,7 @@ class Router:
         if not self._is_trusted(frame, layout):
             return
         channel.heard_at = now
+        channel.is_heard = True
         if not channel.has_peer:
             channel.has_peer = True
             self.count_peers()

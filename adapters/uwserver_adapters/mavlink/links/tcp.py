@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 
 from uwserver.adapter import Connection, Peers, serve_tcp
+from uwserver.ports import Fault
 from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RETRY_S, RIVAL, WAITING, Address, Link, shown
 from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
 
 CONNECT_S = 5.0
 """Wall time for a connection."""
-PEERS = 1024
-"""Connections at once."""
+PEERS = 64
+"""Connections at once of which a valid frame came. Those that only listen stay until others need their place."""
 
 
 class TcpPeer(Connection):
@@ -22,14 +24,14 @@ class TcpPeer(Connection):
     Args:
         router: of the vehicle.
         peers: those of the link.
-        name: of the channel; default: the peer's address.
+        name: of the channel; default: the peer's address, which is a stranger's until a valid frame came.
 
     Attributes:
         gone: done when the connection has ended.
     """
 
     def __init__(self, router: Router, peers: Peers[TcpPeer], name: str = "") -> None:
-        super().__init__(peers)
+        super().__init__(peers, None if name else math.inf)
         self.gone: asyncio.Future[None] = self.loop.create_future()
         self._router = router
         self._name = name
@@ -53,7 +55,14 @@ class TcpPeer(Connection):
 
     def step(self) -> bool:
         """Take the next frame."""
-        return self._channel is not None and self._router.work(self._channel)
+        channel = self._channel
+        if channel is None or not self._router.work(channel):
+            return False
+        return not channel.is_heard or self.admit()
+
+    def refused(self, fault: Fault) -> bytes:
+        """Nothing: MAVLink has no words for it."""
+        return b""
 
     def quiet_until(self) -> float:
         """The end of the window, when the peer floods."""

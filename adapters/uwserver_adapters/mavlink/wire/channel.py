@@ -33,7 +33,8 @@ class Channel:
         seq: of the next frame.
         backlog: downloads under way, sent some at a time.
         heard_at: loop time of the last good frame, s.
-        has_peer: somebody has spoken.
+        is_heard: a good frame has come.
+        has_peer: somebody has spoken, or is surely there.
         allowance: frames of the backlog that may be sent before the next tick.
         meter: bounds its frames.
     """
@@ -57,6 +58,7 @@ class Channel:
         self.seq = 0
         self.backlog: deque[Iterator[Out]] = deque(maxlen=BACKLOG)
         self.heard_at = 0.0
+        self.is_heard = False
         self.has_peer = False
         self.allowance = 0
         self.meter = RateMeter(frames_per_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, port_of_server, serve_tcp, serving
+from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, serve_tcp, serving
 from uwserver_adapters.moos.clock import MoosClock, warp_of
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database
@@ -50,7 +50,7 @@ class MoosDbAdapter:
             world = LocalClient(config.bridge, self.context, self.database, self.clock)
             try:
                 stats.details["warp"] = self.clock.warp
-                address = address_text(config.bind, port_of_server(server))
+                address = address_text(config.bind, server.port)
                 with serving(self.context, world.bridge, address, ready):
                     await self._attend()
             finally:

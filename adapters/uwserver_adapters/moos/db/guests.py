@@ -71,7 +71,7 @@ class Guest(Connection):
     """
 
     def __init__(self, host: Host) -> None:
-        super().__init__(host.peers)
+        super().__init__(host.peers, NAME_S)
         self.name = ""
         self.heard = self.loop.time()
         self._host = host
@@ -86,7 +86,7 @@ class Guest(Connection):
     # -- a connection ---------------------------------------------------------------------------------------------------------------
 
     def refused(self, fault: Fault) -> bytes:
-        """The text that one client too many gets."""
+        """The packet that one client too many gets, or one that did not say its name."""
         return self._poison(fault.text)
 
     def closed(self) -> None:
@@ -132,6 +132,8 @@ class Guest(Connection):
             return
         if not host.is_free(name):
             self._send_away(f'A client of this name ("{name}") already exists')
+            return
+        if not self.admit():
             return
         self._is_asynchronous = first.key == wire.ASYNCHRONOUS
         now = host.clock.now()
@@ -213,8 +215,8 @@ class Guest(Connection):
 
     def check(self, now: float) -> None:
         """End it when it has been silent for too long."""
-        limit = self._host.config.client_timeout_s if self.name else NAME_S
-        if not self.is_closing and now - self.heard > limit:
+        limit = self._host.config.client_timeout_s
+        if self.name and not self.is_closing and now - self.heard > limit:
             self._fault(f"silent for {limit:g} s")
 
     def _fault(self, text: str) -> None:

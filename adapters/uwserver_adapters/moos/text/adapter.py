@@ -12,7 +12,6 @@ from uwserver.adapter import (
     Peers,
     Refusals,
     address_text,
-    port_of_server,
     serve_tcp,
     serving,
 )
@@ -22,7 +21,7 @@ from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
-from uwserver_adapters.moos.text.lines import LineDecoder
+from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, error_line
 from uwserver_adapters.moos.text.serial_line import SerialLine
 from uwserver_adapters.moos.text.session import TextSession
 
@@ -37,7 +36,7 @@ class TextConnection(Connection):
     """
 
     def __init__(self, adapter: MoosTextAdapter) -> None:
-        super().__init__(adapter.peers)
+        super().__init__(adapter.peers, adapter.config.first_line_s)
         self._adapter = adapter
         self._decoder = LineDecoder(adapter.config.line_bytes)
         self._session: TextSession | None = None
@@ -49,8 +48,8 @@ class TextConnection(Connection):
         self._session = TextSession(self._adapter, self._adapter.next_name(), self._send, self.close)
 
     def refused(self, fault: Fault) -> bytes:
-        """The text that one user too many gets."""
-        return b"ERROR overload too many users are connected: close some, or raise max_clients\n"
+        """The text that one user too many gets, or one that said nothing."""
+        return f"{error_line('', fault.code, fault.text)}\n".encode()
 
     def closed(self) -> None:
         """The user went, or we closed."""
@@ -67,6 +66,8 @@ class TextConnection(Connection):
         """Carry out the next line."""
         event = self._decoder.next_event()
         if event is None or self._session is None:
+            return False
+        if not isinstance(event, Malformed) and not self.admit():
             return False
         self._session.take(event)
         return True
@@ -139,7 +140,7 @@ class MoosTextAdapter:
             try:
                 self.database.join(f"{OWN_NAME}_errors", self._tell_error)
                 self.database.register(f"{OWN_NAME}_errors", ERROR, 0.0)
-                address = address_text(config.bind, port_of_server(server))
+                address = address_text(config.bind, server.port)
                 with serving(self.context, world.bridge, address, ready):
                     while True:
                         self.database.tell()

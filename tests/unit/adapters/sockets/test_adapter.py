@@ -16,7 +16,7 @@ import pytest
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.config import SocketsConfig
 
-from uwserver.adapter import CannotListen
+from uwserver.adapter import CannotListen, accepting
 from uwserver.testing import FakeContext, TcpPeer
 
 Serving = Callable[..., Any]
@@ -134,7 +134,7 @@ def test_other_faults_of_the_address(monkeypatch: pytest.MonkeyPatch, code: int,
         async def refuse(*_: object, **__: object) -> None:
             raise OSError(code, "refused by the test")
 
-        monkeypatch.setattr(asyncio.get_running_loop(), "create_server", refuse)
+        monkeypatch.setattr(accepting, "_bound", refuse)
         with pytest.raises(CannotListen, match=phrase):
             await SocketsAdapter(SocketsConfig(port=80), FakeContext()).run(asyncio.Event())
 

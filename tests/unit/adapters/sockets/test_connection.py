@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT
+from uwserver_adapters.native.limits import LOCKOUT_S, WRONG_TOKENS
 from uwserver_adapters.native.outbox import REPLIES
 from uwserver_adapters.sockets.connection import TRIES
 
@@ -338,6 +339,8 @@ def test_too_many_clients(stage: Stage) -> None:
     async def scene() -> None:
         theatre = stage(max_clients=2)
         first, second, third = (theatre.talker() for _ in range(3))
+        assert await first.result("ping", 1) == await second.result("ping", 1) == 1
+        third.send(PING)
         assert last_error(third) == (
             "overload",
             "2 clients are connected: close some, or raise max_clients of the adapter",
@@ -501,6 +504,43 @@ def test_a_stranger_has_little_time(stage: Stage) -> None:
         assert json.loads(mute.transport.take())["error"]["data"]["code"] == "denied"
         assert mute.transport.is_lost
         assert await known.result("ping", 1) == 1
+
+    asyncio.run(scene())
+
+
+def test_who_says_nothing_is_ended_where_no_token_is_set_too(stage: Stage) -> None:
+    async def scene() -> None:
+        theatre = stage(hello_timeout_s=0.05)
+        mute, babbling, known = theatre.talker(), theatre.talker(), theatre.talker()
+        babbling.transport.feed(b"no JSON\n")
+        await known.result("ping", 1)
+        await asyncio.sleep(0.3)
+        for talker in (mute, babbling):
+            assert last_error(talker)[0] == "timeout"
+            assert talker.transport.is_lost
+        assert await known.result("ping", 1) == 1
+
+    asyncio.run(scene())
+
+
+def test_a_host_that_tries_tokens_is_not_heard_for_a_while(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        theatre = stage(token="sesame")
+        known, waiting = theatre.talker(), theatre.talker()
+        await known.result("hello", {"version": 1, "token": "sesame"})
+        for number in range(WRONG_TOKENS + 1):
+            talker = theatre.talker()
+            assert (await talker.fault("hello", {"version": 1, "token": str(number)}))[0] == "denied"
+        late = theatre.talker()
+        assert last_error(late)[0] == "denied"
+        assert late.transport.eof_written
+        waiting.send({"id": 1, "method": "hello", "params": {"version": 1, "token": "sesame"}})
+        assert "wrong tokens of one host" in last_error(waiting)[1], "nor is the right one"
+        assert await known.result("ping", 1) == 1, "who is in stays"
+        assert theatre.context.stats.details["refused"]["lockout"] == 1
+        now = asyncio.get_running_loop().time() + LOCKOUT_S
+        monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: now)
+        assert "result" in await theatre.talker().ask("hello", {"version": 1, "token": "sesame"})
 
     asyncio.run(scene())
 

@@ -330,7 +330,8 @@ async def until_quiet(heard: list[bytes]) -> None:
 def test_clients_of_all_transports_are_counted(serving: Serving) -> None:
     async def scene(context: Any, talker: Talker) -> None:
         peer = await TcpPeer.connect(context)
-        await asyncio.sleep(0.05)
+        await peer.send(b'{"id":1,"method":"ping"}\n')
+        assert await peer.hear()
         assert (await talker.enter())["error"]["data"]["code"] == "overload"
         await peer.close()
 

@@ -87,13 +87,14 @@ def test_handshakes_under_way_are_bounded(serving: Serving, certificate: Any) ->
     async def scene(context: Any) -> None:
         waits = await dial(context, None)
         await asyncio.sleep(0.05)
-        refused = await dial(context, None)
+        other = await dial(context, None)
         with contextlib.suppress(ConnectionError):
-            assert await asyncio.wait_for(refused.reader.read(), 5) == b""
-        for peer in (waits, refused):
+            assert await asyncio.wait_for(waits.reader.read(), 5) == b"", "the oldest makes way"
+        assert context.stats.details["refused"] == {"strangers": 1}
+        for peer in (waits, other):
             await peer.close()
 
-    play(serving, certificate, scene, max_clients=1)
+    play(serving, certificate, scene, max_strangers=1)
 
 
 def test_old_versions_are_refused(serving: Serving, certificate: Any, trusting: ssl.SSLContext) -> None:

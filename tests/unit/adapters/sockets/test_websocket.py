@@ -13,8 +13,9 @@ import msgpack
 import pytest
 import websockets
 from uwserver_adapters.native.codec import LINE_LIMIT
+from uwserver_adapters.native.limits import WRONG_TOKENS
 from websockets.asyncio.client import connect
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 
 from uwserver.adapter import connection
 
@@ -134,6 +135,40 @@ def test_a_wrong_token_ends_with_1008(serving: Serving, caplog: pytest.LogCaptur
         assert caplog.text.count("refused (denied)") == 1, "logged once per cause"
 
     play(serving, scene, token="sesame")
+
+
+def test_wrong_tokens_by_websocket_lock_the_host_out(serving: Serving) -> None:
+    async def scene(context: Any, url: str) -> None:
+        for number in range(WRONG_TOKENS + 1):
+            async with connect(url) as client:
+                answer = await ask(client, "hello", {"version": 1, "token": str(number)})
+                assert answer["error"]["data"]["code"] == "denied"
+        with pytest.raises((InvalidMessage, ConnectionClosed)):
+            await connect(url)
+        assert context.stats.details["refused"]["lockout"] == 1
+
+    play(serving, scene, token="sesame")
+
+
+@pytest.mark.parametrize("host", ["localhost:7600", "127.0.0.1", "[::1]:7600", "sim.example"])
+def test_a_host_that_a_client_may_call(serving: Serving, host: str) -> None:
+    async def scene(context: Any, url: str) -> None:
+        async with connect(url, additional_headers={"Host": host}) as client:
+            assert (await ask(client, "ping", 5))["result"] == 5
+
+    play(serving, scene, allowed_hosts=("sim.example",))
+
+
+@pytest.mark.parametrize("origin", [None, "null"])
+def test_names_that_were_made_to_point_here_are_refused(serving: Serving, origin: Any) -> None:
+    async def scene(context: Any, url: str) -> None:
+        with pytest.raises(InvalidStatus) as caught:
+            await connect(url, origin=origin, additional_headers={"Host": "evil.example:7600"})
+        assert caught.value.response.status_code == 403
+        assert b"allowed_hosts" in caught.value.response.body
+        assert context.stats.details["refused"] == {"host": 1}
+
+    play(serving, scene, allowed_origins=("null",))
 
 
 def test_the_server_says_when_it_goes(serving: Serving) -> None:

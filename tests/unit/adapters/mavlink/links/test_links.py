@@ -19,7 +19,7 @@ from uwserver_adapters.mavlink.links import zenoh_json
 from uwserver_adapters.mavlink.links.endpoint import BadLink
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 
-from uwserver.adapter import CannotListen, CannotServe
+from uwserver.adapter import STRANGERS, CannotListen, CannotServe
 
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 mavutil = pytest.importorskip("pymavlink.mavutil")
@@ -179,6 +179,20 @@ async def test_too_many_peers_are_refused_and_told(serve, make_rov, monkeypatch)
             await until(lambda: context.stats.dropped, "refused")
             assert context.stats.peers == 2
             assert "more than 2 peers" in context.stats.last_error
+
+
+async def test_who_only_listens_by_tcp_makes_way_for_who_speaks(serve, make_rov, monkeypatch):
+    monkeypatch.setattr("uwserver_adapters.mavlink.links.tcp.PEERS", 1)
+    async with serve(adapter(make_rov(), "tcpin:127.0.0.1:0")) as context:
+        with contextlib.ExitStack() as stack:
+            for _ in range(STRANGERS + 20):
+                stack.enter_context(socket.create_connection(("127.0.0.1", port_of(context))))
+            link = stack.enter_context(client(f"tcp:127.0.0.1:{port_of(context)}"))
+            link.mav.heartbeat_send(6, 8, 0, 0, 4)
+            await until(lambda: 0 < context.stats.peers <= STRANGERS, "the oldest are gone")
+            second = stack.enter_context(client(f"tcp:127.0.0.1:{port_of(context)}", 254))
+            second.mav.heartbeat_send(6, 8, 0, 0, 4)
+            await until(lambda: "max_clients" in context.stats.details.get("refused", {}), "refused")
 
 
 async def test_a_silent_peer_is_forgotten(serve, make_rov, monkeypatch):

@@ -276,9 +276,23 @@ async def test_who_sends_and_only_listens_then_is_answered(bridge):
 
 
 async def test_too_many_users(bridge):
-    async with bridge(2, max_clients=1) as (_, _a, b):
-        assert (await b.line()).startswith("ERROR overload")
+    async with bridge(2, max_clients=1) as (_, a, b):
+        assert await a.ask("#1 X=1") == "#1 OK"
+        b.say("X=2")
+        assert (await b.line()).startswith("ERROR overload 1 clients are connected")
         assert await b.line() == ""
+        assert await a.ask("GET X") == "X=1.0", "nothing of who has no place is obeyed"
+
+
+async def test_who_says_nothing_valid_is_disconnected(bridge):
+    async with bridge(3, first_line_s=0.2) as (_, known, silent, babbling):
+        assert await known.ask("#1 X=1") == "#1 OK"
+        babbling.say("what?")
+        assert (await babbling.line()).startswith("ERROR parse_error")
+        for user in (silent, babbling):
+            assert (await user.line()).startswith("ERROR timeout nothing valid came within 0.2 s")
+            assert await user.line() == ""
+        assert await known.ask("#1 X=1") == "#1 OK"
 
 
 async def test_who_does_not_read_is_disconnected(bridge, until):

@@ -1,0 +1,177 @@
+"""Who is connected to an adapter: those that have shown that they are one of ours, and strangers, whose places are their own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+from collections import Counter
+from collections.abc import Iterator
+from typing import Generic, Protocol, TypeVar
+
+from uwserver.adapter.contract import AdapterStats
+from uwserver.adapter.limits import Turns
+from uwserver.adapter.refusals import Refusals
+from uwserver.ports import Fault
+
+STRANGERS = 64
+"""Peers of an adapter that may be there without having shown that they are one of ours."""
+CLOSING_S = 0.2
+"""Wall time in which peers may take what was written before the adapter ends."""
+
+
+class Peer(Protocol):
+    """A client of any transport, as an adapter counts and ends it.
+
+    Attributes:
+        is_half_open: it only listens on, and may be long dead.
+    """
+
+    is_half_open: bool
+
+    def close(self) -> None:
+        """Send what it still takes, then end it."""
+
+    def abort(self) -> None:
+        """End it at once."""
+
+
+P = TypeVar("P", bound=Peer)
+
+
+def host_of(address: object) -> str:
+    """The host of a socket's address, as peers are counted by: one owner has all 2^64 addresses of an IPv6 network."""
+    if not isinstance(address, tuple) or not address:
+        return ""
+    text = str(address[0])
+    try:
+        ip = ipaddress.ip_address(text.partition("%")[0])
+    except ValueError:
+        return text
+    if isinstance(ip, ipaddress.IPv4Address):
+        return text
+    if ip.ipv4_mapped is not None:
+        return str(ip.ipv4_mapped)
+    return text if ip.is_loopback else str(ipaddress.ip_network((ip, 64), strict=False))
+
+
+def _is_here(host: str) -> bool:
+    return host in ("", "::1") or host.startswith("127.")
+
+
+class Peers(Generic[P]):
+    """All peers of one adapter. Strangers never take the place of one that was admitted: when there are too many of them, the oldest of the
+    host that has most makes way.
+
+    Args:
+        most: that may be admitted.
+        refusals: where it is told who was sent away.
+        stats: whose `peers` is kept; None where the adapter counts otherwise.
+        most_per_host: likewise of one host; this machine may have all. Default: `most`.
+        strangers: that may be there besides.
+
+    Attributes:
+        most, refusals: as given.
+        turns: of those that have more to do than fits into one.
+    """
+
+    def __init__(
+        self,
+        most: int,
+        refusals: Refusals,
+        stats: AdapterStats | None = None,
+        *,
+        most_per_host: int | None = None,
+        strangers: int = STRANGERS,
+    ) -> None:
+        self.most = most
+        self.refusals = refusals
+        self.turns = Turns()
+        self._stats = stats
+        self._most_per_host = most if most_per_host is None else most_per_host
+        self._most_strangers = strangers
+        self._admitted: dict[P, str] = {}
+        self._strangers: dict[P, str] = {}
+        self._leaving: dict[P, None] = {}
+        self._hosts: Counter[str] = Counter()
+        self._all_gone = asyncio.Event()
+
+    def __iter__(self) -> Iterator[P]:
+        return iter([*self._admitted, *self._strangers, *self._leaving])
+
+    def __len__(self) -> int:
+        return len(self._admitted) + len(self._strangers) + len(self._leaving)
+
+    def enter(self, peer: P, host: str = "") -> None:
+        """A peer is there, a stranger yet."""
+        self._strangers[peer] = host
+        if len(self._strangers) > self._most_strangers:
+            ((busiest, _),) = Counter(self._strangers.values()).most_common(1)
+            text = f"more than {self._most_strangers} peers have said nothing valid yet: the oldest is closed"
+            self.refusals.note("strangers", text)
+            self._end(next(other for other, its in self._strangers.items() if its == busiest))
+        self._count()
+
+    def admit(self, peer: P) -> Fault | None:
+        """A stranger has shown that it is one of ours. Gives what it is told when there is no place; one that only listens on, and may be
+        long dead, makes way."""
+        host = self._strangers.get(peer, "")
+        if not _is_here(host) and self._hosts[host] >= self._most_per_host:
+            text = f"{self._most_per_host} clients of your host are connected: close some, or raise max_clients_per_host of the adapter"
+            return self._refused(text)
+        if len(self._admitted) >= self.most:
+            idle = next((other for other in self._admitted if other.is_half_open), None)
+            if idle is None:
+                return self._refused(
+                    f"{self.most} clients are connected: close some, or raise max_clients of the adapter"
+                )
+            self._end(idle)
+        self._strangers.pop(peer, None)
+        self._admitted[peer] = host
+        self._hosts[host] += 1
+        self._count()
+        return None
+
+    def leave(self, peer: P) -> None:
+        """A peer is gone."""
+        self._leaving.pop(peer, None)
+        self._give_up(peer)
+        self._count()
+        if not len(self):
+            self._all_gone.set()
+
+    def _end(self, peer: P) -> None:
+        """It makes way: its place is free at once, though its connection takes a moment to end."""
+        self._give_up(peer)
+        self._leaving[peer] = None
+        peer.abort()
+
+    def _give_up(self, peer: P) -> None:
+        self._strangers.pop(peer, None)
+        host = self._admitted.pop(peer, None)
+        if host is not None:
+            self._hosts -= Counter((host,))
+
+    def _refused(self, text: str) -> Fault:
+        self.refusals.note("max_clients", text)
+        return Fault("overload", text)
+
+    def _count(self) -> None:
+        if self._stats is not None:
+            self._stats.peers = len(self)
+
+    async def close(self) -> None:
+        """End all; returns when they are gone."""
+        for peer in self:
+            peer.close()
+        try:
+            if len(self):
+                self._all_gone.clear()
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(self._all_gone.wait(), CLOSING_S)
+        finally:
+            for peer in self:
+                peer.abort()
+        if len(self):
+            self._all_gone.clear()
+            await self._all_gone.wait()  # an aborted transport is gone with the next turn of the loop
