@@ -350,6 +350,7 @@ def test_a_damaged_file_is_told(run: tuple[Path, Rig], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("part", [0.5, 0.7, 0.9])
 def test_a_cut_file_is_replayed_as_far_as_it_goes(run: tuple[Path, Rig], tmp_path: Path, part: float) -> None:
+    """Of so short a file the first four tenths are the scenario with its files and the schemas: without them there is nothing to replay."""
     content = run[0].read_bytes()
     (tmp_path / "cut.mcap").write_bytes(content[: int(part * len(content))])
     outcome = CliRunner().invoke(replay_command, [str(tmp_path / "cut.mcap")])
