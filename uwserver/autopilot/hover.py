@@ -53,6 +53,7 @@ class Hover:
         self._drag = [(linear, quadratic) for linear, quadratic in zip(*drag, strict=True)]
         self._turns = tuple(1.0 if axis in axes else 0.0 for axis in (3, 4, 5))
         self._upright = 3 in axes and 4 in axes
+        self._sideways = 1 in axes
 
     def speed(self, e: Estimate, m: Memory, known: Known) -> float:
         """Ahead, m/s; thrusters are taken to give the same at any."""
@@ -127,10 +128,12 @@ class Hover:
         dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
         distance = math.hypot(dx, dy)
         speed = g.max_speed_mps if o.speed != o.speed else o.speed
-        if o.looks and distance > 2.0 * o.radius:
+        # Without a thruster to the side it gets to a place only bow first, whatever heading was asked for.
+        looks = (o.looks or not self._sideways) and distance > 2.0 * o.radius
+        if looks:
             o.heading = math.atan2(dy, dx)
         # Not yet turned there: go slowly, as the vehicle is made to go ahead.
-        if o.looks and distance > 2.0 * o.radius and abs(wrapped(o.heading - heading_of(e))) > 0.8:
+        if looks and abs(wrapped(o.heading - heading_of(e))) > 0.8:
             speed *= 0.3
         fast = min(speed, g.position_p * distance)
         scale = fast / distance if distance > 1e-9 else 0.0

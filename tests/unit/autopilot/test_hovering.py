@@ -59,6 +59,30 @@ def test_position_is_held_in_a_current(fly, model):
     assert f.off_heading(f.state["heading_ref"]) < 2.0
 
 
+@pytest.mark.parametrize("model", [*ROVS, "girona500", "lbv150", "minerva", "videoray_pro4"])
+def test_a_step_of_heading_overshoots_little(fly, model):
+    f = fly(model)
+    settled(f, "depth_hold", heading={"heading": math.pi / 2})
+    furthest = 0.0
+    for _ in range(60):
+        f.run(0.2)
+        furthest = max(furthest, f.heading)
+    assert math.radians(88.0) < furthest < math.radians(98.0)
+    assert f.off_heading(math.pi / 2) < 2.0
+
+
+@pytest.mark.parametrize("current", [(0.0, -0.5, 0.0), (0.3, 0.3, 0.0)])
+def test_a_vehicle_without_thrust_sideways_turns_to_its_place_and_is_not_carried_away(fly, current):
+    # It circles the place, as it can push only along its bow; a current of 0.5 m/s would carry it 50 m in this time.
+    f = fly("videoray_pro4", start=(2.0, -1.0, 5.0), current=current)
+    settled(f, "position_hold")
+    worst = 0.0
+    for _ in range(100):
+        f.run(1.0)
+        worst = max(worst, math.dist(f.vehicle.p_NB[:2], (2.0, -1.0)))
+    assert worst < 8.0
+
+
 def test_position_set_point_is_reached_with_its_heading(fly):
     f = fly("bluerov2_heavy")
     settled(f, "position_hold", position={"p_N": [2.0, 1.0, 4.0], "heading": -0.5})
