@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from uwserver import logs
-from uwserver.logs import CAUSES, TOLD_S, VARIED, JsonFormatter, SparingHandler, set_up_logging
+from uwserver.logs import CAUSES, TOLD_S, VARIED, JsonFormatter, SparingLog, set_up_logging
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ class Page:
 
     def __init__(self) -> None:
         self.stream = io.StringIO()
-        self.handler = SparingHandler(self.stream)
+        self.handler = SparingLog(self.stream)
         self.now = logging.makeLogRecord({}).created
 
     def say(

@@ -229,9 +229,11 @@ def test_answers_of_services_and_ports():
 
 @pytest.mark.parametrize("asked", ["@describe", "rov/imu", "**"])
 def test_who_subscribes_is_known_before_a_question_is_answered(asked):
-    desk = Desk()
-    desk.ask(asked)
-    assert desk.looked
+    async def test(desk: Desk) -> None:
+        desk.ask(asked)
+        assert desk.looked
+
+    within_loop(test)
 
 
 def test_a_fault_of_ours_is_told(caplog):
