@@ -44,7 +44,7 @@ class _Cause:
         self.last: logging.LogRecord | None = None
 
 
-class SparingHandler(logging.StreamHandler[TextIO]):
+class SparingLog(logging.StreamHandler[TextIO]):
     """Writes each cause once a minute, and then how often it came: what floods (a library's line for each write to a peer that is gone, a
     traceback for each connection that cannot be accepted) neither fills a disk nor hides other lines.
 
@@ -111,7 +111,7 @@ class SparingHandler(logging.StreamHandler[TextIO]):
 
 def set_up_logging(level: str, as_json: bool) -> None:
     """Log to standard error from `level` on, each cause once a minute."""
-    output = SparingHandler(sys.stderr)
+    output = SparingLog(sys.stderr)
     output.setFormatter(
         JsonFormatter() if as_json else logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s")
     )

@@ -13,7 +13,7 @@ mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink
 
 from px4_rig import connected, rig  # noqa: E402  # needs pymavlink
 from uwserver_adapters.px4 import codec  # noqa: E402
-from uwserver_adapters.px4.door import PATIENCE_S  # noqa: E402
+from uwserver_adapters.px4.door import GREETING_S, PATIENCE_S  # noqa: E402
 
 from uwserver.adapter import Order  # noqa: E402
 
@@ -205,6 +205,32 @@ def test_who_speaks_last_drives() -> None:
             assert "HIL_SENSOR" in second.names()
             assert "HIL_SENSOR" not in first.names()
             assert r.stats.peers == 1
+
+
+@pytest.mark.parametrize(
+    "said", [b"", b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"\x16\x03\x01\x02\x00\x01", b"garbage" * 100]
+)
+def test_a_stranger_does_not_end_the_autopilot_s_connection(said: bytes) -> None:
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        controls = px4.mav.hil_actuator_controls_encode(2**40, [0.5] * 16, 128 | 1, 1).pack(px4.mav)
+        with contextlib.ExitStack() as stack:
+            strangers = [stack.enter_context(socket.create_connection(r.listener.getsockname())) for _ in range(10)]
+            for stranger in strangers:
+                stranger.sendall(said + (controls if said.startswith(b"POST") else b""))
+            for _ in range(20):
+                r.order()
+            px4.controls([0.25])
+            assert r.order() == Order(4, [("rov/thrusters", {"u": [0.25, *[0.0] * 7]})])
+            assert (r.stats.peers, r.stats.details["connections"], r.stats.details["controls"]) == (1, 1, 1)
+            r.now += GREETING_S
+            r.order()
+            strangers[-1].settimeout(5.0)
+            answer = b""
+            with contextlib.suppress(ConnectionError):
+                while piece := strangers[-1].recv(1000):
+                    answer += piece
+            assert (b"HTTP/1.1 400 " in answer) == said.startswith(b"POST")
 
 
 def test_an_autopilot_that_does_not_read_is_let_go() -> None:
