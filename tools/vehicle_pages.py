@@ -31,6 +31,10 @@ picture, its numbers with their status, and its manoeuvres: open loop, in still 
 autopilot would see them. Beside them stand published figures of the real vehicle (`[[published]]` in the vehicle file), where any were found.
 
 `uwserver manoeuvres VEHICLE` writes such a report of a vehicle of your own, `uwserver plot vehicle VEHICLE` draws it.
+
+Not here: Iver3 and REMUS 600. A set of numbers for them that is whole could not be read: the identification of an Iver3 (doi
+10.1177/02783649231191184) and the model of an Iver2 (doi 10.1007/s00773-014-0259-0) have it, by their summaries; of the REMUS 600 only
+dimensions are published. A REMUS 100 drawn longer would be neither.
 """
 
 

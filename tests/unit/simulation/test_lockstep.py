@@ -81,10 +81,8 @@ def test_others_get_every_sample_and_their_calls_are_answered(resolved):
         assert rig.post(Call("world/state_hash", {})).result["tick"] == 50
         sent = [sample.seq for sample in rig.samples if sample.port == "rov/imu"]
         assert sent == list(range(len(sent)))
-        assert (
-            len(sent)
-            == sum(1 for t in hand.seen if rig.world.sensors["rov/imu"].divisor) // rig.world.sensors["rov/imu"].divisor
-        )
+        divisor = rig.world.sensors["rov/imu"].divisor
+        assert len(sent) == len(hand.seen) // divisor - 1, "the last is under way yet: the IMU delivers 2 ms late"
         end()
 
 

@@ -284,7 +284,7 @@ def test_a_slow_loop_loses_nothing_in_freerun(resolved):
         rig.call("world/run_until", t_s=20.0)
     seqs = [s.seq for s in rig.samples if s.port == "rov/imu"]
     assert seqs == list(range(len(seqs)))
-    assert len(seqs) == 20 * 120
+    assert len(seqs) == 20 * 120 - 1, "the last is under way yet: the IMU delivers 2 ms late"
     assert rig.bus.dropped == 0
 
 

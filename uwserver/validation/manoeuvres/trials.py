@@ -119,7 +119,8 @@ def _risen(waters: Waters, plans: Sequence[tuple[str, Plan]], begin: float, seco
         run = track.since(begin)
         end = run.steady
         values = (mean(end.down), mean(end.pitch), float(run.tilt.max()), mean(end.speed), float(run.p[-1, 2]))
-        rows.append(Row(told, values))
+        # Held open loop, planes overcome a short righting arm at speed: the means of a loop are no rate of descent.
+        rows.append(Row(f"{told} (it loops)" if run.tilt.max() > math.pi / 2 else told, values))
     return rows
 
 
