@@ -7,7 +7,12 @@ import json
 import logging
 import sys
 import traceback
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    _Stream = logging.StreamHandler[TextIO]
+else:
+    _Stream = logging.StreamHandler  # Python 3.10 cannot say of what
 
 TOLD_S = 60.0
 """Time for which a cause that was told is only counted."""
@@ -44,7 +49,7 @@ class _Cause:
         self.last: logging.LogRecord | None = None
 
 
-class SparingLog(logging.StreamHandler[TextIO]):
+class SparingLog(_Stream):
     """Writes each cause once a minute, and then how often it came: what floods (a library's line for each write to a peer that is gone, a
     traceback for each connection that cannot be accepted) neither fills a disk nor hides other lines.
 
