@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.adapter.accepting import Listener, note_no_descriptors, serve_tcp
+from uwserver.adapter.accepting import NO_DESCRIPTORS, Listener, note_no_descriptors, serve_tcp
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
@@ -45,8 +45,8 @@ from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 
 __all__ = [
-    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TURN_S", "UNANSWERED",
-    "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection",
+    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TURN_S",
+    "UNANSWERED", "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection",
     "Conversation", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer", "Order",
     "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong",
     "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",

@@ -37,7 +37,7 @@ class RateMeter:
         return self.count > self.most and now < self.end
 
 
-class Turns:
+class TurnTimes:
     """When peers that have used up their turn have the next one: one after the other, with a rest before each. What the loop does keeps the
     simulation waiting for the interpreter; so however many peers flood, it has it to itself for most of the time."""
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Generic, Protocol, TypeVar
 
 from uwserver.adapter.contract import AdapterStats
-from uwserver.adapter.limits import Turns
+from uwserver.adapter.limits import TurnTimes
 from uwserver.adapter.refusals import Refusals
 from uwserver.ports import Fault
 
@@ -86,7 +86,7 @@ class Peers(Generic[P]):
     ) -> None:
         self.most = most
         self.refusals = refusals
-        self.turns = Turns()
+        self.turns = TurnTimes()
         self._stats = stats
         self._most_per_host = most if most_per_host is None else most_per_host
         self._most_strangers = strangers

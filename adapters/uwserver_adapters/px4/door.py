@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import math
 import select
 import socket
 from collections.abc import Callable, Container, Sequence
 
-from uwserver.adapter import REFUSALS, FirstBytes, Refusals
+from uwserver.adapter import NO_DESCRIPTORS, REFUSALS, FirstBytes, Refusals, note_no_descriptors
 from uwserver_adapters.px4 import codec
 
 log = logging.getLogger(__name__)
@@ -124,11 +123,9 @@ class Door:
         try:
             stream, _ = self._listener.accept()
         except OSError as error:  # without descriptors; else it went again
-            if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+            if error.errno in NO_DESCRIPTORS:
                 self._accepts_at = now + PAUSE_S
-                self._refusals.note(
-                    "descriptors", f"no connection can be accepted ({error.strerror}): raise `ulimit -n`"
-                )
+                note_no_descriptors(error, self._refusals)
             return
         stream.setblocking(False)
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

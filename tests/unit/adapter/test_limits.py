@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from uwserver.adapter import RateMeter, limits
-from uwserver.adapter.limits import Turns
+from uwserver.adapter.limits import TurnTimes
 
 
 def test_so_many_in_a_window_and_then_a_new_one():
@@ -26,7 +26,7 @@ def test_a_window_is_a_second_unless_told_otherwise(monkeypatch: pytest.MonkeyPa
 
 
 def test_turns_come_one_after_the_other_with_a_rest_before_each():
-    turns = Turns()
+    turns = TurnTimes()
     assert [turns.after(10.0, 2.0, 4.0) for _ in range(3)] == [14.0, 20.0, 26.0]
     assert turns.after(31.0, 2.0, 4.0) == 35.0
     assert turns.after(100.0, 2.0, 4.0) == 104.0
