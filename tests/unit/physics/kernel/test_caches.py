@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -78,3 +79,19 @@ def test_a_folder_that_others_can_write_is_neither_read_nor_written(tree: Path, 
     before = kept.stat().st_mtime_ns
     assert call(tree) == ["6.0", "0", "1", "True"]
     assert kept.stat().st_mtime_ns == before
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="levels of x86-64")
+@pytest.mark.parametrize(("level", "hits"), [("x86-64", "1"), ("x86-64-v9", "0")])
+def test_kernels_of_the_package_serve_where_the_cpu_can_run_them(
+    level: str, hits: str, tree: Path, call: Call, tmp_path: Path
+) -> None:
+    call(tree)
+    path = kernel_of(tmp_path)
+    body = store.read(path.parent, path.name)
+    assert body is not None
+    finished = tree / "uwserver/physics/kernel/finished" / f"{path.parent.name.split('-')[1]}-{level}"
+    finished.mkdir(parents=True)
+    store.write(finished, path.name, body)
+    shutil.rmtree(tmp_path / "cache")
+    assert call(tree)[1] == hits
