@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from uwserver_adapters.ardupilot.wire import parse as servo_frame
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.bridge.calls import parse as moos_call
-from uwserver_adapters.moos.codec import Fix, reset_pose
+from uwserver_adapters.moos.codec import Fix, pose_of, reset_pose
 from uwserver_adapters.moos.text.lines import parse as moos_line
 from uwserver_adapters.native.codec import JsonCodec, MsgpackCodec
 from uwserver_adapters.native.websocket import Handshake
@@ -122,7 +122,9 @@ def _moos() -> Iterator[Decoding]:
     )
     reset = "x=1," * 16_384
     yield Decoding(
-        "MOOSDB", "USM_RESET, 64 KiB of x=1,", _once(lambda data: reset_pose(data.decode(), Fix()), reset.encode())
+        "MOOSDB",
+        "USM_RESET, 64 KiB of x=1,",
+        _once(lambda data: reset_pose(data.decode(), pose_of(Fix())), reset.encode()),
     )
     for name, data in {
         "64 KiB of A=1": b"A=1 " * 16_384, "a number of 64 KiB": b"A=" + b"1" * 65_000, "quotes": b'A="' + b'\\"' * 32_000 + b'"',

@@ -41,7 +41,7 @@ class Letter:
 
 
 class Subscription:
-    """Where writes of a variable go, how often at most, and when one last did (MOOS time)."""
+    """Where writes of a variable go, how often at most, and when one last did (by the steady clock)."""
 
     __slots__ = ("deliver", "interval", "last")
 
@@ -57,13 +57,14 @@ class Variable:
     Attributes:
         letter: its last value; None before the first.
         written: MOOS time of that by our clock.
+        last: the same by the steady clock.
         writes: how many.
         frequency: mean number of writes in a MOOS second.
     """
 
     def __init__(self) -> None:
         self.letter: Letter | None = None
-        self.written = 0.0
+        self.written = self.last = 0.0
         self.writes = 0
         self.frequency = 0.0
         self.subscribers: dict[str, Subscription] = {}
@@ -95,6 +96,7 @@ class Database:
         community: its name.
         now: MOOS time, s.
         max_variables: more are refused.
+        steady: a clock that never jumps, MOOS seconds: intervals are measured by it, so that a step of `now` holds no mail back; default: `now`.
 
     Attributes:
         name: under which it writes variables of its own.
@@ -102,14 +104,17 @@ class Database:
         log: called with each write that was taken.
     """
 
-    def __init__(self, community: str, now: Callable[[], float], max_variables: int) -> None:
+    def __init__(
+        self, community: str, now: Callable[[], float], max_variables: int, steady: Callable[[], float] | None = None
+    ) -> None:
         self.community = community
         self.name = f"MOOSDB_{community}"
         self.refused = 0
         self.log: Callable[[Message], None] = _ignore
         self.variables: dict[str, Variable] = {}
         self._now = now
-        self._start = now()
+        self._steady = now if steady is None else steady
+        self._start, self._steady_start = now(), self._steady()
         self._max_variables = max_variables
         self._clients: dict[str, _Client] = {}
         self._kept = 0
@@ -175,7 +180,7 @@ class Database:
         variable.subscribers[name] = subscription
         client.hears[key] = None
         if variable.letter is not None:
-            subscription.last = self._now()
+            subscription.last = self._steady()
             client.deliver(variable.letter)
 
     def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
@@ -239,14 +244,14 @@ class Database:
             message = replace(message, community=self.community)
         self.log(message)
         letter = Letter(message)
-        now = self._now()
+        now = self._steady()
         variable.letter = letter
         if old is None:
             self._find_subscribers(message.key, message.src, variable)
         else:
-            elapsed = max(now - variable.written, 1e-3)
+            elapsed = max(now - variable.last, 1e-3)
             variable.frequency += _MEAN * (1.0 / elapsed - variable.frequency)
-        variable.written = now
+        variable.written, variable.last = self._now(), now
         variable.writes += 1
         writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
         if writer is not None:
@@ -282,7 +287,7 @@ class Database:
     def tell(self) -> None:
         """Write the DB_ variables; those that cost much only when somebody listens. To be called every second or two."""
         self.say("DB_TIME", self._now())
-        self.say("DB_UPTIME", self._now() - self._start)
+        self.say("DB_UPTIME", self._steady() - self._steady_start)
         self.say("DB_CLIENTS", "".join(f"{name}," for name in self._clients))
         for key, text in (("DB_VARSUMMARY", self._summary), ("DB_RWSUMMARY", self._traffic), ("DB_QOS", self._quality)):
             if key in self.variables and self.variables[key].subscribers:

@@ -10,7 +10,7 @@ import msgspec
 from uwserver.adapter import AdapterContext
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.codec import finite
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.database import Database, Letter, glob
@@ -32,7 +32,7 @@ class Host(Protocol):
 
     config: MoosTextConfig
     context: AdapterContext
-    clock: MoosClock
+    clock: DatabaseClock
     database: Database
 
     def joined(self, session: TextSession) -> None:

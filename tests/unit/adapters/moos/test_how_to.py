@@ -56,7 +56,7 @@ def table(listing: str, folder: Path) -> tuple[BridgeTable, FakeContext]:
 async def test_listings_fit_the_vehicles(listing, tmp_path):
     config, context = table(listing, tmp_path)
     posted: list[tuple[str, float | str]] = []
-    bridge = Bridge(config, context, posted.extend, lambda names: None, "moos")
+    bridge = Bridge(config, context, posted.extend, lambda names: None, "moos", lambda: 0.0)
     assert set(config.commands) <= set(bridge.listens_to)
     bridge.take([(name, 10.0, "pMarinePIDV22", 1.0) for name in config.commands])
     assert {command.port for command in context.commands} == {
