@@ -578,7 +578,7 @@ def dive(run: Processes, watch: Callable[..., Watcher], name: str, kind: str, fi
     )
     if kind == "moos":
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
-    run.serve(scenario(port, kind, DIVE_WARP, 0.0, hull, commands))
+    run.serve(scenario(port, kind, DIVE_WARP, 0.0, hull, commands, HOLD))
     watcher = watch(port, "NAV_DEPTH", "DESIRED_DEPTH", "DESIRED_ELEVATOR", "IVPHELM_STATE", "UWSERVER_TIME")
     watcher.until(lambda v: "UWSERVER_TIME" in v, "the world runs: its kernels may have to be compiled", 120.0)
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from msgspec.structs import replace
 
 from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
 from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.wire import Message
 
@@ -119,6 +120,7 @@ class Database:
         self._clients: dict[str, _Client] = {}
         self._kept = 0
         self._is_refusing = False
+        self._told = Quota(FAULTS_PER_S, self._steady)
 
     @property
     def clients(self) -> tuple[str, ...]:
@@ -160,9 +162,9 @@ class Database:
             self._answer(name, message)
 
     def _refuse(self, client: str, key: str, reason: str) -> str:
-        """Tell everybody; returns the reason."""
+        """Tell everybody, sparingly; returns the reason."""
         self.refused += 1
-        if not self._is_refusing:  # a full database cannot even say so
+        if not self._is_refusing and self._told.take(client):  # a full database cannot even say so
             self._is_refusing = True
             self.say(REFUSED, f"client={client[:60]},variable={key[:60]},reason={reason}")
             self._is_refusing = False

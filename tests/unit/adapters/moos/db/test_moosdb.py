@@ -11,6 +11,7 @@ import msgspec
 import pytest
 from uwserver_adapters.moos import MoosDbAdapter, wire
 from uwserver_adapters.moos.bridge.bridge import Bridge
+from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.db import guests, local
 from uwserver_adapters.moos.db.database import Database
@@ -252,10 +253,20 @@ async def test_notifications_of_a_packet_stay_together_however_long_they_take(ta
 
 
 async def test_a_packet_of_many_writes_lets_others_have_their_turn(tank, connect, monkeypatch):
-    """2048 writes: another client's heartbeat is echoed before all of them are taken; none is lost, and their order is kept."""
+    """2048 writes: another client's heartbeat is echoed before all of them are taken; none is lost, and their order is kept. No step
+    takes more than so many of them."""
     monkeypatch.setattr("uwserver.adapter.connection.TURN_S", 0.0)
     taken: list[float] = []
-    write = Database.write
+    in_a_step: list[int] = []
+    write, step = Database.write, guests.Guest.step
+
+    def measured(self):
+        before = len(taken)
+        more = step(self)
+        in_a_step.append(len(taken) - before)
+        return more
+
+    monkeypatch.setattr(guests.Guest, "step", measured)
 
     def count(self, message):
         if message.key == "FLOOD":
@@ -274,6 +285,7 @@ async def test_a_packet_of_many_writes_lets_others_have_their_turn(tank, connect
         other.register("FLOOD")
         await other.until(lambda c: c.last("FLOOD") == wire.MESSAGES_LIMIT - 1.0)
         assert taken == list(map(float, range(wire.MESSAGES_LIMIT)))
+        assert max(in_a_step) <= guests.AT_ONCE
         await greedy.close()
         await other.close()
 
@@ -315,6 +327,19 @@ async def test_a_flood_of_resets_and_calls_is_bounded_and_other_clients_hear_lit
         mailed = [m.key for m in helm.mail]
         assert mailed.count("UWSERVER_ERROR") <= 2 * seconds
         assert mailed.count("UWSERVER_REPLY") <= 51 * seconds + 1
+        await flood.close()
+        await helm.close()
+
+
+async def test_a_flood_of_writes_that_are_refused_is_told_sparingly(tank, connect):
+    async with tank() as context:
+        flood, helm = await connect(context.stats.address, "flood"), await connect(context.stats.address, "helm")
+        helm.register("DB_REFUSED", "DONE")
+        flood.notify(X=1.0)
+        flood.send(*(wire.notify("X", "text", 2e9, "flood") for _ in range(1000)))
+        flood.notify(DONE=1.0)
+        await helm.hear("DONE")
+        assert 1 <= [m.key for m in helm.mail].count("DB_REFUSED") <= 2 * FAULTS_PER_S
         await flood.close()
         await helm.close()
 

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from uwserver_adapters.moos import MoosTextAdapter
+from uwserver_adapters.moos.bridge.bridge import CALLS_PER_S
 from uwserver_adapters.moos.config import BridgeTable, MoosTextConfig, NavTable, Target
 from uwserver_adapters.moos.text import lines
 from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, Verb, Write
@@ -225,6 +226,17 @@ async def test_calls(bridge):
         assert (await user.ask("#3 CALL world/echo {")).startswith("#3 ERROR parse_error")
         assert (await user.ask("CALL")).startswith("ERROR invalid_request")
         assert json.loads((await user.ask("CALL world/status")).removeprefix("OK "))["mode"] == "realtime"
+
+
+async def test_a_flood_of_calls_is_bounded_and_every_line_answered(bridge):
+    async with bridge(2) as (context, flood, other):
+        flood.say(*(f"#{number} CALL world/echo" for number in range(500)))
+        answers = [await flood.line() for _ in range(500)]
+        refused = [line for line in answers if "ERROR overload" in line]
+        assert {line.split()[0] for line in answers} == {f"#{number}" for number in range(500)}
+        assert len(refused) >= 500 - 2 * CALLS_PER_S  # the flood may fall into two windows
+        assert await other.ask("#1 CALL world/echo") == "#1 OK null"
+        assert len(context.calls) <= 2 * CALLS_PER_S + 20
 
 
 async def test_refusals_go_to_who_asked(bridge):
