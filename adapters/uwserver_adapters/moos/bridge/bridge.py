@@ -25,7 +25,7 @@ from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
 from uwserver_adapters.moos.bridge.pilot import Pilot
 from uwserver_adapters.moos.bridge.quota import Faults, Quota
 from uwserver_adapters.moos.bridge.report import APPCAST, APPCAST_REQUEST, AppCasts, Pace
-from uwserver_adapters.moos.bridge.usm import ELSEWHERE, MOMENTARY, OVERRIDES, UsmInputs
+from uwserver_adapters.moos.bridge.usm import ELSEWHERE, FREE, MOMENTARY, UsmInputs
 from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
@@ -43,8 +43,8 @@ STATUS = "world/status"
 
 CALLS_PER_S = 50
 """Calls that one client may begin in a second."""
-STATES_PER_S = 50
-"""Resets, currents, pauses and the like, likewise."""
+STATES_PER_S = 200
+"""Resets, currents, pauses and the like, likewise: a current ten times a second, at warp 20."""
 COMMANDS_PER_S = 4000
 """Writes of actuators' variables, likewise: 20 times a second three of them, at warp 60."""
 
@@ -187,7 +187,7 @@ class Bridge:
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """All variables of a tick, together."""
         pairs: list[tuple[str, float | str]] = []
-        self._t_s = seconds(samples[-1].t_sent_ns)
+        self._t_s = seconds(samples[-1].t_sent_ns) if samples else self._t_s
         for sample in samples:
             outlet = self._outlets.get(sample.port)
             if outlet is not None and (self._raster is None or self._raster.is_due(sample.port, sample.t_sent_ns)):
@@ -317,7 +317,7 @@ class Bridge:
             return self._command_quota
         if name == CALL:
             return self._call_quota
-        return self._state_quota if name in self._usm.names and name not in OVERRIDES else None
+        return self._state_quota if name in self._usm.names and name not in FREE else None
 
     def _refuse_flood(self, name: str, value: float | str | bytes, source: str, most: int) -> None:
         fault = Fault("overload", f"more than {most} in a second: what is above is not carried out", name)

@@ -205,8 +205,9 @@ class DepthHold:
 
     def hear(self, name: str, value: float, t_s: float) -> bool:
         """A variable of an actuator was written. Returns whether it is to be obeyed: an elevator of 0 is what a mission without depth says."""
-        if name != ELEVATOR:
+        if name.startswith(THRUST) or name == RUDDER:  # DESIRED_THRUST_L too; a ballast drives nothing
             self._driven = t_s
+        if name != ELEVATOR:
             return True
         if value != 0.0:
             self.is_needed = False

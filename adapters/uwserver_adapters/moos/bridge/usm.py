@@ -14,6 +14,8 @@ OVERRIDES = ("MOOS_MANUAL_OVERRIDE", "MOOS_MANUAL_OVERIDE")
 MOMENTARY = ("USM_RESET",)
 """What happens once, when it is written; the others are states, which hold."""
 
+FREE = (*OVERRIDES, "WATER_DEPTH")
+"""What costs the world nothing, or must never be refused."""
 ENABLED = "USM_ENABLED"
 ELSEWHERE = ("NAV_X", "NAV_Y", "NAV_HEADING")
 """What another simulator says while this one is off."""

@@ -151,7 +151,9 @@ def test_a_depth_is_held_only_while_somebody_drives():
     """Else its commands would keep the rudder of the same fins from its watchdog."""
     hold = DepthHold(5.0, PidTable())
     assert hold.outputs(fix(), 0.0) == {}
-    assert hold.hear("DESIRED_THRUST", 50.0, 1.0)
+    assert hold.hear("BUOYANCY_RATE", 0.1, 1.0)
+    assert hold.outputs(fix(), 1.0) == {}
+    assert hold.hear("DESIRED_THRUST_L", 50.0, 1.0)
     assert hold.outputs(fix(), 3.0)["DESIRED_ELEVATOR"] > 0.0
     assert hold.outputs(fix(), 3.1) == {}
     hold.hear("DESIRED_RUDDER", 0.0, 4.0)
