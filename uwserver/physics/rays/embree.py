@@ -181,7 +181,6 @@ class Rays:
         self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
         return self._simple
 
-
     def _by_origin(self) -> dict[tuple[float, ...], dict[int, Solid]]:
         """What never moves and is meshed, by the point of the lattice that each is kept about."""
         found: dict[tuple[float, ...], dict[int, Solid]] = {}
