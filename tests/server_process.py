@@ -38,8 +38,12 @@ def serving(scenario: str | Path, *options: str) -> Iterator[tuple[tuple[str, in
 class Peer:
     """Sends a request and waits for its reply."""
 
-    def __init__(self, address: tuple[str, int]) -> None:
-        self.socket = socket.create_connection(address, PATIENCE_S)
+    def __init__(self, address: tuple[str, int], receive_buffer: int = 0) -> None:
+        self.socket = socket.socket()
+        self.socket.settimeout(PATIENCE_S)
+        if receive_buffer:  # else the system's own buffers hold what a slow peer leaves for half a minute
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        self.socket.connect(address)
         self._lines = self.socket.makefile("rb")
         self._id = 0
 
@@ -82,9 +86,12 @@ class Audience:
 
     def __init__(self, address: tuple[str, int], count: int, pause_s: float = 0.0) -> None:
         self.heard = 0
-        self._peers = [Peer(address) for _ in range(count)]
+        self._peers: list[Peer] = []
         self._selector = selectors.DefaultSelector()
-        for n, peer in enumerate(self._peers):
+        for n in range(count):
+            # One after the other: who is connected and has said nothing is a stranger, of whom there may be few.
+            peer = Peer(address, receive_buffer=4096)
+            self._peers.append(peer)
             reply = peer.ask("subscribe", pattern="**")
             assert "result" in reply, reply
             if n % 2 == 0:

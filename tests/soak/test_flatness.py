@@ -153,8 +153,13 @@ position_ned_m = [0.0, 0.0, 5.0]
 [vehicles.rov.truth]
 rate_hz = 250
 
-[vehicles.rov.sensors.fast]
-kind = "imu"
+[vehicles.rov.override.sensors.imu]
+rate_hz = 250
+
+[vehicles.rov.override.sensors.pressure]
+rate_hz = 250
+
+[vehicles.rov.override.sensors.depth]
 rate_hz = 250
 
 [adapters.tcp]
