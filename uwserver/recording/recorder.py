@@ -13,12 +13,12 @@ import contextlib
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from uwserver.ports import Call, Command, Event, Json, Sample
+from uwserver.ports import Call, Command, Event, Json, Port, Sample
 from uwserver.recording.format import RecordingWriter, Request, StateHash, metadata
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
@@ -54,7 +54,14 @@ class _State:
     snapshot: Snapshot
 
 
-_Item = tuple[Sample, ...] | Request | _State | Event
+@dataclass(frozen=True)
+class _Ports:
+    """Ports that there are from here on. Those of samples that still wait may be gone from the world when they are written."""
+
+    ports: Mapping[str, Port]
+
+
+_Item = tuple[Sample, ...] | Request | _State | _Ports | Event
 
 
 class Recorder:
@@ -76,6 +83,8 @@ class Recorder:
         self._ending = threading.Event()
         self._error = ""
         self._second = max(1, round(world.rate_hz))
+        self._seen = world.ports
+        self._known = dict(world.ports)
         # Each counter has one thread that writes it: loop, simulation, recorder.
         self._samples_put = self._dropped = 0
         self._index = self._requests_put = 0
@@ -149,16 +158,23 @@ class Recorder:
             )
             return
         self._requests_put += 1
+        self._follow_ports()
         self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
     def ticked(self, world: World) -> None:
         """Queue the state each simulated second; wait for the writer where nobody waits for the tick."""
         if not self._open or self._error:
             return
+        self._follow_ports()  # before the loop has any sample of this tick
         if world.tick % self._second == 0:
             self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
             self._ending.wait(_BACKPRESSURE_S)
+
+    def _follow_ports(self) -> None:
+        if self._world.ports is not self._seen:
+            self._seen = self._world.ports
+            self._queue.append(_Ports(self._seen))
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -218,17 +234,18 @@ class Recorder:
             self._ending.wait(_DRAIN_S)
 
     def _write_item(self, writer: RecordingWriter, item: _Item) -> None:
-        ports = self._world.ports
         if isinstance(item, tuple):
             for sample in item:
-                writer.sample(sample, ports)
+                writer.sample(sample, self._known)
             self._samples += len(item)
             self._samples_taken += len(item)
         elif isinstance(item, Request):
-            writer.request(item, self._world.ticks.time_of(item.tick), ports)
+            writer.request(item, self._world.ticks.time_of(item.tick), self._known)
             self._requests_taken += 1
         elif isinstance(item, _State):
             writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
+        elif isinstance(item, _Ports):
+            self._known |= item.ports
         else:
             writer.event(item)
 
