@@ -135,7 +135,7 @@ def test_a_chunk_that_grows_without_end_is_not_unpacked(claimed: int, resolved, 
         file.write(b"\x06" + struct.pack("<Q", len(body)) + body)
     tracemalloc.start()
     try:
-        with pytest.raises(NotReplayable, match="a chunk of .* bytes, at most 268435456"):
+        with pytest.raises(NotReplayable, match=r"a chunk of .* bytes, at most 268435456"):
             replay(path)
         assert tracemalloc.get_traced_memory()[1] < 100_000_000
     finally:
