@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 
 
@@ -11,9 +12,14 @@ def start() -> None:
     """Run the command line, which imports much; a signal must be heard before that."""
     if os.getpid() == 1:
         end_on_sigterm()
-    from uwserver.cli import main
+    try:
+        from uwserver.cli import main
 
-    main(prog_name="uwserver")
+        main(prog_name="uwserver")
+    except MemoryError as error:
+        why = f": {error}" if str(error) else ""
+        print(f"uwserver: there is too little memory{why}; raise the limit (ulimit -v) or load less", file=sys.stderr)
+        sys.exit(1)
 
 
 def end_on_sigterm() -> None:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -192,3 +193,56 @@ def call_on(client: uwclient.Client) -> None:
             client.call("world/snapshot", name="a")
             client.call("world/reset")
             client.call("world/restore", name="a")
+
+
+def test_a_disk_that_fills_ends_the_recording_and_the_exit_status_tells(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    small = ("prlimit", "--fsize=400000")
+    if shutil.which(small[0]) is None:
+        pytest.skip("no prlimit here")
+    with contextlib.ExitStack() as stack:
+        lived = stack.enter_context(life("bluerov2_pool", "--mode", "freerun", "--record", str(path), before=small))
+        client = stack.enter_context(uwclient.connect("127.0.0.1", lived.port, reconnect=False, timeout=PATIENCE_S))
+        lived.wait_for("recording to")
+        lived.wait_for("File too large; the world goes on without it")
+        tick = client.call("world/status")["tick"]
+        status = client.call("world/status")
+        assert status["tick"] > tick
+        assert (status["recorder"]["recording"], status["recorder"]["error"]) == (False, "File too large")
+        ended, _ = lived.end()
+    assert ended == 1
+    assert sum("the world goes on" in line for line in lived.said) == 1
+    done = replay(path)
+    assert (done.truncated, done.difference) == (True, None)
+    assert done.hashes > 0
+
+
+def test_a_server_without_descriptors_goes_on_and_says_what_it_cannot_do(tmp_path: Path) -> None:
+    few = ("prlimit", "--nofile=24")
+    if shutil.which(few[0]) is None:
+        pytest.skip("no prlimit here")
+    file = tmp_path / "it.toml"
+    file.write_text(
+        'schema = 1\n[vehicles.rov]\nmodel = "bluerov2"\n[server]\nstate_folder = "states"\nmetrics = false\n'
+        '[adapters.tcp]\nkind = "sockets"\nbind = "127.0.0.1"\n'
+    )
+    with contextlib.ExitStack() as stack:
+        lived = stack.enter_context(life(str(file), before=few))
+        client = stack.enter_context(uwclient.connect("127.0.0.1", lived.port, reconnect=False, timeout=PATIENCE_S))
+        with contextlib.ExitStack() as crowd:
+            for _ in range(30):
+                crowd.enter_context(socket.create_connection(("127.0.0.1", lived.port), timeout=PATIENCE_S))
+            lived.wait_for("descriptors")
+            tick = client.call("world/status")["tick"]
+            with pytest.raises(uwclient.CallRefused, match="Too many open files"):
+                client.call("world/save", name="a")
+            assert client.call("world/status")["tick"] > tick
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            with contextlib.suppress(uwclient.CallRefused):
+                assert client.call("world/save", name="a")["bytes"] > 0
+                break
+            assert time.monotonic() < deadline
+        status, cpu = lived.end()
+    assert status == 0
+    assert cpu < MOST_CPU_S
