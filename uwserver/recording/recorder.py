@@ -34,13 +34,15 @@ log = logging.getLogger(__name__)
 MAX_SAMPLES = 32_768
 """Samples that may wait for the writer."""
 
-MAX_REQUESTS = 250_000
-"""Requests that may wait for the writer; beyond that the recording ends, because without them it could not be replayed."""
+MAX_REQUESTS = 50_000
+"""Requests that may wait for the writer, half a second of its work when the server ends; beyond that the recording ends,
+because without them it could not be replayed."""
 
 CHUNK_NS = NANOSECONDS // 2
 """A chunk is written at the latest after this wall time: that much a killed server loses."""
 
 CLOSE_TIMEOUT_S = 5.0
+"""Wall time in which the writer must proceed at the end, however much is left to write."""
 _DRAIN_S = 0.1
 _BACKPRESSURE_S = 0.002
 
@@ -79,7 +81,7 @@ class Recorder:
         self._resolved = resolved
         self._simulation: Simulation | None = None
         self._queue: deque[_Item] = deque()
-        self._open = False
+        self._open = self._finished = False
         self._ending = threading.Event()
         self._error = ""
         self._second = max(1, round(world.rate_hz))
@@ -116,6 +118,15 @@ class Recorder:
         finally:
             detach()
             self._close(thread)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all was written that a replay needs, to the very end. Known after `running`."""
+        return self._finished
+
+    def abandon(self, reason: str) -> None:
+        """Give the recording up: what was written stays, and the last state is not added."""
+        self._fail(reason)
 
     def status(self) -> dict[str, Json]:
         """For ``world/status``: file, whether it is still written, what is in it, what is missing, and why it ended early."""
@@ -227,6 +238,8 @@ class Recorder:
                 writer.finish()
                 file.flush()
                 self._bytes = file.tell()
+                file.close()  # which may tell only now that the disk is full
+                self._finished = not self._error
                 return
             if time.now_ns() - flushed >= CHUNK_NS:
                 writer.flush()
@@ -278,7 +291,9 @@ class Recorder:
         if not self._error:
             self._queue.append(_State(self._next_index(), self._world.t_ns, snapshot.take(self._world)))
         self._ending.set()
-        thread.join(CLOSE_TIMEOUT_S)
+        written = -1
+        while thread.is_alive() and written != (written := self._samples_taken + self._requests_taken):
+            thread.join(CLOSE_TIMEOUT_S)
         if thread.is_alive():
             log.warning("%s is incomplete: the disk does not answer; it can be read up to its last chunk", self._path)
         if self._dropped:

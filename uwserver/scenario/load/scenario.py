@@ -34,6 +34,9 @@ from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
 
+MOST_PROBLEMS = 200
+"""Told at once, warnings too; a file with more is not what it was meant to be."""
+
 
 def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Resolved:
     """A scenario that is ready to build.
@@ -75,13 +78,15 @@ class _Load:
 
     def __init__(self, document: Document, adapters: Mapping[str, type]) -> None:
         self._problems: list[Problem] = []
+        self._document = document
         self._files: dict[Path, Document | None] = {}
         self._models: dict[Path, Document] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
         self._profiles: dict[Path, Mapping[str, Any] | None] = {}
         beside = document.path.parent if document.path else Path.cwd()
         given, report = document.raw.get("extensions"), self._report(document)
-        self._more = extension_kinds(given, beside, report, self._problems.append)
+        within = document.path.parent if document.path else None
+        self._more = extension_kinds(given, beside, report, self._problems.append, within)
         self._known: Known = {}
         self._document = document = self._with_profiles(document)
         self._tree = scenario_tree(document.raw, adapters, self._converter(document))
@@ -222,6 +227,9 @@ class _Load:
     def _report(self, place: Document | MergedFile, severity: Severity = "error") -> Report:
         def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
             self._problems.append(place.problem(path, text, at, severity))
+            if len(self._problems) >= MOST_PROBLEMS:  # each may cost a search for what was meant
+                last = Problem(self._document.label, 0, 0, "", f"{MOST_PROBLEMS} faults: the rest is not looked at")
+                raise ScenarioError([*_in_order(self._problems), last])
 
         return report
 
