@@ -44,7 +44,7 @@ def _plain(token: bytes) -> int | str | None:
     return value
 
 
-def msgpack_member(frame: bytes, name: str) -> int | str | None:
+def msgpack_member(frame: bytes | memoryview, name: str) -> int | str | None:
     """The same of a msgpack message."""
     if not frame or SIZES[frame[0]] != MAP:
         return None
@@ -61,7 +61,7 @@ def msgpack_member(frame: bytes, name: str) -> int | str | None:
     return None
 
 
-def _scalar(data: bytes) -> int | str | None:
+def _scalar(data: bytes | memoryview) -> int | str | None:
     try:
         value = msgspec.msgpack.decode(data)
     except ValueError:
@@ -69,7 +69,7 @@ def _scalar(data: bytes) -> int | str | None:
     return value if type(value) in (int, str) else None
 
 
-def _after(frame: bytes, position: int) -> int:
+def _after(frame: bytes | memoryview, position: int) -> int:
     """Where the next value begins; beyond the end where this one is cut off, or has too many parts."""
     awaited = 1
     for _ in range(MAX_VALUES):
@@ -93,7 +93,7 @@ def _after(frame: bytes, position: int) -> int:
     return len(frame) + 1
 
 
-def _extension(frame: bytes, position: int) -> int:
+def _extension(frame: bytes | memoryview, position: int) -> int:
     lead = frame[position]
     if lead in range(0xC7, 0xCA):
         width = 1 << lead - 0xC7

@@ -19,7 +19,7 @@ from uwserver_adapters.native.requests import Malformed, Request, id_of_json, pa
 
 LINE_LIMIT = 512 << 10
 """Longest JSON line or text, bytes: what `decode` takes at most, with texts in base64."""
-FRAME_LIMIT = 5 << 20
+FRAME_LIMIT = 2 << 20
 """Longest msgpack frame, bytes: more than `decode` takes at most, with texts and binary values."""
 
 

@@ -37,7 +37,7 @@ def parse_json(body: bytes) -> Request | Malformed:
         return Malformed(_fault(error, "JSON", "object"), id_of_json(body))
 
 
-def parse_msgpack(body: bytes) -> Request | Malformed:
+def parse_msgpack(body: bytes | memoryview) -> Request | Malformed:
     """One msgpack map, and nothing after it."""
     try:
         return _request(decode(body, "msgpack"))

@@ -17,11 +17,12 @@ DATAGRAM_S = 0.001
 HELLO = b"hello"
 """Of a UDP flood: it begins with the cookie of a session."""
 
-SCENARIO = """\
+RATE_HZ = 240
+SCENARIO = f"""\
 schema = 1
 title = "bench hostile"
 [world]
-rate_hz = 240
+rate_hz = {RATE_HZ}
 [server]
 metrics = false
 [vehicles.rov]
@@ -80,7 +81,7 @@ def _floods() -> Iterator[Flood]:
     ):  # fmt: skip
         yield _tcp(name, line(JSON[name]))
     yield _tcp("small pings, 1000 in a piece", line(b'{"id":1,"method":"ping"}') * 1000)
-    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 4 MiB"):
+    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 1 MiB"):
         yield _tcp(f"msgpack, {name}", frame(MSGPACK[name]))
     yield Flood(
         "UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True, pause_s=DATAGRAM_S
