@@ -190,7 +190,10 @@ class Frames:
             frame = _copied(self._buffer, 4, end)
             del self._buffer[:end]
             return frame
-        whole, self._buffer = self._buffer, self._buffer[end:]  # what comes behind it is no more than one piece that was received
+        whole, self._buffer = (
+            self._buffer,
+            self._buffer[end:],
+        )  # what comes behind it is no more than one piece that was received
         return memoryview(whole)[4:end].toreadonly()
 
 
