@@ -54,24 +54,29 @@ def open_spent(trace: str, mode: str = "r") -> npt.NDArray[np.int64]:
 
 
 class Threads:
-    """What has been spent until now, ns: processor time of the loop's thread, and time for which the thread of the simulation wanted a
-    processor that others had (0 where the system does not tell). Made on the loop's thread."""
+    """What has been spent until now, ns: processor time of the loop's thread, and time for which this thread or that of the simulation wanted
+    a processor that others had (0 where the system does not tell). Made on the loop's thread."""
 
     def __init__(self) -> None:
         self._loop = time.pthread_getcpuclockid(threading.get_ident())
-        self._file: int | None = None
+        self._files = [_scheduled(threading.get_native_id())]
 
     def now(self) -> tuple[int, int]:
         """Both. Simulation thread."""
-        return time.clock_gettime_ns(self._loop), self._waited()
+        if len(self._files) < 2:
+            self._files.append(_scheduled(threading.get_native_id()))
+        return time.clock_gettime_ns(self._loop), sum(map(_waited, self._files))
 
-    def _waited(self) -> int:
-        try:
-            if self._file is None:
-                self._file = os.open(f"/proc/self/task/{threading.get_native_id()}/schedstat", os.O_RDONLY)
-            return int(os.pread(self._file, 100, 0).split()[1])
-        except (OSError, ValueError, IndexError):
-            return 0
+
+def _scheduled(thread: int) -> int | None:
+    try:
+        return os.open(f"/proc/self/task/{thread}/schedstat", os.O_RDONLY)
+    except OSError:
+        return None
+
+
+def _waited(file: int | None) -> int:
+    return 0 if file is None else int(os.pread(file, 100, 0).split()[1])
 
 
 class Trace:

@@ -55,8 +55,9 @@ class Delay(NamedTuple):
 
     Attributes:
         gap: longest time between the ends of two.
-        ours: longest delay of one that work of our own can have caused: no longer than the loop's thread was on a processor meanwhile.
-        others: part of `gap` that this does not explain, beyond the time of a tick: the processors were others'.
+        ours: longest delay of one by work of our own: neither longer than the loop's thread was on a processor meanwhile, nor than what is left
+            of the delay without the time for which our threads waited for a processor.
+        others: the rest of the longest gap, beyond the time of a tick: the processors were others'.
     """
 
     gap: float

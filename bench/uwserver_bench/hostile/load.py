@@ -87,6 +87,8 @@ class Attacker:
             self._next_ns = now + int(self._flood.pause_s * 1e9)
             self._rest = self._flood.data
         with contextlib.suppress(BlockingIOError):
+            for _ in range(self._flood.burst - 1):
+                self.sent += opened.send(self._flood.data)
             sent = opened.send(self._rest)
             self.sent += sent
             self._rest = self._rest[sent:]
