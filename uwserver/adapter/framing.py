@@ -157,11 +157,13 @@ class Frames:
 
     Attributes:
         is_lost: a frame was too long: where the next one begins is not known, nothing is taken any more.
+        head: the first bytes of that one.
     """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.is_lost = False
+        self.head = b""
         self._buffer = bytearray()
 
     def receive(self, data: bytes) -> None:
@@ -180,6 +182,7 @@ class Frames:
         length = int.from_bytes(self._buffer[:4], "big")
         if length > self.limit:
             self.is_lost = True
+            self.head = bytes(self._buffer[4 : 4 + _HEAD])
             self._buffer.clear()
             text = f"a frame holds at most {self.limit} bytes, this one claims {length}; it begins with its length as u32 big-endian"
             raise Refused("too_large", text)
