@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from uwserver.adapter import Frames, Lines, Undecodable, decode, frame, framing, line
+from uwserver.adapter.framing import LARGE
 from uwserver.ports import Refused
 
 MANY = b"[" + b"1e5," * 17 + b"%s]"
@@ -63,6 +64,21 @@ def test_frames_in_pieces(piece: int):
             found.append(got)
     assert found == [b"one", b"", b"x" * 10]
     assert not reader.is_lost
+
+
+@pytest.mark.parametrize("behind", [b"", frame(b"next")[:3], frame(b"next")])
+def test_a_large_frame_is_not_copied_and_what_follows_it_is_not_lost(behind):
+    reader = Frames(1 << 20)
+    for piece in (frame(b"x" * LARGE)[:10], frame(b"x" * LARGE)[10:] + behind):
+        reader.receive(piece)
+    held = reader._buffer
+    large = reader.next_frame()
+    assert isinstance(large, memoryview)
+    assert large.obj is held
+    assert large.readonly
+    assert large == b"x" * LARGE
+    reader.receive(frame(b"next")[len(behind) :])
+    assert reader.next_frame() == b"next"
 
 
 def test_after_a_frame_that_is_too_long_nothing_is_taken():

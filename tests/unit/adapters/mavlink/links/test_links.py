@@ -170,9 +170,7 @@ async def test_what_speaks_no_mavlink_hears_nothing(serve, make_rov):
         assert context.stats.peers == 0
 
 
-async def test_of_a_flood_by_udp_no_more_is_looked_at_than_a_peer_may_send(
-    serve, make_rov, monkeypatch
-):
+async def test_of_a_flood_by_udp_no_more_is_looked_at_than_a_peer_may_send(serve, make_rov, monkeypatch):
     monkeypatch.setattr(connection, "TURN_S", 1e-9)
     monkeypatch.setattr(connection, "REST_S", 0.01)
     seen = []
