@@ -38,7 +38,7 @@ class Field(Struct, frozen=True):
         type: type of each component; the values of "bytes" and "buffer" are a `Buffer`, and their shape is ().
         minimum, maximum: limits of each component; a command outside is refused.
         buffer: type and shape of a buffer's items.
-        max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 4 MiB of a buffer.
+        max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 1 MiB of a buffer.
     """
 
     name: str

@@ -64,6 +64,7 @@ class World:
         identity: tells apart scenarios whose states cannot be exchanged.
         answers: what callers that wait are to be told in this tick.
         jumps: how often a reset or restore has set the time.
+        requests: what was posted.
     """
 
     def __init__(
@@ -98,7 +99,7 @@ class World:
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
-        self._requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
+        self.requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
         for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
             self.add(part)
 
@@ -253,7 +254,7 @@ class World:
 
     def post(self, posted: Posted) -> None:
         """The same, as it came over the crossing."""
-        self._requests.posted.append(posted)
+        self.requests.posted.append(posted)
 
     def command(self, port: str, **value: object) -> None:
         """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.
@@ -271,6 +272,7 @@ class World:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
         """
         find("service", service, self.services)
+        self.requests.changes += 1
         result = self._carry[service](checked_args(self.services[service], args))
         return None if isinstance(result, Later) else result
 
@@ -319,8 +321,8 @@ class World:
         for part in self._first:
             if part.next_tick is not None and tick >= part.next_tick:
                 part.before(tick, self.t_ns)
-        if self._requests.posted or more:
-            self._requests.carry_out(output, more)
+        if self.requests.posted or more:
+            self.requests.carry_out(output, more)
             tick = self._tick  # a restore or reset may have been among it
         for part in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
@@ -351,7 +353,7 @@ class World:
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self._requests.carry_out(output, more)
+        self.requests.carry_out(output, more)
         self._end_tick(output)
         return output
 
