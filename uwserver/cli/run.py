@@ -94,6 +94,9 @@ def run(
         sys.exit(1)
     for warning in resolved.warnings:
         logging.getLogger(__name__).warning("%s", warning)
+    if resolved.missing:
+        click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
+        sys.exit(1)
     resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]

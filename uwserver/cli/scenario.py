@@ -44,6 +44,10 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             click.echo(explain_resolved(resolved), nl=False)
         for warning in resolved.warnings:
             click.echo(str(warning), err=True)
+        if resolved.missing:
+            failed = True
+            click.echo(f"{file}: {resolved.missing}", err=True)
+            continue
         # With --explain, standard output is TOML and nothing else.
         click.echo(summary(file, resolved), err=explain)
     sys.exit(1 if failed else 0)
