@@ -1,7 +1,7 @@
 """A reader of the pages: types what a page prints, in its order, unchanged but for the port and an end.
 
-`make run` and `uwserver run ...` start a server in the background, to which all that follows speaks, as on the reader's machine; a second one ends the
-first, which the page has to say. A listing below "`name`:" is saved under that name. A listing with tests is run by pytest.
+`make run` and `uwserver run ...` start a server in the background, to which all that follows speaks; a second one ends the first, which the page
+has to say. A listing below "`name`:" is saved under that name. A listing with tests is run by pytest.
 """
 
 from __future__ import annotations
@@ -18,23 +18,28 @@ ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120
 STARTS = {"make run": "uwserver run"}
 """What a target of make starts, as a test says that reads the Makefile."""
-NOT_TYPED = ("make ", "pip install ", "cc ")
-_BLOCK = re.compile(r"(?:^`(?P<file>[\w.]+)`:\n)?^```(?P<language>\w+)\n(?P<text>.*?)^```", re.S | re.M)
+NOT_TYPED = ("make ", "pip install ")
+SILENT = ("cc ", "python -c ")
+_BLOCK = re.compile(
+    r"(?:^`(?P<file>[\w.]+)`:\n|at the end of `(?P<longer>[\w.]+)`:\n+)?^```(?P<language>\w+)\n(?P<text>.*?)^```",
+    re.S | re.M,
+)
 _SERVER = re.compile(r"uwserver run(?! --help)(?!.*--until)")
 
 
 class Block(NamedTuple):
-    """One listing of a page; `file` is the name under which the reader saves it, or empty."""
+    """One listing of a page; `file` is the name under which the reader saves it, `longer` the file to whose end it is put."""
 
     language: str
     text: str
     file: str = ""
+    longer: str = ""
 
 
 def blocks(page: str, language: str = "") -> list[Block]:
     """The listings of a page, a path below the top folder, of all languages or of one."""
     found = _BLOCK.finditer((ROOT / page).read_text(encoding="utf-8"))
-    all_of_them = [Block(each["language"], each["text"], each["file"] or "") for each in found]
+    all_of_them = [Block(each["language"], each["text"], each["file"] or "", each["longer"] or "") for each in found]
     return [block for block in all_of_them if not language or block.language == language]
 
 
@@ -57,10 +62,17 @@ class Reader:
         self.end_server()
 
     def follow(self, page: str) -> None:
-        """Do all that a page says."""
+        """Do all that a page says; one of an example in its folder."""
+        if page.startswith("clients/"):
+            for file in (ROOT / page).parent.glob("*.*"):
+                if file.is_file():
+                    (self.folder / file.name).write_bytes(file.read_bytes())
         for block in blocks(page):
             if block.file:
                 (self.folder / block.file).write_text(block.text, encoding="utf-8")
+            elif block.longer:
+                with (self.folder / block.longer).open("a", encoding="utf-8") as file:
+                    file.write("\n" + block.text)
             elif block.language == "sh":
                 self.type(block.text)
             elif block.language == "python":
@@ -121,8 +133,8 @@ class Reader:
             env=self._environment(),
         )  # fmt: skip
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
-        assert done.stdout.strip(), f"prints nothing: {line}"
-        self.said[line] = done.stdout
+        self.said[line] = done.stdout + done.stderr
+        assert self.said[line].strip() or line.startswith(SILENT), f"prints nothing: {line}"
 
     def _nc(self, line: str, typed: list[str]) -> None:
         if shutil.which("nc") is None:
@@ -148,6 +160,8 @@ class Reader:
             line = re.sub(r"^((?:\S*/)?uwclient) ", rf"\1 --port {self.port} ", line)
         if re.search(r"uwclient .*\becho ", line) and " -n " not in line:
             line += " -n 3"
+        if re.search(r"uwclient .*\bwatch ", line) and "--seconds" not in line:
+            line += " --seconds 1"
         return line.replace("7600", str(self.port)).replace("localhost", "127.0.0.1")
 
     def _environment(self) -> dict[str, str]:
