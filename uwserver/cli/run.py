@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from uwserver.actuators import ThrustersConfig
-
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
     from uwserver.server.life_cycle import Options
@@ -187,18 +185,17 @@ def _client() -> str:
 
 
 def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
+    from uwserver.cli.first_command import first_command
+
     host, _, port = address.rpartition(":")
     at = ("" if host in ("127.0.0.1", "0.0.0.0") else f" --host {host}") + ("" if port == "7600" else f" --port {port}")
     client = _client() + at
     click.echo("In another terminal:")
     click.echo(f"  {client} topics")
-    sensor = "depth" if "depth" in vehicle.vehicle.sensors else "*"
-    click.echo(f"  {client} echo '{vehicle.name}/{sensor}' -n 5")
-    for name, actuator in vehicle.vehicle.actuators.items():
-        if isinstance(actuator, ThrustersConfig) and actuator.input == "u":
-            n = len(actuator.members or vehicle.vehicle.thrusters)
-            click.echo(f"  {client} send {vehicle.name}/{name} u='[{','.join(['0.3'] * n)}]' --rate 10 --seconds 3")
-            return
+    click.echo(f"  {client} watch '{vehicle.name}/*'")
+    command = first_command(vehicle)
+    if command:
+        click.echo(f"  {client} send {command}")
 
 
 COMMANDS = (run,)

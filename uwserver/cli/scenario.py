@@ -13,13 +13,14 @@ from msgspec import Struct
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, installed_adapters
+from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
 from uwserver.scenario.authoring.json_schema import FileKind, json_schema
 from uwserver.scenario.authoring.starter import starter
 from uwserver.scenario.files.convert import NAME, kinds_of
 from uwserver.scenario.files.documents import find, read, shipped
-from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.files.errors import ScenarioError, did_you_mean
 from uwserver.scenario.load.export import explain as explain_resolved
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
@@ -122,20 +123,30 @@ def list_(what: str | None, kind: str | None) -> None:
     """List what is installed: scenarios, vehicles, devices, and the kinds of sensor, actuator, modifier and adapter.
 
     `uwserver list sensors` also tells what each kind measures, its keys and its device files, `uwserver list sensors dvl` that of one kind;
-    `uwserver list modifiers` the keys of each.
+    `uwserver list modifiers` the keys of each; `uwserver list vehicles bluerov2` its thrusters, fins, propellers, sensors and actuators.
     """
     for section in [what] if what else list(_LISTS):
         if not what:
             click.echo(f"{section}:")
         lines = _LISTS[section]()
         if kind is not None and kind not in lines:
-            raise click.BadParameter(f'"{kind}" is none of: {", ".join(lines)}', param_hint="KIND")
+            raise click.BadParameter(f'there is no "{kind}"{_meant(kind, list(lines))}', param_hint="KIND")
         details = _DETAILS[section]() if what in _DETAILS else {}
+        if section == "vehicles" and kind is not None:
+            details = {kind: list(parts_of(kind))}
         for name, line in lines.items():
             if kind in (None, name):
                 click.echo(f"{'' if what else '  '}{name:<22} {line}".rstrip())
                 for detail in details.get(name, ()):
                     click.echo(f"    {detail}")
+
+
+def _meant(kind: str, known: list[str]) -> str:
+    """What was probably meant: a name like it, or one that has it as a word."""
+    words = [name for name in known if kind.lower() in name.lower().split("_")]
+    return did_you_mean(kind, known) or (
+        f' (did you mean "{words[0]}"?)' if words else f"; there are: {', '.join(known)}"
+    )
 
 
 def _sensor_details() -> dict[str, list[str]]:
