@@ -1,7 +1,8 @@
-"""Quaternions and angles as the server has them: (w, x, y, z), of the rotation that turns vectors from the second frame of its name into the first.
+"""Quaternions and angles as the server has them.
 
-So ``q_NB`` turns a vector in B (forward, right, down) into N (north, east, down): ``rotate(q_NB, (1, 0, 0))`` is where the bow points. Roll, pitch and yaw
-are about x, y and z of B, yaw applied first (z-y-x): yaw is the heading, clockwise from north. Angles are in rad. Nothing but the standard library.
+A quaternion (w, x, y, z) turns vectors from the second frame of its name into the first: `q_NB` turns one in B (forward, right, down) into N (north,
+east, down), and ``rotate(q_NB, (1, 0, 0))`` is where the bow points. Roll, pitch and yaw are about x, y and z of B, yaw applied first (z-y-x): yaw is the
+heading, clockwise from north. Angles are in rad. Nothing but the standard library.
 """
 
 from __future__ import annotations
@@ -43,7 +44,10 @@ def heading(q: Sequence[float]) -> float:
 
 
 def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
-    """The rotation q, then p: ``q_AC = product(q_AB, q_BC)``."""
+    """The rotation q, then p.
+
+    ``q_AC = product(q_AB, q_BC)``
+    """
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -55,13 +59,19 @@ def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
 
 
 def inverse(q: Sequence[float]) -> Quaternion:
-    """The rotation back: ``q_BN = inverse(q_NB)``; of a unit quaternion."""
+    """The rotation back, of a unit quaternion.
+
+    ``q_BN = inverse(q_NB)``
+    """
     w, x, y, z = q
     return w, -x, -y, -z
 
 
 def rotate(q: Sequence[float], v: Sequence[float]) -> Vector:
-    """A vector of the second frame in the first: ``v_N = rotate(q_NB, v_B)``."""
+    """A vector of the second frame in the first.
+
+    ``v_N = rotate(q_NB, v_B)``
+    """
     _, x, y, z = product(product(q, (0.0, *v)), inverse(q))
     return x, y, z
 
