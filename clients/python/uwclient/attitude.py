@@ -1,8 +1,8 @@
 """Quaternions and angles as the server has them.
 
-A quaternion (w, x, y, z) turns vectors from the second frame of its name into the first: `q_NB` turns one in B (forward, right, down) into N (north,
-east, down), and ``rotate(q_NB, (1, 0, 0))`` is where the bow points. Roll, pitch and yaw are about x, y and z of B, yaw applied first (z-y-x): yaw is the
-heading, clockwise from north. Angles are in rad. Nothing but the standard library.
+A quaternion (w, x, y, z) turns vectors from the second frame of its name into the first: `q_NB` turns one in B (forward, right,
+down) into N (north, east, down), and ``rotate(q_NB, (1, 0, 0))`` is where the bow points. Roll, pitch and yaw are about x, y and z
+of B, yaw applied first (z-y-x): yaw is the heading, clockwise from north. Angles are in rad. Nothing but the standard library.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import itertools
 import shutil
 import time
 from collections.abc import Iterator, Mapping
-from typing import TextIO
+from typing import TextIO, cast
 
 from uwclient.buffers import Buffer
 from uwclient.errors import Timeout, UwError
@@ -84,7 +84,7 @@ def _text(value: object, field: Field) -> str:
     if isinstance(value, Buffer):
         return f"{value.dtype} {'x'.join(map(str, value.shape)) or 'scalar'}"
     if isinstance(value, (list, tuple)):
-        return "  ".join(_text(each, field) for each in value)
+        return "  ".join(_text(each, field) for each in cast("list[object]", value))
     if isinstance(value, bool) or value is None or not isinstance(value, (int, float)):
         return "-" if value is None else str(value)
     return f"{value:9.3f}" if field.type == "float" and abs(value) < 1e5 else f"{value:9.6g}"
