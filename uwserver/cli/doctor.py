@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from itertools import chain
 
 import click
 
-from uwserver.cli.diagnosis import Finding, examine
+from uwserver.cli.colour import Colour, styled
+from uwserver.cli.diagnosis import Finding, Level, examine
 
+_COLOURS: Mapping[Level, Colour] = {"ok": "green", "warning": "yellow", "fault": "red"}
 _SIGNS = {"ok": "ok     ", "warning": "warning", "fault": "FAULT  "}
 
 
@@ -39,7 +42,7 @@ def doctor(scenario: str, warm: bool, as_json: bool) -> None:
 
 
 def _line(finding: Finding) -> str:
-    line = f"{_SIGNS[finding.level]}  {finding.name:24}  {finding.text}"
+    line = f"{styled(_SIGNS[finding.level], fg=_COLOURS[finding.level])}  {finding.name:24}  {finding.text}"
     return f"{line}\n{'':35}-> {finding.remedy}" if finding.remedy else line
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 
@@ -30,8 +29,7 @@ def first_command(vehicle: ResolvedVehicle) -> str:
 
 def _value(vehicle: ResolvedVehicle, actuator: ActuatorConfig) -> str:
     if isinstance(actuator, ThrustersConfig) and actuator.input == "u":
-        u = thruster_command(vehicle, actuator)
-        return f"u='{json.dumps(u, separators=(',', ':'))}'"
+        return f"u='[{','.join(f'{u:g}' for u in thruster_command(vehicle, actuator))}]'"
     if isinstance(actuator, ForceTorqueConfig):
         force = 0.3 * 9.8 * vehicle.vehicle.rigid_body.mass_kg
         limit = actuator.max_force_N or force

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
+from uwserver.cli.colour import coloured_problems, styled
+
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
     from uwserver.server.life_cycle import Options
@@ -38,7 +40,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 _SAVE_AT = "Save the state at this simulation time; may be given several times."
 
 
-@click.command("run")
+@click.command("run", short_help="Serve a scenario (default bluerov2_pool) until Ctrl-C.")
 @click.argument("scenario", default=DEFAULT_SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
@@ -88,7 +90,7 @@ def run(
     try:
         resolved = load(scenario, adapters=installed_adapters())
     except (ScenarioError, AdapterNotFound) as error:
-        click.echo(str(error), err=True)
+        click.echo(coloured_problems(str(error)), err=True)
         sys.exit(1)
     for warning in resolved.warnings:
         logging.getLogger(__name__).warning("%s", warning)
@@ -165,7 +167,7 @@ def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> Non
     if quiet:
         return
     vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())
-    click.echo(f"uwserver runs {resolved.name}: {vehicles}")
+    click.echo("\n" + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
     for name, address in addresses.items():
         click.echo(f"  {name}: {address}")
     kinds = {name: str(config.__struct_config__.tag) for name, config in resolved.scenario.adapters.items()}
@@ -173,7 +175,7 @@ def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> Non
     first = next(iter(resolved.vehicles.values()), None)
     if tcp and first:
         _suggest(tcp, first)
-    click.echo("Ctrl-C ends it.")
+    click.echo("Ctrl-C ends it.\n")
 
 
 def _client() -> str:
@@ -191,11 +193,10 @@ def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
     at = ("" if host in ("127.0.0.1", "0.0.0.0") else f" --host {host}") + ("" if port == "7600" else f" --port {port}")
     client = _client() + at
     click.echo("In another terminal:")
-    click.echo(f"  {client} topics")
-    click.echo(f"  {client} watch '{vehicle.name}/*'")
     command = first_command(vehicle)
-    if command:
-        click.echo(f"  {client} send {command}")
+    for line in ("topics", f"watch '{vehicle.name}/*'", f"send {command}" if command else ""):
+        if line:
+            click.echo(styled(f"  {client} {line}", fg="cyan"))
 
 
 COMMANDS = (run,)

@@ -13,6 +13,7 @@ from msgspec import Struct
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, installed_adapters
+from uwserver.cli.colour import coloured_problems, styled
 from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
@@ -20,14 +21,14 @@ from uwserver.scenario.authoring.json_schema import FileKind, json_schema
 from uwserver.scenario.authoring.starter import starter
 from uwserver.scenario.files.convert import NAME, kinds_of
 from uwserver.scenario.files.documents import find, read, shipped
-from uwserver.scenario.files.errors import ScenarioError, did_you_mean
+from uwserver.scenario.files.errors import ScenarioError, suggestion
 from uwserver.scenario.load.export import explain as explain_resolved
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import SensorConfig
 
 
-@click.command()
+@click.command(short_help="Check scenario files, or shipped scenarios by name.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.option("--explain", is_flag=True, help="Print the resolved scenario as TOML, every default written out.")
 def check(files: tuple[str, ...], explain: bool) -> None:
@@ -39,18 +40,18 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             resolved = load(file, adapters=adapters)
         except ScenarioError as error:
             failed = True
-            click.echo(str(error), err=True)
+            click.echo(coloured_problems(str(error)), err=True)
             continue
         if explain:
             click.echo(explain_resolved(resolved), nl=False)
         for warning in resolved.warnings:
-            click.echo(str(warning), err=True)
+            click.echo(coloured_problems(str(warning)), err=True)
         if resolved.missing:
             failed = True
-            click.echo(f"{file}: {resolved.missing}", err=True)
+            click.echo(styled(f"{file}: {resolved.missing}", fg="red"), err=True)
             continue
         # With --explain, standard output is TOML and nothing else.
-        click.echo(summary(file, resolved), err=explain)
+        click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
     sys.exit(1 if failed else 0)
 
 
@@ -84,7 +85,7 @@ def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:
     return {g[0].name if len(g) == 1 else f"{g[0].name}..{g[-1].name}": g[0] for g in groups}
 
 
-@click.command()
+@click.command(short_help="Print the JSON Schema of scenario, vehicle or device files.")
 @click.option("--vehicle", "kind", flag_value="vehicle", help="Of vehicle files.")
 @click.option("--device", "kind", flag_value="device", help="Of device files: thrusters and sensors.")
 @click.option("--scenario", "kind", flag_value="scenario", default=True, help="Of scenario files (default).")
@@ -116,7 +117,7 @@ _LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
 }
 
 
-@click.command("list")
+@click.command("list", short_help="List scenarios, vehicles, devices, and kinds of component.")
 @click.argument("what", type=click.Choice(list(_LISTS)), required=False)
 @click.argument("kind", required=False)
 def list_(what: str | None, kind: str | None) -> None:
@@ -130,7 +131,9 @@ def list_(what: str | None, kind: str | None) -> None:
             click.echo(f"{section}:")
         lines = _LISTS[section]()
         if kind is not None and kind not in lines:
-            raise click.BadParameter(f'there is no "{kind}"{_meant(kind, list(lines))}', param_hint="KIND")
+            raise click.BadParameter(
+                f'there is no "{kind}"{suggestion(kind, list(lines), "; there are: ")}', param_hint="KIND"
+            )
         details = _DETAILS[section]() if what in _DETAILS else {}
         if section == "vehicles" and kind is not None:
             details = {kind: list(parts_of(kind))}
@@ -139,14 +142,6 @@ def list_(what: str | None, kind: str | None) -> None:
                 click.echo(f"{'' if what else '  '}{name:<22} {line}".rstrip())
                 for detail in details.get(name, ()):
                     click.echo(f"    {detail}")
-
-
-def _meant(kind: str, known: list[str]) -> str:
-    """What was probably meant: a name like it, or one that has it as a word."""
-    words = [name for name in known if kind.lower() in name.lower().split("_")]
-    return did_you_mean(kind, known) or (
-        f' (did you mean "{words[0]}"?)' if words else f"; there are: {', '.join(known)}"
-    )
 
 
 def _sensor_details() -> dict[str, list[str]]:

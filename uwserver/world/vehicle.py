@@ -73,6 +73,6 @@ class Vehicle:
 
     def __repr__(self) -> str:
         north, east, down = self.p_NB
-        roll, pitch, yaw = (math.degrees(angle) for angle in self.pose.rpy)
-        place = f"p_NB = ({north:.3f}, {east:.3f}, {down:.3f}) m, roll, pitch, yaw = ({roll:.1f}, {pitch:.1f}, {yaw:.1f}) deg"
+        roll, pitch, yaw = self.pose.rpy
+        place = f"p_NB = ({north:.3f}, {east:.3f}, {down:.3f}) m, roll, pitch, yaw = ({roll:.3f}, {pitch:.3f}, {yaw:.3f}) rad"
         return f"<{self.name} ({self.model}): {place}, speed {math.hypot(*self.nu[:3]):.3f} m/s>"

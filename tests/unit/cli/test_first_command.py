@@ -43,5 +43,5 @@ def test_a_vehicle_without_known_actuators_gets_none():
     scenario = ScenarioBuilder("a").vehicle("rov", "bluerov2", position_ned_m=(0, 0, 5)).build()
     vehicle = load(scenario, adapters={}).vehicles["rov"]
     bare = replace(vehicle, vehicle=msgspec.structs.replace(vehicle.vehicle, actuators={}))
-    assert first_command(vehicle) == "rov/thrusters u='[0.0,0.0,0.0,0.0,0.5,0.5]' --rate 10 --seconds 3"
+    assert first_command(vehicle) == "rov/thrusters u='[0,0,0,0,0.5,0.5]' --rate 10 --seconds 3"
     assert first_command(bare) == ""

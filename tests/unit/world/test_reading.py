@@ -24,7 +24,7 @@ def test_fields_are_attributes_and_items(world):
     np.testing.assert_array_equal(reading.array("p_NS"), reading.value[0])
     assert world.read("bluerov2/depth").depth == pytest.approx(1.0, abs=0.2)
     assert reading.t_s == reading.t_ns / 1e9
-    with pytest.raises(AttributeError, match="no field \"p_NB\"; there are: p_NS, q_NS"):
+    with pytest.raises(AttributeError, match='no field "p_NB"; there are: p_NS, q_NS'):
         reading.p_NB  # noqa: B018
     with pytest.raises(KeyError):
         reading["p_NB"]

@@ -71,6 +71,7 @@ def dotted(path: KeyPath) -> str:
 def closest(word: str, allowed: Sequence[str]) -> str | None:
     """What was probably meant by a word that is not allowed; None where nothing is like it."""
     close = get_close_matches(word, allowed, 1) or [name for name in allowed if name.lower() == word.lower()]
+    close = close or [name for name in allowed if word.lower() in name.lower().split("_")]
     return close[0] if close else None
 
 
