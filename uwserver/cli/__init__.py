@@ -68,7 +68,7 @@ def _elsewhere(name: str) -> click.Command:
 
     takes_all = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
     return click.Command(
-        name, context_settings=takes_all, callback=refuse, short_help="(not installed here; it says how)"
+        name, context_settings=takes_all, callback=refuse, short_help=f"(needs: pip install {package})"
     )
 
 

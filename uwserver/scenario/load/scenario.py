@@ -120,7 +120,7 @@ class _Load:
             for key, (_, devices) in self._vehicles.items()
         }
         check_plausible(scenario, by_table, self._solids.objects, self._warn(self._document))
-        if self._document.path is not None:
+        if self._document.path is not None and "adapters" in self._document.raw:
             check_reachable(scenario, self._warn(self._document))
         return self._resolved(scenario, by_table, missing)
 
