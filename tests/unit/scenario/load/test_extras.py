@@ -6,6 +6,7 @@ from importlib.util import find_spec
 
 import pytest
 from click.testing import CliRunner
+from uwserver_adapters.ardupilot.dvl import DvlTable
 
 from uwserver.cli import main
 from uwserver.scenario.load import extras
@@ -85,3 +86,15 @@ def test_check_fails_and_run_ends_before_it_compiles(without, monkeypatch):
 def test_requirements_of_others_stand_beside_ours():
     command = install_command(["uwserver[zenoh]", "theirs>=2", "uwserver[mavlink]", "uwserver[zenoh]"])
     assert command == 'pip install "uwserver[mavlink,zenoh]" "theirs>=2"'
+
+
+def test_adapters_name_what_they_need_as_they_are_set(adapters):
+    mavlink, zenoh = "uwserver[mavlink]", "uwserver[zenoh]"
+    assert list(adapters["zenoh"]().needs().values()) == [zenoh]
+    assert list(adapters["px4_hil"]().needs().values()) == [mavlink]
+    assert list(adapters["mavlink"]().needs().values()) == [mavlink]
+    assert list(adapters["mavlink"](links=("zenoh:tcp/127.0.0.1:7117",)).needs().values()) == [mavlink, zenoh]
+    assert not adapters["ardupilot_json"]().needs()
+    assert list(adapters["ardupilot_json"](dvl=DvlTable()).needs().values()) == [mavlink]
+    assert not adapters["sockets"]().needs()
+    assert not adapters["moos"]().needs()
