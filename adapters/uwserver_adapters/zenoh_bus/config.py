@@ -47,7 +47,7 @@ class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
     config: dict[str, Any] = field(default_factory=dict)
 
     def needs(self) -> Mapping[str, str]:
-        """The session."""
+        """The package of zenoh itself."""
         return {"zenoh": "uwserver[zenoh]"}
 
 
