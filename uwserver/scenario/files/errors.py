@@ -75,6 +75,7 @@ def closest(word: str, allowed: Sequence[str]) -> str | None:
     if len(word) > _LONGEST_WORD:
         return None
     close = get_close_matches(word, allowed, 1) or [name for name in allowed if name.lower() == word.lower()]
+    close = close or [name for name in allowed if word.lower() in name.lower().split("_")]
     return close[0] if close else None
 
 
