@@ -21,7 +21,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test test-all fast-tests all-tests lint types docs-check wheel-smoke demo bench docs dist image clean
+.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -52,6 +52,9 @@ test-all: lint types all-tests docs-check  ## the same and the slow tests: conta
 
 fast-tests: install
 	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
+
+fuzz: install  ## ten million inputs for each codec (hours)
+	UWSERVER_FUZZ_INPUTS=10000000 $(BIN)/python -m pytest -m slow tests/fuzz/test_codecs_fuzz.py -n $(WORKERS)
 
 all-tests: install
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile

@@ -81,6 +81,25 @@ def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.M
     assert "uwserver[dream]" in optional.remedy
 
 
+def test_a_scenario_that_lacks_a_package_gets_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert diagnosis.scenario("bluerov2_qgc").level == "ok"
+    monkeypatch.setattr("uwserver.scenario.load.extras.find_spec", lambda module: None if "pymavlink" in module else 1)
+    found = diagnosis.scenario("bluerov2_qgc")
+    assert (found.level, found.text) == ("fault", "not installed: pymavlink")
+    assert found.remedy == 'pip install "uwserver[mavlink]"'
+    monkeypatch.setattr(diagnosis, "wheels", lambda: iter(()))
+    done = CliRunner().invoke(command.doctor, ["bluerov2_qgc"])
+    assert done.exit_code == 1
+    assert found.remedy in done.output
+    assert "`uwserver run bluerov2_qgc` works" in done.output
+
+
+def test_a_scenario_with_a_fault_is_one_here_too() -> None:
+    found = diagnosis.scenario("bluerov2_pol")
+    assert found.level == "fault"
+    assert "bluerov2_pool" in found.text
+
+
 KERNELS = Path("all of them")
 
 
@@ -205,7 +224,7 @@ GOOD, DOUBTFUL, BAD = (
     [([GOOD, DOUBTFUL], 0, "ready: uwserver run"), ([GOOD, BAD, BAD], 1, "2 to repair before `uwserver run` works")],
 )
 def test_exit_status(findings: list[Finding], status: int, last: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "examine", lambda: findings)
+    monkeypatch.setattr(command, "examine", lambda _: findings)
     result = CliRunner().invoke(command.doctor)
     assert result.exit_code == status
     assert result.stdout.splitlines()[-1] == last
@@ -213,7 +232,7 @@ def test_exit_status(findings: list[Finding], status: int, last: str, monkeypatc
 
 
 def test_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "examine", lambda: [GOOD, BAD])
+    monkeypatch.setattr(command, "examine", lambda _: [GOOD, BAD])
     result = CliRunner().invoke(command.doctor, ["--json"])
     assert result.exit_code == 1
     assert json.loads(result.stdout) == {
@@ -230,7 +249,7 @@ def test_warming_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError("not finite")
 
     monkeypatch.setattr("uwserver.physics.warm.warm", broken)
-    monkeypatch.setattr(command, "examine", lambda: [GOOD])
+    monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 1
     assert "not finite" in result.stdout
@@ -242,7 +261,7 @@ def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypat
         os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
     monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", True, ""))
     monkeypatch.setattr("uwserver.physics.warm.warm", lambda say: say("kernels: immersed"))
-    monkeypatch.setattr(command, "examine", lambda: [GOOD])
+    monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 0
     assert "kernels: immersed" in result.stderr

@@ -92,6 +92,8 @@ class Solids:
         self._gate = gate
         self._parts: dict[int, list[tuple[Part, int]]] = {}
         self._rows_of: dict[int, int] = {}
+        self._placed_of: dict[int, Placed] = {}
+        self._idle: dict[int, list[int]] = {}
         self._next_solid = self._next_part = 0
         self._pairs = np.zeros((256, 2), np.int64)
         self._rebuild()
@@ -138,7 +140,8 @@ class Solids:
         """Take a solid away; KeyError if there is none of this id."""
         for _, body in self._parts.pop(solid_id):
             if body >= 0:
-                self._bullet.removeBody(body, physicsClientId=self._client)
+                # Bullet never gives back the memory of a shape that a body had: the body waits for the next of this shape.
+                self._idle.setdefault(id(self._placed_of[body]), []).append(body)
         del self._rows_of[solid_id]
         self._rebuild()
 
@@ -170,6 +173,8 @@ class Solids:
         bullet, shape = self._bullet, placed.shape
         if isinstance(shape, HalfSpace):
             return -1
+        if self._idle.get(id(placed)):  # nobody else has this id: `_placed_of` keeps it alive
+            return self._idle[id(placed)].pop()
         form: dict[str, Any]
         if p.mesh is not None:
             form = {
@@ -193,11 +198,13 @@ class Solids:
         position, q = (
             ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)) if p.mesh is not None else (placed.p, _engine_attitude(placed))
         )
-        return int(
+        body = int(
             bullet.createMultiBody(
                 0.0, made, basePosition=position, baseOrientation=(*q[1:], q[0]), physicsClientId=self._client
             )
         )
+        self._placed_of[body] = placed
+        return body
 
     def _rebuild(self) -> None:
         """Arrays of all slots, those of moving bodies first."""
