@@ -98,7 +98,10 @@ class World:
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
-        self._requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
+        self._requests = Requests(
+            self._commands, self._carry, lambda: (self._tick, self.t_ns),
+            lambda path: None if path in self._own_services else self.services.get(path),
+        )  # fmt: skip
         for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
             self.add(part)
 
@@ -124,7 +127,7 @@ class World:
 
     def set_members(self, members: Iterable[Member]) -> None:
         """Let these bodies, and no others, be in the world. Their rows are there already."""
-        begun, before = bool(self.members), set(self.parts.values())
+        begun, before = bool(self.members or "world/reset" in self.services), set(self.parts.values())
         self.bind(members)
         self._set_solids()
         for part in before - set(self.parts.values()):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.ports import Refused
+from uwserver.ports import Call, Command, Refused, Reply
+from uwserver.ports.checks import checked_command
 from uwserver.scenario.build import population
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
@@ -247,3 +248,27 @@ def test_two_that_meet_after_a_spawn_without_anything_solid_before() -> None:
         world.step()
         met = met or bool(world.hydro.touched.impulse.any())
     assert met
+
+
+def test_what_was_sent_to_the_one_before_does_not_reach_the_next() -> None:
+    """One client sends all of it at once: each is checked when it comes, and carried out when another body has the name."""
+    world = world_of()
+    world.call("world/spawn", name="guest", like="rov", p_NB=[5.0, 0.0, 4.0])
+    world.step(2)
+    command = Command("guest/thrusters", checked_command(world.ports["guest/thrusters"], {"u": [0.5] * 8}), "a")
+    replies: list[Reply] = []
+    arguments = {"name": "guest", "like": "spare", "p_NB": [5.0, 0.0, 4.0], "q_NB": [1.0, 0.0, 0.0, 0.0]}
+    for item in (Call("world/remove", {"name": "guest"}, "a"), Call("world/spawn", arguments, "a"), command):
+        world.submit(item, replies.append)  # type: ignore[arg-type]
+    world.step(2)
+    assert [reply.fault.code if reply.fault else "" for reply in replies] == ["", "", "bad_shape"]
+    assert world.call("guest/thrusters/get")["value"] == {}  # type: ignore[index,call-overload]
+
+
+def test_who_comes_into_an_empty_world_is_told_of() -> None:
+    world = world_of()
+    for name in ("rov", "crate"):
+        world.call("world/remove", name=name)
+    world.advance()
+    world.call("world/spawn", name="guest", like="rov", p_NB=[5.0, 0.0, 4.0])
+    assert [event.event for event in world.advance().events] == ["ports_changed"]
