@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import uwclient
 
@@ -117,14 +118,36 @@ def test_while_kernels_are_compiled(tmp_path: Path) -> None:
     assert cpu < MOST_CPU_S
 
 
-@pytest.mark.parametrize("phase", ["imports", "compilation", "serving"])
+def with_a_seabed(folder: Path) -> Path:
+    """A scenario whose seabed has 800 000 points: five seconds of work before it serves."""
+    x = np.arange(900.0)
+    np.save(folder / "bed.npy", 20.0 + np.sin(x[:, None] / 9.0) + np.cos(x[None] / 7.0))
+    file = folder / "it.toml"
+    file.write_text(
+        'schema = 1\n[vehicles.rov]\nmodel = "bluerov2"\n[adapters.tcp]\nkind = "sockets"\n'
+        '[seabed]\nkind = "grid"\nfile = "bed.npy"\nspacing_m = [1.0, 1.0]\n'
+    )
+    return file
+
+
+@pytest.mark.parametrize("at_s", [1.5, 2.5, 3.5, 4.5])
+def test_while_a_large_seabed_is_loaded(at_s: float, tmp_path: Path) -> None:
+    with life(str(with_a_seabed(tmp_path))) as lived:
+        lived.work(lived.process.pid, at_s)
+        status, cpu = lived.end()
+    assert (status, lived.said) == (KILLED, [])
+    assert cpu < MOST_CPU_S
+
+
+@pytest.mark.parametrize("phase", ["imports", "compilation", "seabed", "serving"])
 def test_as_the_first_process_of_a_container(phase: str, tmp_path: Path) -> None:
     """Which no signal ends that it does not handle."""
     new = ("unshare", "--pid", "--fork", "--kill-child")
     if shutil.which(new[0]) is None or subprocess.run([*new, "true"], capture_output=True, check=False).returncode:
         pytest.skip("no process namespaces here")
     env = {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""} if phase == "compilation" else {}
-    with life("bluerov2_pool", before=new, env=env) as lived:
+    scenario = str(with_a_seabed(tmp_path)) if phase == "seabed" else "bluerov2_pool"
+    with life(scenario, before=new, env=env) as lived:
         children = Path(f"/proc/{lived.process.pid}/task/{lived.process.pid}/children")
         while (
             not (first := children.read_text().split())
@@ -134,6 +157,8 @@ def test_as_the_first_process_of_a_container(phase: str, tmp_path: Path) -> None
         pid = int(first[0])
         if phase == "imports":
             lived.work(pid, 0.3)
+        elif phase == "seabed":
+            lived.work(pid, 3.5)
         elif phase == "compilation":
             lived.wait_for("compiling")
             lived.work(pid, cpu_s(pid) + 3.0)
