@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import resource
 import shutil
@@ -219,6 +220,28 @@ def call_on(client: uwclient.Client) -> None:
             client.call("world/snapshot", name="a")
             client.call("world/reset")
             client.call("world/restore", name="a")
+
+
+def test_in_free_run_with_thousands_of_requests_that_rebuild_the_world(tmp_path: Path) -> None:
+    """Each takes milliseconds, and free-run would carry out all that wait in one tick."""
+    path = tmp_path / "run.mcap"
+    with contextlib.ExitStack() as stack:
+        lived = stack.enter_context(life("pool_inspection", "--mode", "freerun", "--record", str(path)))
+        peers = [stack.enter_context(socket.create_connection(("127.0.0.1", lived.port))) for _ in range(4)]
+        began = cpu_s(lived.process.pid)
+        for n, peer in enumerate(peers):
+            spawn = {"name": f"guest{n}", "like": "bluerov2", "p_NB": [2.0, 1.0, 1.0]}
+            calls = [("world/spawn", spawn), ("world/remove", {"name": f"guest{n}"})] * 500
+            params = [{"service": service, "args": args} for service, args in calls]
+            lines = [{"jsonrpc": "2.0", "id": k, "method": "call", "params": each} for k, each in enumerate(params)]
+            peer.sendall("".join(json.dumps(line) + "\n" for line in lines).encode())
+        lived.work(lived.process.pid, began + 1.0)
+        status, cpu = lived.end()
+    assert status == 0, lived.said
+    assert cpu < MOST_CPU_S
+    done = replay(path)
+    assert (done.truncated, done.difference) == (False, None)
+    assert 0 < done.requests < 4000
 
 
 def test_a_disk_that_fills_ends_the_recording_and_the_exit_status_tells(tmp_path: Path) -> None:
