@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs dist image clean
+.PHONY: help install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -68,6 +68,10 @@ docs: install  ## regenerate the generated pages of docs/ and the JSON Schemas o
 	$(BIN)/python tools/reference_docs.py
 	$(BIN)/python tools/validation_report.py
 	$(BIN)/python tools/vehicle_pages.py
+
+site: install  ## build the documentation as a site into build/site; a link that leads nowhere is an error
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[site]"
+	$(BIN)/python tools/site.py
 
 dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uwserver
 	$(BIN)/python -m build --wheel --outdir dist .

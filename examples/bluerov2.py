@@ -1,4 +1,4 @@
-"""What the examples share: from forces to the eight thrusters of a BlueROV2 Heavy, and control that neither overshoots nor chatters. SI, angles in rad."""
+"""What the examples share: forces to the eight thrusters of a BlueROV2 Heavy, and control that neither overshoots nor chatters. SI, rad."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Tracker:
     def __init__(self, bandwidth: float = 9.0) -> None:
         fade = math.exp(-bandwidth * DT_S)
         self._alpha, self._beta = 1 - fade * fade, (1 - fade) ** 2
-        self.value: float | None = None
+        self.value = math.nan
         self.rate = 0.0
 
     def update(self, measured: float) -> None:
         """Take in one value each control step."""
-        if self.value is None:
+        if math.isnan(self.value):
             self.value = measured
         self.value += self.rate * DT_S
         miss = measured - self.value
@@ -85,6 +85,67 @@ class Ramp:
         self.value += self.rate * DT_S
 
 
+class DeadReckoning:
+    """Place (north, east) from the velocity of a DVL, turned by the attitude of an AHRS; the last velocity stands while the DVL has no lock."""
+
+    def __init__(self, north: float = 0.0, east: float = 0.0) -> None:
+        self.north, self.east, self.heading = north, east, 0.0
+        self.v_B = (0.0, 0.0, 0.0)
+
+    def update(self, dvl: uwclient.Sample, ahrs: uwclient.Sample) -> None:
+        """One control step."""
+        if dvl.valid:
+            self.v_B = dvl.vector("v_S")
+        v_N = rotated(ahrs.vector("q_NS"), self.v_B)
+        self.north, self.east = self.north + v_N[0] * DT_S, self.east + v_N[1] * DT_S
+        self.heading = ahrs.number("heading")
+
+
+class Pilot:
+    """Velocity over ground, depth and heading together, from ramped set points to thrusters."""
+
+    def __init__(self, depth: float, heading: float) -> None:
+        self.depth = Tracker()
+        self._surge, self._sway = Axis(SURGE, 1.3, 60.0), Axis(SWAY, 1.3, 60.0)
+        self._heave, self._yaw = Axis(HEAVE, 1.2, 80.0), Axis(YAW, 3.0, 12.0)
+        self._to_depth = Ramp(depth, 0.3, 0.1)
+        self._to_heading = Ramp(heading, math.radians(30), math.radians(20), wrapped)
+        self._to = [Ramp(0.0, 1.0, 0.2), Ramp(0.0, 1.0, 0.2)]
+        self._behind = [0.0, 0.0]
+
+    def command(
+        self,
+        place: DeadReckoning,
+        depth: float,
+        yaw_rate: float,
+        goal: tuple[float, float],
+        down: float,
+        heading: float,
+    ) -> list[float]:
+        """Thrusters' u for one control step.
+
+        Args:
+            place: dead reckoning.
+            depth, yaw_rate: of their sensors.
+            goal: velocity over ground that is wanted, surge and sway.
+            down, heading: depth and heading that are wanted.
+        """
+        self.depth.update(depth)
+        self._to_depth.update(down)
+        self._to_heading.update(heading)
+        forces = []
+        for k, axis in enumerate((self._surge, self._sway)):
+            ramp = self._to[k]
+            ramp.update(goal[k])
+            # The way by which the vehicle is behind: so PID holds a speed, and a current is taken out.
+            behind = self._behind[k] + (ramp.value - place.v_B[k]) * DT_S
+            self._behind[k] = max(-0.3, min(0.3, behind))
+            forces.append(axis.update(self._behind[k], place.v_B[k], ramp.value))
+        heave = self._heave.update(self._to_depth.value - self.depth.value, self.depth.rate, self._to_depth.rate)
+        error = wrapped(self._to_heading.value - place.heading)
+        return thrusters(*forces, heave, self._yaw.update(error, yaw_rate, self._to_heading.rate))
+
+
 def wrapped(angle: float) -> float:
     """The same angle between -pi and pi."""
     return (angle + math.pi) % (2 * math.pi) - math.pi
@@ -101,8 +162,8 @@ def rotated(q: Sequence[float], v: Sequence[float]) -> tuple[float, float, float
     )
 
 
-def body_forces(north: float, east: float, heading: float) -> tuple[float, float]:
-    """Surge and sway of a force in N."""
+def body_axes(north: float, east: float, heading: float) -> tuple[float, float]:
+    """Surge and sway of a force or velocity in N."""
     c, s = math.cos(heading), math.sin(heading)
     return c * north + s * east, -s * north + c * east
 

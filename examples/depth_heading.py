@@ -51,7 +51,7 @@ def picture(rows: list[Row], path: str) -> None:
     """Both set points and what was found."""
     from matplotlib.figure import Figure
 
-    t, want_depth, depth, want_heading, heading, u = zip(*rows)
+    t, want_depth, depth, want_heading, heading, u = zip(*rows, strict=True)
     figure = Figure(figsize=(10, 6), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
     for axis, wanted, found, label in ((top, want_depth, depth, "depth, m"), (middle, want_heading, heading, "heading, deg")):  # fmt: skip

@@ -140,8 +140,9 @@ def _within(x: float, limit: float) -> float:
 
 
 def _thrust_to_u(share: float) -> float:
-    """Command that gives about this share of full thrust. The dead band of a thruster is passed smoothly: where the sign changes with the noise of
-    the sensors, a step would shake it; beyond, thrust grows a little faster than linearly.
+    """Command that gives about this share of full thrust; beyond the dead band thrust grows a little faster than linearly.
+
+    The dead band is passed smoothly: where the sign changes with the noise of the sensors, a step would shake the thruster.
     """
     return 0.075 * math.tanh(share / 0.01) + math.copysign(0.92 * abs(share) ** 0.8, share)
 
