@@ -49,7 +49,7 @@ def main() -> int:
     config = {"INHERIT": str(ROOT / "mkdocs.yml"), "docs_dir": str(ROOT / PAGES), "site_dir": str(ROOT / "build/site"),
               "nav": navigation(ROOT / PAGES)}  # fmt: skip
     (ROOT / CONFIG).write_text(json.dumps(config, indent=1), encoding="utf-8")  # JSON is YAML
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--clean", "--config-file", CONFIG]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--clean", "--config-file", CONFIG]
     done = subprocess.run(command, cwd=ROOT, check=False)
     if done.returncode == 0:
         print("wrote build/site/index.html")
@@ -143,6 +143,8 @@ def _moved(path: str, text: str, moved: dict[str, dict[str, str]]) -> str:
         target, _, anchor = found[2].partition("#")
         page = _resolved(path, target) if target else path
         part = moved.get(page, {}).get(anchor)
+        if target and (ROOT / page).is_dir():  # a folder of the repository has no page
+            return found[1].removesuffix("](").removeprefix("[")
         if part is None:
             return found[0]
         relative = Path(*[".."] * len(Path(path).parent.parts), part)
