@@ -47,12 +47,13 @@ def test_depth_and_heading_follow_their_set_points(picture: Path) -> None:
 def test_all_waypoints_are_visited_along_their_legs(picture: Path) -> None:
     seconds, most, half, drift = run("waypoints.toml", "waypoints.py", "--out", str(picture))
     assert 60.0 < seconds < 130.0
-    assert half < 0.3
-    assert most < 0.9
+    assert half < 0.22
+    assert most < 0.65
     assert 0.0 < drift < 0.5
     assert picture.exists()
 
 
+@pytest.mark.slow
 def test_the_pipe_is_followed_to_its_end(picture: Path) -> None:
     _, most, half, end = run("pipe.toml", "pipe.py", "--out", str(picture))
     assert most < 0.6
@@ -68,6 +69,7 @@ def test_it_docks_without_a_bump(picture: Path) -> None:
     assert picture.exists()
 
 
+@pytest.mark.slow
 def test_the_swarm_forms_its_wedge(picture: Path, tmp_path: Path) -> None:
     pytest.importorskip("zenoh")
     text, port = (EXAMPLES / "swarm.toml").read_text(), free_port()
