@@ -205,7 +205,7 @@ class Hydrodynamics:
         """Refuse arrays from outside that cannot be those of these bodies.
 
         Raises:
-            ValueError: of other names or lengths, not finite where they are now, a quaternion that is no rotation, or other rows.
+            ValueError: of other names or lengths, not finite where they must be, a quaternion that is no rotation, or other rows.
         """
         running = dict(self._running())
         if saved.keys() != running.keys():
@@ -378,10 +378,12 @@ class Hydrodynamics:
 
 
 _CONTACTS = (*Contacts._fields, "impulse")
+_ENDLESS = ("rate",)
+"""Numbers that may be infinite: a servo without a limit. While it is stuck its rate is 0, and a state of before must still fit."""
 
 
 def _check_rows(name: str, new: Any, now: Any) -> None:
-    """Raise ValueError for numbers that are not finite (but for limits, which are as they were), and for whole numbers that cannot be."""
+    """Raise ValueError for numbers that are not finite (but for what may be without a limit), and for whole numbers that cannot be."""
     if new.dtype.names is None:
         if new.dtype.kind == "f" and not np.isfinite(new).all():
             raise ValueError(f'"{name}" holds what is not finite')
@@ -389,7 +391,7 @@ def _check_rows(name: str, new: Any, now: Any) -> None:
     for field in new.dtype.names:
         after, before = new[field], now[field]
         if after.dtype.kind == "f":
-            if not (np.isfinite(after) | (after == before)).all():
+            if not (np.isfinite(after) | ((after == np.inf) & (field in _ENDLESS))).all():
                 raise ValueError(f'"{name}" holds a {field} that is not finite')
         elif field in _FLAGS:
             if ((after < 0) | (after > _FLAGS[field])).any():
