@@ -24,6 +24,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
+from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
@@ -310,13 +311,8 @@ class Server:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._loop.add_signal_handler(number, received, number)
-        try:
+        with signals_received(self._loop, received):
             yield
-        finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._loop.remove_signal_handler(number)
 
 
 def _state_folder(resolved: Resolved) -> Path | None:
