@@ -80,7 +80,7 @@ def _new_vehicle(
 @click.command()
 @click.argument("name")
 def show(name: str) -> None:
-    """Print the shipped scenario, vehicle or device NAME, as its file is."""
+    """Print a shipped scenario, vehicle or device file."""
     click.echo(_shipped(name)[1].read_text(encoding="utf-8"), nl=False)
 
 
@@ -88,7 +88,9 @@ def show(name: str) -> None:
 @click.argument("name")
 @click.option("--as", "stem", help="Name of the copy, without .toml [default: NAME].")
 def copy(name: str, stem: str | None) -> None:
-    """Copy the shipped scenario, vehicle or device NAME to NAME.toml here, to change it.
+    """Copy a shipped file here, to change it.
+
+    NAME is of a scenario, vehicle or device; the copy is NAME.toml.
 
     Files that a scenario names (its seabed, say) are not copied: give their paths in the copy.
     """
