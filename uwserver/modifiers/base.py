@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta, Struct, structs
 
+from uwserver.physics.kernel.random import EVENT, SAMPLE
 from uwserver.ports import Field, Value
 from uwserver.table import Table
 from uwserver.units import NANOSECONDS
@@ -59,6 +59,7 @@ class Measurement:
         t_ns: simulation time at which it was true.
         stamp_ns: error of the time that the device writes on it.
         since_ns: how long ago that instant was.
+        number: how many the sensor has made before.
     """
 
     values: list[Value]
@@ -68,19 +69,61 @@ class Measurement:
     since_ns: int = 0
     t_ns: int = 0
     stamp_ns: int = 0
+    number: int = 0
 
     def since(self, last: float, dt: float) -> float:
         """Time (s) since a reading at `last` (s), which a device that pings at its own pace, or was off, decides; `dt` where `last` is `NEVER`."""
         return dt if last < 0.0 else max(0.0, self.t_ns / NANOSECONDS - last)
 
 
+class Draws:
+    """Random numbers of one path for who draws in Python: a generator that begins anew with each reading, and for each purpose.
+
+    So what is drawn depends on the path, the reading and the purpose alone, and nothing has to be kept of it.
+    """
+
+    def __init__(self, key: int) -> None:
+        """Of a path with this key (`key_of`); it stands where who is switched on draws."""
+        self.key = key
+        self._bits = np.random.Philox(key=key)
+        self._form = self._bits.state
+        self.rng = np.random.Generator(self._bits)
+
+    def seek(self, number: int, purpose: int = SAMPLE) -> None:
+        """Begin with what is drawn for a reading of this number."""
+        form = self._form
+        counter = form["state"]["counter"]
+        counter[0], counter[1], counter[2], counter[3] = 0, 0, number, purpose
+        form["buffer_pos"], form["has_uint32"] = 4, 0
+        self._bits.state = form
+
+
 @dataclass(slots=True)
 class Stream:
-    """What a modifier knows of the stream it changes: its fields, its sample interval (s), and the random numbers of its own path."""
+    """What a modifier knows of the stream it changes.
+
+    Attributes:
+        fields: of the port.
+        dt: sample interval, s.
+        key: of the random numbers of the modifier's own path.
+    """
 
     fields: tuple[Field, ...]
     dt: float
-    rng: np.random.Generator
+    key: int
+    _draws: Draws | None = field(default=None, repr=False)
+
+    @property
+    def draws(self) -> Draws:
+        """The numbers of that key, for who draws in Python."""
+        if self._draws is None:
+            self._draws = Draws(self.key)
+        return self._draws
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """Draws the numbers of this path that belong to the present reading."""
+        return self.draws.rng
 
     def index(self, name: str) -> int:
         """Position of a field whose components errors may change.
@@ -111,34 +154,18 @@ class Stream:
 class Modifier(ABC):
     """One change of a stream, which depends on the reading, on `memory` and on the random numbers of `stream`, and on nothing else.
 
-    Attributes:
-        draws: `apply` draws random numbers, whose stream is then saved with the world; False for one that draws when it is built, or never.
+    Kinds that come with uwserver are operations (`uwserver.modifiers.operations`), which compiled code carries out.
     """
 
     memory: Memory = NOTHING
-    draws = True
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
 
     @abstractmethod
     def apply(self, reading: Measurement) -> None:
-        """Change the reading in place."""
+        """Change the reading in place. The random numbers stand at those of this reading."""
 
     def valid(self, record: Memory) -> None:
         """Raise ValueError where a record of another run, though of the right types, cannot be the memory of this one."""
         check_lengths(record, self.memory)
-
-
-def shifted(value: Value, offsets: Sequence[float]) -> Value:
-    """A scalar or tuple plus one offset a component; missing components stay missing."""
-    if isinstance(value, tuple):
-        return tuple(None if v is None else v + o for v, o in zip(value, offsets, strict=True))  # type: ignore[operator]
-    return None if value is None else value + offsets[0]  # type: ignore[operator]
-
-
-def mapped(value: Value, function: Any) -> Value:
-    """A function of each component; missing components stay missing."""
-    if isinstance(value, tuple):
-        return tuple(None if v is None else function(v) for v in value)
-    return None if value is None else function(value)

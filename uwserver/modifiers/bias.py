@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Memory, Modifier, ModifierTable, Number, Stream, mapped, shifted
+from typing import Any
+
+from uwserver.modifiers.base import Memory, ModifierTable, Number, Stream
+from uwserver.modifiers.operations import Operation
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.random import draw_normals
 from uwserver.table import Name, NonNegative
+
+BIAS, SCALE = 4, 5
+"""Codes of the operations."""
 
 
 class Bias(ModifierTable, tag="bias", kw_only=True, frozen=True):
@@ -29,22 +38,24 @@ class Constants(Memory):
     each: tuple[Number, ...] = ()
 
 
-class _Drawn(Modifier):
+class _Drawn(Operation):
     """Keeps, for each component of a field, what key `key` gives and an error of it drawn once."""
 
-    memory: Constants
-    draws = False
-
     def __init__(self, stream: Stream, field: str, key: str, given: float | tuple[float, ...], sigma: float) -> None:
-        super().__init__(stream)
-        self._index, each = stream.of_each(field, key, given)
-        turn_on = stream.rng.normal(0.0, sigma, len(each)).tolist()
-        self.memory = Constants(tuple(g + t for g, t in zip(each, turn_on, strict=True)))
+        index, each = stream.of_each(field, key, given)
+        turn_on = (sigma * draw_normals(stream.key, len(each))).tolist()
+        super().__init__(stream, index, (), Constants(tuple(g + t for g, t in zip(each, turn_on, strict=True))))
 
 
 class _Bias(_Drawn):
-    def apply(self, reading: Measurement) -> None:
-        reading.values[self._index] = shifted(reading.values[self._index], self.memory.each)
+    code = BIAS
+
+
+@compiled
+def bias(op: Any, numbers: Array, row: Array) -> None:
+    """Remembers `Constants`."""
+    for k in range(op.count):
+        row[op.first + k] += numbers[op.memory + k]
 
 
 class Scale(ModifierTable, tag="scale", kw_only=True, frozen=True):
@@ -65,10 +76,11 @@ class Scale(ModifierTable, tag="scale", kw_only=True, frozen=True):
 
 
 class _Scale(_Drawn):
-    def apply(self, reading: Measurement) -> None:
-        value = reading.values[self._index]
-        if isinstance(value, tuple):
-            scaled = (None if v is None else v * f for v, f in zip(value, self.memory.each, strict=True))  # type: ignore[operator]
-            reading.values[self._index] = tuple(scaled)
-        else:
-            reading.values[self._index] = mapped(value, lambda v: v * self.memory.each[0])
+    code = SCALE
+
+
+@compiled
+def scale(op: Any, numbers: Array, row: Array) -> None:
+    """Remembers `Constants`."""
+    for k in range(op.count):
+        row[op.first + k] *= numbers[op.memory + k]

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
-from uwserver.modifiers.base import NEVER, Measurement, Memory, Modifier, ModifierTable, Stream, Time
+from uwserver.modifiers.base import NEVER, Memory, ModifierTable, Stream, Time
+from uwserver.modifiers.operations import Operation, rounded_ns, since
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.random import SAMPLE, draw_normals, normals, uniforms
 from uwserver.table import NonNegative, Probability
-from uwserver.units import NANOSECONDS
+
+DELAY, DROPOUT, REORDER, CLOCK_DRIFT = 10, 11, 12, 13
+"""Codes of the operations."""
 
 
 class Delay(ModifierTable, tag="delay", kw_only=True, frozen=True):
@@ -23,17 +29,21 @@ class Delay(ModifierTable, tag="delay", kw_only=True, frozen=True):
         return _Delay(self, stream)
 
 
-class _Delay(Modifier):
-    def __init__(self, config: Delay, stream: Stream) -> None:
-        super().__init__(stream)
-        self._config = config
+class _Delay(Operation):
+    code = DELAY
 
-    def apply(self, reading: Measurement) -> None:
-        c = self._config
-        delay = c.latency_s
-        if c.jitter_s > 0.0:
-            delay = max(0.0, delay + self.stream.rng.normal(0.0, c.jitter_s))
-        reading.delay_ns += round(delay * NANOSECONDS)
+    def __init__(self, config: Delay, stream: Stream) -> None:
+        super().__init__(stream, parameters=(config.latency_s, config.jitter_s))
+
+
+@compiled
+def delay(op: Any, reading: Any) -> None:
+    """Parameters: latency, jitter."""
+    seconds = op.p[0]
+    if op.p[1] > 0.0:
+        error, _ = normals(op.key, reading.number, SAMPLE, 0)
+        seconds = max(0.0, seconds + op.p[1] * error)
+    reading.delay_ns += rounded_ns(seconds)
 
 
 class Dropout(ModifierTable, tag="dropout", kw_only=True, frozen=True):
@@ -45,14 +55,19 @@ class Dropout(ModifierTable, tag="dropout", kw_only=True, frozen=True):
         return _Dropout(self, stream)
 
 
-class _Dropout(Modifier):
-    def __init__(self, config: Dropout, stream: Stream) -> None:
-        super().__init__(stream)
-        self._probability = config.probability
+class _Dropout(Operation):
+    code = DROPOUT
 
-    def apply(self, reading: Measurement) -> None:
-        if self.stream.rng.random() < self._probability:
-            reading.dropped = True
+    def __init__(self, config: Dropout, stream: Stream) -> None:
+        super().__init__(stream, parameters=(config.probability,))
+
+
+@compiled
+def dropout(op: Any, reading: Any) -> None:
+    """Parameters: probability."""
+    chance, _ = uniforms(op.key, reading.number, SAMPLE, 0)
+    if chance < op.p[0]:
+        reading.dropped = 1
 
 
 class Reorder(ModifierTable, tag="reorder", kw_only=True, frozen=True):
@@ -73,20 +88,22 @@ class Last(Memory):
     last: Time = NEVER
 
 
-class _Reorder(Modifier):
-    memory: Last
+class _Reorder(Operation):
+    code = REORDER
 
     def __init__(self, config: Reorder, stream: Stream) -> None:
-        super().__init__(stream)
-        self._config, self.memory = config, Last()
+        super().__init__(stream, parameters=(config.probability, config.behind), memory=Last())
 
-    def apply(self, reading: Measurement) -> None:
-        dt = self.stream.dt
-        interval = max(dt, reading.since(self.memory.last, dt))
-        self.memory.last = reading.t_ns / NANOSECONDS
-        if self.stream.rng.random() < self._config.probability:
-            # Between the last that overtakes it and the next.
-            reading.delay_ns += round((self._config.behind + 0.5) * interval * NANOSECONDS)
+
+@compiled
+def reorder(op: Any, numbers: Array, reading: Any, dt: float) -> None:
+    """Parameters: probability, by how many; remembers `Last`."""
+    interval = max(dt, since(reading, numbers[op.memory], dt))
+    numbers[op.memory] = reading.t_ns / 1e9
+    chance, _ = uniforms(op.key, reading.number, SAMPLE, 0)
+    if chance < op.p[0]:
+        # Between the last that overtakes it and the next.
+        reading.delay_ns += rounded_ns((op.p[1] + 0.5) * interval)
 
 
 class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
@@ -119,20 +136,22 @@ class ClockError(Last):
     drift: Annotated[float, Meta(ge=-1, le=1)] = 0.0
 
 
-class _ClockDrift(Modifier):
-    memory: ClockError
+class _ClockDrift(Operation):
+    code = CLOCK_DRIFT
 
     def __init__(self, config: ClockDrift, stream: Stream) -> None:
-        super().__init__(stream)
-        self._walk = config.walk_sqrts
-        offset, drift = stream.rng.standard_normal(2).tolist()
+        offset, drift = draw_normals(stream.key, 2).tolist()
         ahead = config.offset_s + config.offset_sigma_s * offset
-        self.memory = ClockError(offset=ahead, drift=config.drift + config.drift_sigma * drift)
+        start = ClockError(offset=ahead, drift=config.drift + config.drift_sigma * drift)
+        super().__init__(stream, parameters=(config.walk_sqrts,), memory=start)
 
-    def apply(self, reading: Measurement) -> None:
-        m, t = self.memory, reading.t_ns / NANOSECONDS
-        if self._walk:
-            spread = self._walk * math.sqrt(reading.since(m.last, self.stream.dt))
-            m.offset += spread * self.stream.rng.standard_normal()
-        m.last = t
-        reading.stamp_ns += round((m.offset + m.drift * t) * NANOSECONDS)
+
+@compiled
+def clock_drift(op: Any, numbers: Array, reading: Any, dt: float) -> None:
+    """Parameters: density of the walk; remembers `ClockError`."""
+    t, m = reading.t_ns / 1e9, op.memory
+    if op.p[0] > 0.0:
+        step, _ = normals(op.key, reading.number, SAMPLE, 0)
+        numbers[m + 1] += op.p[0] * math.sqrt(since(reading, numbers[m], dt)) * step
+    numbers[m] = t
+    reading.stamp_ns += rounded_ns(numbers[m + 1] + numbers[m + 2] * t)

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from uwserver.modifiers.base import NEVER, Measurement, Memory, Modifier, ModifierTable, Number, Stream, Time, shifted
+from uwserver.modifiers.base import NEVER, Memory, ModifierTable, Number, Stream, Time
+from uwserver.modifiers.operations import Operation, since
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.random import SAMPLE, draw_normals, normals
 from uwserver.table import Name, NonNegative
-from uwserver.units import NANOSECONDS
+
+DRIFT = 6
+"""Code of the operation."""
 
 
 class Drift(ModifierTable, tag="drift", kw_only=True, frozen=True):
@@ -43,26 +50,28 @@ class Drifting(Memory):
     rate: tuple[Number, ...] = ()
 
 
-class _Drift(Modifier):
-    memory: Drifting
+class _Drift(Operation):
+    code = DRIFT
 
     def __init__(self, config: Drift, stream: Stream) -> None:
-        super().__init__(stream)
-        self._density = config.density
-        self._index, rate = stream.of_each(config.field, "rate", config.rate)
-        n = len(rate)
-        drawn = stream.rng.normal(0.0, config.rate_sigma, n).tolist() if config.rate_sigma else [0.0] * n
-        self.memory = Drifting(walk=(0.0,) * n, rate=tuple(r + d for r, d in zip(rate, drawn, strict=True)))
+        index, rate = stream.of_each(config.field, "rate", config.rate)
+        drawn = (config.rate_sigma * draw_normals(stream.key, len(rate))).tolist()
+        start = Drifting(walk=(0.0,) * len(rate), rate=tuple(r + d for r, d in zip(rate, drawn, strict=True)))
+        super().__init__(stream, index, (config.density,), start)
 
-    def apply(self, reading: Measurement) -> None:
-        m, t = self.memory, reading.t_ns / NANOSECONDS
-        if self._density:
-            scale = self._density * math.sqrt(reading.since(m.last, self.stream.dt))
-            draws = self.stream.rng.standard_normal(len(m.walk)).tolist()
-            m.walk = tuple([w + scale * d for w, d in zip(m.walk, draws, strict=True)])
-        m.last = t
-        offsets = [w + r * t for w, r in zip(m.walk, m.rate, strict=True)]
-        reading.values[self._index] = shifted(reading.values[self._index], offsets)
+
+@compiled
+def drift(op: Any, numbers: Array, row: Array, reading: Any, dt: float) -> None:
+    """Parameters: density; remembers `Drifting`."""
+    t = reading.t_ns / 1e9
+    spread = op.p[0] * math.sqrt(since(reading, numbers[op.memory], dt))
+    numbers[op.memory] = t
+    walk, rate = op.memory + 1, op.memory + 1 + op.count
+    for k in range(op.count):
+        if spread > 0.0:
+            step, _ = normals(op.key, reading.number, SAMPLE, k)
+            numbers[walk + k] += spread * step
+        row[op.first + k] += numbers[walk + k] + numbers[rate + k] * t
 
 
 class RandomWalk(ModifierTable, tag="random_walk", kw_only=True, frozen=True):

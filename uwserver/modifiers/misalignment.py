@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
-from uwserver.frames import IDENTITY, Quat, conjugate, multiply, quat_from_rpy, rotate
-from uwserver.modifiers.base import Measurement, Memory, Modifier, ModifierTable, Stream
+from uwserver.frames import IDENTITY, quat_from_rpy
+from uwserver.modifiers.base import Memory, ModifierTable, Stream
+from uwserver.modifiers.operations import Operation
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.random import draw_normals
 from uwserver.table import Name, NonNegative, Vector3
 from uwserver.units import rad
+
+
+MISALIGNMENT = 9
+"""Code of the operation."""
 
 
 class Misalignment(ModifierTable, tag="misalignment", kw_only=True, frozen=True):
@@ -47,34 +55,43 @@ class Turn(Memory):
     q: tuple[_Part, _Part, _Part, _Part] = IDENTITY
 
 
-class _Misalignment(Modifier):
-    memory: Turn
-    draws = False
+class _Misalignment(Operation):
+    code = MISALIGNMENT
 
     def __init__(self, config: Misalignment, stream: Stream) -> None:
-        super().__init__(stream)
         turning = [field for field in stream.fields if field.is_rotation or (field.frame and field.shape == (3,))]
         names = [field.name for field in turning]
         for name in config.fields:
             if name not in names:
                 there = ", ".join(names) or "none"
                 raise ValueError(f'no vector or rotation "{name}" to turn here, there are: {there}')
-        self._indices = [(i, f.is_rotation) for i, f in enumerate(stream.fields) if f.name in config.fields]
-        drawn = stream.rng.normal(0.0, rad(config.sigma_deg), 3).tolist()
+        first, *more = (k for k, field in enumerate(stream.fields) if field.name in config.fields)
+        drawn = (rad(config.sigma_deg) * draw_normals(stream.key, 3)).tolist()
         roll, pitch, yaw = (rad(angle) + error for angle, error in zip(config.rpy_deg, drawn, strict=True))
-        self.memory = Turn(quat_from_rpy(roll, pitch, yaw))
-
-    def apply(self, reading: Measurement) -> None:
-        q: Quat = self.memory.q
-        for index, is_rotation in self._indices:
-            value = reading.values[index]
-            if not isinstance(value, tuple) or None in value:
-                continue
-            turned = multiply(value, q) if is_rotation else rotate(conjugate(q), value)  # type: ignore[arg-type]
-            reading.values[index] = turned
+        super().__init__(stream, first, (), Turn(quat_from_rpy(roll, pitch, yaw)), more=more)
 
     def valid(self, record: Memory) -> None:
         super().valid(record)
         assert isinstance(record, Turn)
         if abs(math.hypot(*record.q) - 1.0) > 1e-3:
             raise ValueError(f'"q" is no rotation: {record.q}')
+
+
+@compiled
+def misalign(op: Any, numbers: Array, row: Array) -> None:
+    """Remembers `Turn`; four components are a rotation, three a vector."""
+    w, x, y, z = numbers[op.memory], numbers[op.memory + 1], numbers[op.memory + 2], numbers[op.memory + 3]
+    k = op.first
+    if op.count == 4:
+        a, b, c, d = row[k], row[k + 1], row[k + 2], row[k + 3]
+        row[k] = a * w - b * x - c * y - d * z
+        row[k + 1] = a * x + b * w + c * z - d * y
+        row[k + 2] = a * y - b * z + c * w + d * x
+        row[k + 3] = a * z + b * y - c * x + d * w
+        return
+    # By the conjugate, as `frames.rotate` has it.
+    u, v, s = row[k], row[k + 1], row[k + 2]
+    tx, ty, tz = 2.0 * (z * v - y * s), 2.0 * (x * s - z * u), 2.0 * (y * u - x * v)
+    row[k] = u + w * tx + z * ty - y * tz
+    row[k + 1] = v + w * ty + x * tz - z * tx
+    row[k + 2] = s + w * tz + y * tx - x * ty

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from uwserver.modifiers.base import NEVER, Measurement, Memory, Modifier, ModifierTable, Number, Stream, Time, shifted
+from uwserver.modifiers.base import NEVER, Memory, ModifierTable, Number, Stream, Time
+from uwserver.modifiers.operations import Operation, since
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.random import SAMPLE, draw_normals, normals, uniforms
 from uwserver.table import Name, NonNegative, Positive, Probability
-from uwserver.units import NANOSECONDS
+
+WHITE, GAUSS_MARKOV, OUTLIER = 1, 2, 3
+"""Codes of the operations."""
 
 
 class WhiteNoise(ModifierTable, tag="white_noise", kw_only=True, frozen=True):
@@ -22,18 +29,22 @@ class WhiteNoise(ModifierTable, tag="white_noise", kw_only=True, frozen=True):
         return _White(self, stream)
 
 
-class _White(Modifier):
-    def __init__(self, config: WhiteNoise, stream: Stream) -> None:
-        super().__init__(stream)
-        self._config = config
-        self._index = stream.index(config.field)
-        self._size = stream.fields[self._index].size
+class _White(Operation):
+    code = WHITE
 
-    def apply(self, reading: Measurement) -> None:
-        c = self._config
-        sigma = math.sqrt(c.sigma**2 + c.density**2 / self.stream.dt)
-        draws = self.stream.rng.normal(0.0, sigma, self._size).tolist()
-        reading.values[self._index] = shifted(reading.values[self._index], draws)
+    def __init__(self, config: WhiteNoise, stream: Stream) -> None:
+        super().__init__(stream, stream.index(config.field), (config.sigma, config.density))
+
+
+@compiled
+def white(op: Any, row: Array, reading: Any, dt: float) -> None:
+    """Parameters: sigma, density."""
+    sigma = math.sqrt(op.p[0] ** 2 + op.p[1] ** 2 / dt)
+    for k in range(0, op.count, 2):
+        a, b = normals(op.key, reading.number, SAMPLE, k // 2)
+        row[op.first + k] += sigma * a
+        if k + 1 < op.count:
+            row[op.first + k + 1] += sigma * b
 
 
 class GaussMarkov(ModifierTable, tag="gauss_markov", kw_only=True, frozen=True):
@@ -58,24 +69,29 @@ class Correlated(Memory):
     error: tuple[Number, ...] = ()
 
 
-class _GaussMarkov(Modifier):
-    memory: Correlated
+class _GaussMarkov(Operation):
+    code = GAUSS_MARKOV
 
     def __init__(self, config: GaussMarkov, stream: Stream) -> None:
-        super().__init__(stream)
-        self._config = config
-        self._index = stream.index(config.field)
-        start = stream.rng.normal(0.0, config.sigma, stream.fields[self._index].size).tolist()
-        self.memory = Correlated(error=tuple(start))
+        index = stream.index(config.field)
+        start = config.sigma * draw_normals(stream.key, stream.fields[index].size)
+        super().__init__(stream, index, (config.sigma, config.tau_s), Correlated(error=tuple(start.tolist())))
 
-    def apply(self, reading: Measurement) -> None:
-        c, m = self._config, self.memory
-        decay = math.exp(-reading.since(m.last, self.stream.dt) / c.tau_s)
-        scale = c.sigma * math.sqrt(1.0 - decay * decay)
-        draws = self.stream.rng.standard_normal(len(m.error)).tolist()
-        m.last = reading.t_ns / NANOSECONDS
-        m.error = tuple([decay * e + scale * d for e, d in zip(m.error, draws, strict=True)])
-        reading.values[self._index] = shifted(reading.values[self._index], m.error)
+
+@compiled
+def gauss_markov(op: Any, numbers: Array, row: Array, reading: Any, dt: float) -> None:
+    """Parameters: sigma, tau; remembers `Correlated`."""
+    decay = math.exp(-since(reading, numbers[op.memory], dt) / op.p[1])
+    scale = op.p[0] * math.sqrt(1.0 - decay * decay)
+    numbers[op.memory] = reading.t_ns / 1e9
+    first = op.memory + 1
+    for k in range(0, op.count, 2):
+        a, b = normals(op.key, reading.number, SAMPLE, k // 2)
+        numbers[first + k] = decay * numbers[first + k] + scale * a
+        row[op.first + k] += numbers[first + k]
+        if k + 1 < op.count:
+            numbers[first + k + 1] = decay * numbers[first + k + 1] + scale * b
+            row[op.first + k + 1] += numbers[first + k + 1]
 
 
 class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
@@ -97,17 +113,19 @@ class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
         return _Outlier(self, stream)
 
 
-class _Outlier(Modifier):
-    def __init__(self, config: Outlier, stream: Stream) -> None:
-        super().__init__(stream)
-        self._config = config
-        self._index = stream.index(config.field)
-        self._size = stream.fields[self._index].size
+class _Outlier(Operation):
+    code = OUTLIER
 
-    def apply(self, reading: Measurement) -> None:
-        c, rng = self._config, self.stream.rng
-        if rng.random() >= c.probability:
-            return
-        draws = rng.normal(0.0, c.sigma, self._size).tolist()
-        errors = [abs(e) for e in draws] if c.one_sided else draws
-        reading.values[self._index] = shifted(reading.values[self._index], errors)
+    def __init__(self, config: Outlier, stream: Stream) -> None:
+        super().__init__(stream, stream.index(config.field), (config.probability, config.sigma, config.one_sided))
+
+
+@compiled
+def outlier(op: Any, row: Array, reading: Any) -> None:
+    """Parameters: probability, sigma, whether only to more. The first lane decides whether there is one."""
+    chance, _ = uniforms(op.key, reading.number, SAMPLE, 0)
+    if chance >= op.p[0]:
+        return
+    for k in range(op.count):
+        error, _ = normals(op.key, reading.number, SAMPLE, 1 + k)
+        row[op.first + k] += op.p[1] * (abs(error) if op.p[2] != 0.0 else error)

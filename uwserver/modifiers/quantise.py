@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numpy as np
 from msgspec import UNSET, UnsetType
 
-from uwserver.modifiers.base import Measurement, Modifier, ModifierTable, Stream, mapped
-from uwserver.ports import Value
+from uwserver.modifiers.base import ModifierTable, Stream
+from uwserver.modifiers.operations import Operation
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.table import Name, Positive
+
+QUANTISE, SATURATE = 7, 8
+"""Codes of the operations."""
 
 
 class Quantise(ModifierTable, tag="quantise", kw_only=True, frozen=True):
@@ -22,23 +29,21 @@ class Quantise(ModifierTable, tag="quantise", kw_only=True, frozen=True):
         return _Quantise(self, stream)
 
 
-class _Quantise(Modifier):
-    draws = False
+class _Quantise(Operation):
+    code = QUANTISE
 
     def __init__(self, config: Quantise, stream: Stream) -> None:
-        super().__init__(stream)
-        self._index = stream.index(config.field)
         # k / 500 prints as 0.142 where k * 0.002 does not.
         steps = round(1.0 / config.step)
-        self._step, self._per_unit = config.step, steps if steps and abs(steps * config.step - 1.0) < 1e-12 else 0
+        per_unit = steps if steps and abs(steps * config.step - 1.0) < 1e-12 else 0
+        super().__init__(stream, stream.index(config.field), (config.step, per_unit))
 
-    def apply(self, reading: Measurement) -> None:
-        reading.values[self._index] = mapped(reading.values[self._index], self._rounded)
 
-    def _rounded(self, value: float) -> float:
-        if self._per_unit:
-            return round(value * self._per_unit) / self._per_unit
-        return round(value / self._step) * self._step
+@compiled
+def quantise(op: Any, row: Array) -> None:
+    """Parameters: step, and how many of them make one unit; 0 where that is no whole number."""
+    for k in range(op.first, op.first + op.count):
+        row[k] = np.rint(row[k] * op.p[1]) / op.p[1] if op.p[1] > 0.0 else np.rint(row[k] / op.p[0]) * op.p[0]
 
 
 class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
@@ -65,19 +70,20 @@ class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
         return _Saturate(self, stream)
 
 
-class _Saturate(Modifier):
-    draws = False
+class _Saturate(Operation):
+    code = SATURATE
 
     def __init__(self, config: Saturate, stream: Stream) -> None:
-        super().__init__(stream)
-        self._index = stream.index(config.field)
-        self._low = -math.inf if isinstance(config.minimum, UnsetType) else config.minimum
-        self._high = math.inf if isinstance(config.maximum, UnsetType) else config.maximum
-        self._invalid = config.invalid
+        low = -math.inf if isinstance(config.minimum, UnsetType) else config.minimum
+        high = math.inf if isinstance(config.maximum, UnsetType) else config.maximum
+        super().__init__(stream, stream.index(config.field), (low, high, config.invalid))
 
-    def apply(self, reading: Measurement) -> None:
-        value = reading.values[self._index]
-        held: Value = mapped(value, lambda v: min(max(v, self._low), self._high))
-        reading.values[self._index] = held
-        if self._invalid and held != value:
-            reading.valid = False
+
+@compiled
+def saturate(op: Any, row: Array, reading: Any) -> None:
+    """Parameters: lowest, highest, whether what had to be held is not valid."""
+    for k in range(op.first, op.first + op.count):
+        if row[k] < op.p[0] or row[k] > op.p[1]:
+            row[k] = op.p[0] if row[k] < op.p[0] else op.p[1]
+            if op.p[2] != 0.0:
+                reading.valid = 0

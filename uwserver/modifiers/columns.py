@@ -1,0 +1,76 @@
+"""Readings as plain numbers, on which compiled code works: which numbers of a row are those of which field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from uwserver.ports import Field, Value
+
+WIDEST = 64
+"""Components of a field that still stand among the numbers; wider ones are pictures rather than readings."""
+_NO_INT = -(1 << 63)
+"""Stands for a missing whole number, as NaN does for a missing float."""
+
+
+class Columns:
+    """Where the fields of a port stand in a row of float64: each component of floats, truths (0 or 1) and whole numbers (as the 64 bits of an
+    int64) has a place, in the order of the fields. What has none is loose: texts, bytes, buffers and wide fields.
+
+    Attributes:
+        fields: of the port.
+        width: of a row.
+        first: of each field, the place of its first component; -1 of those that are loose.
+        loose: positions of the fields that have no place.
+    """
+
+    def __init__(self, fields: Sequence[Field]) -> None:
+        self.fields = tuple(fields)
+        first, width = [], 0
+        for field in self.fields:
+            fits = field.type in ("float", "int", "bool") and field.size <= WIDEST
+            first.append(width if fits else -1)
+            width += field.size if fits else 0
+        self.first, self.width = tuple(first), width
+        self.loose = tuple(k for k, place in enumerate(first) if place < 0)
+        self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
+        self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
+
+    def pack(self, values: Sequence[Value], row: Any) -> None:
+        """Write a reading into a row (width) of float64."""
+        whole = row.view(np.int64)
+        for value, (field, k, size) in zip(values, self._kept, strict=True):
+            if k < 0:
+                continue
+            parts = value if isinstance(value, tuple) else (value,) * size if value is None else (value,)
+            for i, part in enumerate(parts):
+                if field.type == "int":
+                    whole[k + i] = _NO_INT if part is None else part
+                else:
+                    row[k + i] = math.nan if part is None else part
+
+    def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
+        """The reading of a row; `loose`: the values that have no place there, in their order."""
+        numbers: list[Any] = row.tolist()
+        if any(number != number for number in numbers) or not self._only_floats:
+            return self._unpacked(row, numbers, loose)
+        return tuple([tuple(numbers[k : k + size]) if field.shape else numbers[k] for field, k, size in self._kept])
+
+    def _unpacked(self, row: Any, numbers: list[Any], loose: Sequence[Value]) -> tuple[Value, ...]:
+        rest, whole = iter(loose), row.view(np.int64).tolist()
+        values: list[Value] = []
+        for field, k, size in self._kept:
+            if k < 0:
+                values.append(next(rest))
+                continue
+            if field.type == "int":
+                parts = [None if n == _NO_INT else n for n in whole[k : k + size]]
+            elif field.type == "bool":
+                parts = [None if n != n else n != 0.0 for n in numbers[k : k + size]]
+            else:
+                parts = [None if n != n else n for n in numbers[k : k + size]]
+            values.append(tuple(parts) if field.shape else parts[0])
+        return tuple(values)

@@ -1,0 +1,206 @@
+"""What sensors in compiled code see of the world at one instant: the arrays of bodies and water, and questions to them.
+
+A kernel of a sensor gets `now`, a table of addresses of all arrays (`FORMS`), and its own `head`, which says on which body it sits and where.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from uwserver import frames
+from uwserver.frames import Quat, Vec3
+from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water_at
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.compiled import compiled, inlined
+from uwserver.physics.kernel.handles import array_at
+from uwserver.physics.kernel.layout import LAG, PROFILE_SIZE, STATE_SIZE, THRUSTER, WAVE_SIZE, Forms, SeaRows, columns
+
+PLACE = np.dtype(
+    [
+        ("gravity", "f8"),
+        ("atmosphere", "f8"),  # Pa at the surface
+        ("current", "f8", (3,)),  # steady part of the water's velocity in N, m/s
+        ("moves", "i8"),  # 1: there is a sea, with more than that
+        ("latitude", "f8"),  # of the origin of N, rad
+        ("longitude", "f8"),
+        ("declination", "f8"),  # magnetic, rad
+        ("magnetic", "f8", (4, 3)),  # field at the origin in N, and its change north, east and down (T, T/m)
+        ("epoch_ns", "i8"),  # UTC of t = 0
+    ]
+)
+"""Where the world is, and its water but for its column."""
+
+DEPTH, TEMPERATURE, SALINITY, DENSITY, SOUND_SPEED, PRESSURE = range(6)
+"""Columns of the water column's table."""
+
+FORMS: Forms = {
+    "state": columns(np.float64, STATE_SIZE),
+    "nu_dot": columns(np.float64, 6),
+    "tau": columns(np.float64, 6),
+    "thrusters": THRUSTER,
+    "lags": LAG,
+    "place": PLACE,
+    "column": columns(np.float64, 6),
+    "uniform": columns(np.float64),
+    "profiles": columns(np.float64, PROFILE_SIZE),
+    "waves": columns(np.float64, WAVE_SIZE),
+}
+"""Of the table `now`."""
+
+state_at, nu_dot_at, tau_at = array_at(FORMS, "state"), array_at(FORMS, "nu_dot"), array_at(FORMS, "tau")
+thrusters_at, lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
+_places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
+_uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
+
+rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
+conjugate, quat_from_rpy, rpy_from_quat = (
+    compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat),
+)  # fmt: skip
+
+
+@inlined
+def place_of(now: Array) -> Any:
+    """The PLACE of the world."""
+    return _places_at(now)[0]
+
+
+@compiled
+def p_NB(head: Any, now: Array) -> Vec3:
+    """Position of the body origin, m."""
+    x = state_at(now)[head.body]
+    return x[0], x[1], x[2]
+
+
+@compiled
+def q_NB(head: Any, now: Array) -> Quat:
+    """Attitude of the body."""
+    x = state_at(now)[head.body]
+    return x[3], x[4], x[5], x[6]
+
+
+@compiled
+def v_NB_B(head: Any, now: Array) -> Vec3:
+    """Velocity of the body origin, m/s."""
+    x = state_at(now)[head.body]
+    return x[7], x[8], x[9]
+
+
+@compiled
+def w_NB_B(head: Any, now: Array) -> Vec3:
+    """Angular rate of the body, rad/s."""
+    x = state_at(now)[head.body]
+    return x[10], x[11], x[12]
+
+
+@compiled
+def p_BS(head: Any) -> Vec3:
+    """Where the sensor sits on its body, m."""
+    return head.p[0], head.p[1], head.p[2]
+
+
+@compiled
+def q_BS(head: Any) -> Quat:
+    """How it is turned."""
+    return head.q[0], head.q[1], head.q[2], head.q[3]
+
+
+@compiled
+def p_NS(head: Any, now: Array) -> Vec3:
+    """Where it is, m."""
+    x, y, z = p_NB(head, now)
+    a, b, c = rotate(q_NB(head, now), p_BS(head))
+    return x + a, y + b, z + c
+
+
+@compiled
+def q_NS(head: Any, now: Array) -> Quat:
+    """Its attitude."""
+    return multiply(q_NB(head, now), q_BS(head))
+
+
+@compiled
+def velocity_of(head: Any, now: Array) -> Vec3:
+    """Velocity of the sensor's place over ground, m/s in B."""
+    (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = v_NB_B(head, now), w_NB_B(head, now), p_BS(head)
+    return vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
+
+
+@compiled
+def specific_force(head: Any, now: Array) -> Vec3:
+    """What an ideal accelerometer feels, f_S (m/s2): acceleration of its place minus gravity, in S.
+
+    a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity).
+    """
+    d = nu_dot_at(now)[head.body]
+    (wx, wy, wz), (ux, uy, uz), (rx, ry, rz) = w_NB_B(head, now), velocity_of(head, now), p_BS(head)
+    ax = d[0] + d[4] * rz - d[5] * ry + wy * uz - wz * uy
+    ay = d[1] + d[5] * rx - d[3] * rz + wz * ux - wx * uz
+    az = d[2] + d[3] * ry - d[4] * rx + wx * uy - wy * ux
+    gx, gy, gz = rotate(conjugate(q_NB(head, now)), (0.0, 0.0, place_of(now).gravity))
+    return rotate(conjugate(q_BS(head)), (ax - gx, ay - gy, az - gz))
+
+
+@compiled
+def _interpolated(column: Array, key: int, k: int, x: float) -> float:
+    """Linear between the rows of a table whose column `key` ascends, and beyond its ends as in the last interval."""
+    low, high = 0, len(column)
+    while low < high:
+        middle = (low + high) // 2
+        if x < column[middle, key]:
+            high = middle
+        else:
+            low = middle + 1
+    n = min(max(low, 1), len(column) - 1)
+    x0, y0 = column[n - 1, key], column[n - 1, k]
+    return y0 + (column[n, k] - y0) * ((x - x0) / (column[n, key] - x0))
+
+
+@compiled
+def water_property(now: Array, k: int, depth: float) -> float:
+    """Column k (`TEMPERATURE` to `SOUND_SPEED`) of the water column at a depth below z = 0, m."""
+    return _interpolated(_column_at(now), DEPTH, k, max(0.0, depth))
+
+
+@compiled
+def depth_of(now: Array, gauge: float) -> float:
+    """Depth (m) at which the water above has this pressure, Pa."""
+    return _interpolated(_column_at(now), PRESSURE, DEPTH, gauge)
+
+
+@compiled
+def _point(now: Array, p: Vec3, t: float, point: Array) -> None:
+    water_at(SeaRows(_uniform_at(now), _profiles_at(now), _waves_at(now)), p[0], p[1], p[2], t, point)
+
+
+@compiled
+def water_velocity(now: Array, p: Vec3, t: float) -> Vec3:
+    """Of the water at a point of N (m) and time t (s) in the present tick, m/s in N."""
+    place = place_of(now)
+    if place.moves == 0:
+        return place.current[0], place.current[1], place.current[2]
+    point = np.empty(POINT_SIZE)
+    _point(now, p, t, point)
+    return point[V], point[V + 1], point[V + 2]
+
+
+@compiled
+def submergence(now: Array, p: Vec3, t: float) -> float:
+    """How far a point of N is below the sea surface above it, m; negative in the air."""
+    if place_of(now).moves == 0:
+        return p[2]
+    point = np.empty(POINT_SIZE)
+    _point(now, (p[0], p[1], 0.0), t, point)
+    return float(p[2] + point[ELEVATION])
+
+
+@compiled
+def gauge_pressure(now: Array, p: Vec3, t: float) -> float:
+    """Pressure of the water (Pa, above that of the atmosphere) at a point of N (m) and time t (s): as `Water.pressure`."""
+    head = p[2]
+    if place_of(now).moves != 0:
+        point = np.empty(POINT_SIZE)
+        _point(now, p, t, point)
+        head += point[HEAD]
+    return _interpolated(_column_at(now), DEPTH, PRESSURE, max(0.0, head))
