@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, structs
 
-from uwserver.physics.kernel.random import EVENT, SAMPLE
+from uwserver.physics.kernel.random import SAMPLE
 from uwserver.ports import Field, Value
 from uwserver.table import Table
 from uwserver.units import NANOSECONDS

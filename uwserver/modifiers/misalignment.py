@@ -16,7 +16,6 @@ from uwserver.physics.kernel.random import draw_normals
 from uwserver.table import Name, NonNegative, Vector3
 from uwserver.units import rad
 
-
 MISALIGNMENT = 9
 """Code of the operation."""
 

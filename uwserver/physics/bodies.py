@@ -342,12 +342,16 @@ class Hydrodynamics:
         prescribed rows and the external one.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
+        self.rates_into(t, nu_dot, tau)
+        return nu_dot, tau
+
+    def rates_into(self, t: float, nu_dot: FloatArray, tau: FloatArray) -> None:
+        """`rates_of_change` into arrays (n, 6)."""
         self.fill_flows(t)
         kernel = _kernel()
         (kernel.rates_of_change_fitted if self._fitted else kernel.rates_of_change)(self.table, t, nu_dot, tau)
         if len(self.touched.impulse):
             nu_dot += self.contact_nu_dot
-        return nu_dot, tau
 
     def load_kernels(self) -> None:
         """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""

@@ -1,29 +1,55 @@
-"""Sensors of one kind as rows of a bank, which compiled code measures all at once."""
+"""Sensors of one kind as rows of a bank, which compiled code measures all at once.
+
+A kind of a bank has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure`` that reads the world for
+one of them. Beside it stands the loop over those that are due::
+
+    @entry
+    def run(heads, rows, numbers, due, now, t):
+        for k in due:
+            if begins(heads[k]):
+                measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+What `measure` may ask is in `uwserver.sensors.instant`; it sets `valid`, `ready`, `delay_ns` and `since_ns` of its head where these are not those
+of a valid reading of this instant, and draws the random numbers of `head.key` and `head.number`.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from msgspec import Struct, convert, structs
 
-from uwserver.physics.kernel.deferred import Elsewhere
+from uwserver.frames import conjugate as conjugated
+from uwserver.modifiers.base import Measurement, Memory
+from uwserver.modifiers.columns import Columns
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, inlined
+from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.kernel.random import draw_normals
+from uwserver.ports import Json
+from uwserver.sensors.base import Pose, Scope, Sensor, Settings
 
 HEAD = np.dtype(
     [
         ("body", "i8"),  # row of the body that carries it
         ("row", "i8"),  # in the bank of its kind
-        ("first", "i8"),  # place of its last reading among the numbers of the world
+        ("first", "i8"),  # place of its reading among the numbers
         ("width", "i8"),
         ("exact_first", "i8"),  # place of what it would have read without errors; -1 where nobody asks
-        ("stream_first", "i8"),  # its own stream, and the others
+        ("stream_first", "i8"),  # its own stream, and then the others
         ("stream_count", "i8"),
         ("number", "i8"),  # readings made
         ("key", "u8"),  # of its random numbers
         ("p", "f8", (3,)),  # p_BS, m
         ("q", "f8", (4,)),  # q_BS
+        ("to_S", "f8", (4,)),  # its inverse
         ("dt", "f8"),  # time between readings, s
         ("latency_ns", "i8"),
         ("exact", "i8"),  # 1: it has no errors of its own
+        ("silent", "i8"),  # 1: a fault keeps it from reading
+        ("shadow", "i8"),  # 1: it is only asked what it would read without errors, and must act on nothing
         # Of the last reading, as `modifiers.Measurement`:
         ("ready", "i8"),  # 0: it had none to give
         ("valid", "i8"),
@@ -38,21 +64,164 @@ MISSING = np.nan
 """A number that a reading does not have."""
 
 _INSTANT = "uwserver.sensors.instant"
-rotate, multiply = Elsewhere(_INSTANT, "rotate"), Elsewhere(_INSTANT, "multiply")
-conjugate, quat_from_rpy = Elsewhere(_INSTANT, "conjugate"), Elsewhere(_INSTANT, "quat_from_rpy")
-rpy_from_quat = Elsewhere(_INSTANT, "rpy_from_quat")
-p_NB, q_NB = Elsewhere(_INSTANT, "p_NB"), Elsewhere(_INSTANT, "q_NB")
-v_NB_B, w_NB_B = Elsewhere(_INSTANT, "v_NB_B"), Elsewhere(_INSTANT, "w_NB_B")
-p_NS, q_NS, q_BS, p_BS = (Elsewhere(_INSTANT, name) for name in ("p_NS", "q_NS", "q_BS", "p_BS"))
+rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
+    Elsewhere(_INSTANT, name) for name in ("rotate", "multiply", "conjugate", "quat_from_rpy", "rpy_from_quat")
+)
+p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = (
+    Elsewhere(_INSTANT, name) for name in ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
+)
 velocity_of, specific_force = Elsewhere(_INSTANT, "velocity_of"), Elsewhere(_INSTANT, "specific_force")
-water_property, depth_of = Elsewhere(_INSTANT, "water_property"), Elsewhere(_INSTANT, "depth_of")
-place_of, gauge_pressure = Elsewhere(_INSTANT, "place_of"), Elsewhere(_INSTANT, "gauge_pressure")
-water_velocity, submergence = Elsewhere(_INSTANT, "water_velocity"), Elsewhere(_INSTANT, "submergence")
-nu_dot_at, tau_at, thrusters_at, lags_at = (
-    Elsewhere(_INSTANT, name) for name in ("nu_dot_at", "tau_at", "thrusters_at", "lags_at")
+water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = (
+    Elsewhere(_INSTANT, name)
+    for name in ("water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence")
+)
+magnetic_field, nu_dot_at, tau_at = (
+    Elsewhere(_INSTANT, "magnetic_field"), Elsewhere(_INSTANT, "nu_dot_at"), Elsewhere(_INSTANT, "tau_at"),
+)  # fmt: skip
+shaft_speed, power, supply_voltage, supply = (
+    Elsewhere(_INSTANT, name) for name in ("shaft_speed", "power", "supply_voltage", "supply")
 )
 
 
-def record(*fields: Any) -> np.dtype[Any]:
-    """The row of a kind: parameters, then what it remembers."""
-    return np.dtype(list(fields), align=True)
+@compiled
+def begins(head: Any) -> bool:
+    """Whether a sensor that is due reads; its reading is then valid and of this instant, unless it says otherwise."""
+    head.ready = 1 - head.silent
+    head.valid = 1
+    head.delay_ns = head.since_ns = 0
+    return bool(head.silent == 0)
+
+
+@inlined
+def reading_of(head: Any, numbers: Array) -> Array:
+    """Where it writes its reading."""
+    return numbers[head.first : head.first + head.width]
+
+
+def record(parameters: list[Any], memory: list[Any] | None = None) -> np.dtype[Any]:
+    """The record of a sensor: parameters and settings, and as ``m`` what it remembers from reading to reading."""
+    return np.dtype([*parameters, ("m", np.dtype(memory or [("nothing", "i8")]))])
+
+
+class Bank(NamedTuple):
+    """What a kind gives its bank: the record of one sensor, and the loop over those that are due."""
+
+    record: np.dtype[Any]
+    run: Deferred
+
+
+class BankSensor(Sensor):
+    """A sensor whose readings compiled code makes. It lies in arrays: its own, or those of a world that it has entered.
+
+    Attributes:
+        bank: of its kind.
+        exact: it has no errors of its own.
+        heads, head: rows of HEAD, and its number there.
+        rows, row: rows of the bank's records, and its number there.
+        key: of its random numbers; None until it is switched on.
+    """
+
+    bank: ClassVar[Bank]
+    memory_type: ClassVar[type[Memory]] = Memory
+    exact = False
+
+    def __init__(self, mount: Pose, settings: Settings | None = None) -> None:
+        self.heads, self.rows = Pool(HEAD, 1), Pool(self.bank.record, 1)
+        self.head, self.row = self.heads.take(1), self.rows.take(1)
+        head = self.heads.rows[self.head]
+        head["p"], head["q"], head["to_S"] = mount.p, mount.q, conjugated(mount.q)
+        head["exact_first"], head["exact"] = -1, self.exact
+        self.key: int | None = None
+        if settings is not None:
+            self.settings = settings
+
+    def start(self, key: int) -> None:
+        """Switch it on, with the random numbers of this key."""
+        self.key = key
+        head, row = self.heads.rows[self.head], self.rows.rows[self.row]
+        head["key"], head["number"] = key, 0
+        self.fill(row)
+        self.turn_on_row(row["m"])
+
+    def enter(self, heads: Pool, rows: Pool) -> None:
+        """Move into these arrays, which take it as it is."""
+        head, row = heads.take(1), rows.take(1)
+        heads.rows[head], rows.rows[row] = self.heads.rows[self.head], self.rows.rows[self.row]
+        heads.rows["row"][head] = row
+        self.heads, self.head, self.rows, self.row = heads, head, rows, row
+
+    def leave(self) -> None:
+        """Move out again, into arrays of its own."""
+        heads, head, rows, row = self.heads, self.head, self.rows, self.row
+        self.enter(Pool(HEAD, 1), Pool(self.bank.record, 1))
+        heads.give_back(head, 1)
+        rows.give_back(row, 1)
+
+    def fill(self, row: Any) -> None:
+        """Write parameters and settings into the record."""
+
+    def turn_on_row(self, memory: Any) -> None:
+        """Write into the record what is remembered at the start of a run."""
+
+    def drawn(self, count: int) -> FloatArray:
+        """(count) normal numbers for the start of a run."""
+        return draw_normals(self.key or 0, count)
+
+    @property
+    def memory(self) -> Memory:  # type: ignore[override]  # lies in the record
+        """What it remembers."""
+        return self.memory_of(self.rows.rows[self.row]["m"])
+
+    @memory.setter
+    def memory(self, memory: Memory) -> None:
+        _write(self.rows.rows[self.row]["m"], memory)
+
+    def memory_of(self, row: Any) -> Memory:
+        """What a record remembers.
+
+        Raises:
+            ValueError: outside the limits of its type.
+        """
+        return convert(_plain(row, self.memory_type), self.memory_type)
+
+    def change(self, args: Mapping[str, Json]) -> None:
+        """As `Sensor.change`."""
+        super().change(args)
+        self.fill(self.rows.rows[self.row])
+
+    def sense(self, scope: Scope) -> Measurement | None:
+        """A reading alone, outside a world."""
+        from uwserver.sensors.alone import Alone
+
+        if self.key is None:
+            self.start(0)
+        columns, there = Columns(self.fields), Alone(scope)
+        numbers = np.zeros(max(1, columns.width))
+        head = self.heads.rows[self.head]
+        head["width"], head["dt"] = columns.width, self.dt
+        self.bank.run(self.heads.rows, self.rows.rows, numbers, np.array([self.head]), there.table, scope.t)
+        if not head["ready"]:
+            return None
+        head["number"] += 1
+        reading = Measurement(list(columns.unpack(numbers[: columns.width])), bool(head["valid"]))
+        reading.delay_ns, reading.since_ns = int(head["delay_ns"]), int(head["since_ns"])
+        return reading
+
+
+def _plain(row: Any, kind: type[Struct]) -> dict[str, Any]:
+    """Fields of a record of numpy as plain values, nested as those of a typed record."""
+    plain: dict[str, Any] = {}
+    for field in structs.fields(kind):
+        value = row[field.name]
+        nested = isinstance(field.type, type) and issubclass(field.type, Struct)
+        plain[field.name] = _plain(value, field.type) if nested else value.tolist()
+    return plain
+
+
+def _write(row: Any, record: Struct) -> None:
+    for name in record.__struct_fields__:
+        value = getattr(record, name)
+        if isinstance(value, Struct):
+            _write(row[name], value)
+        else:
+            row[name] = value

@@ -18,8 +18,9 @@ from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
 from uwserver.modifiers import Measurement, ModifierConfig
-from uwserver.modifiers.base import NOTHING, Memory, check_lengths
+from uwserver.modifiers.base import NOTHING, Draws, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.random import TURN_ON
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.wiring import Wiring
@@ -229,11 +230,10 @@ class Sensor(ABC):
         settings: changed by `change` alone.
         arguments: of the service ``set``, beside `rate_hz`: one for each setting, with its limits.
         memory: what it keeps from reading to reading.
-        rng: random numbers of its own path; from `start` on.
+        rng: random numbers of its own path, which stand at those of the present reading; from `start` on.
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
-        draws: it draws random numbers, whose stream is then saved.
         repeats: it repeats what other sensors have just read, and so reads after them.
     """
 
@@ -248,17 +248,18 @@ class Sensor(ABC):
     paces = False
     listens = False
     repeats = False
-    draws = True
 
     def __init__(self, settings: Settings | None = None) -> None:
         """Switched on with random numbers of no path, for one who reads it alone."""
         if settings is not None:
             self.settings = settings
-        self.start(np.random.default_rng(0))
+        self.start(0)
 
-    def start(self, rng: np.random.Generator) -> None:
-        """Switch it on: with this random stream, from which it draws what is constant in a run."""
-        self.rng = rng
+    def start(self, key: int) -> None:
+        """Switch it on: with the random numbers of this key, of which it draws what is constant in a run."""
+        self.draws = Draws(key)
+        self.draws.seek(0, TURN_ON)
+        self.rng = self.draws.rng
         self.memory = self.turn_on()
 
     def turn_on(self) -> Memory:
@@ -315,8 +316,6 @@ class Sensor(ABC):
 
 class IdealSensor(Sensor):
     """A sensor without errors, timing and memory of its own, a pure function of the world at one instant: subclasses write `measure` alone."""
-
-    draws = False
 
     @abstractmethod
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:

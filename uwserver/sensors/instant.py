@@ -5,17 +5,30 @@ A kernel of a sensor gets `now`, a table of addresses of all arrays (`FORMS`), a
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from uwserver import frames
+from uwserver.environment.column import DEPTH, PRESSURE
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water_at
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.handles import array_at
-from uwserver.physics.kernel.layout import LAG, PROFILE_SIZE, STATE_SIZE, THRUSTER, WAVE_SIZE, Forms, SeaRows, columns
+from uwserver.physics.kernel.layout import (
+    BODY,
+    LAG,
+    PROFILE_SIZE,
+    STATE_SIZE,
+    THRUSTER,
+    WAVE_SIZE,
+    Forms,
+    SeaRows,
+    columns,
+)
+from uwserver.sensors.wiring import ELECTRIC
 
 PLACE = np.dtype(
     [
@@ -32,14 +45,13 @@ PLACE = np.dtype(
 )
 """Where the world is, and its water but for its column."""
 
-DEPTH, TEMPERATURE, SALINITY, DENSITY, SOUND_SPEED, PRESSURE = range(6)
-"""Columns of the water column's table."""
-
 FORMS: Forms = {
     "state": columns(np.float64, STATE_SIZE),
     "nu_dot": columns(np.float64, 6),
     "tau": columns(np.float64, 6),
+    "bodies": BODY,
     "thrusters": THRUSTER,
+    "electrics": ELECTRIC,
     "lags": LAG,
     "place": PLACE,
     "column": columns(np.float64, 6),
@@ -50,7 +62,8 @@ FORMS: Forms = {
 """Of the table `now`."""
 
 state_at, nu_dot_at, tau_at = array_at(FORMS, "state"), array_at(FORMS, "nu_dot"), array_at(FORMS, "tau")
-thrusters_at, lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
+_bodies_at, _electrics_at = array_at(FORMS, "bodies"), array_at(FORMS, "electrics")
+_thrusters_at, _lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
 _places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
 _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
 
@@ -107,6 +120,12 @@ def q_BS(head: Any) -> Quat:
 
 
 @compiled
+def q_SB(head: Any) -> Quat:
+    """The inverse of that."""
+    return head.to_S[0], head.to_S[1], head.to_S[2], head.to_S[3]
+
+
+@compiled
 def p_NS(head: Any, now: Array) -> Vec3:
     """Where it is, m."""
     x, y, z = p_NB(head, now)
@@ -139,7 +158,7 @@ def specific_force(head: Any, now: Array) -> Vec3:
     ay = d[1] + d[5] * rx - d[3] * rz + wz * ux - wx * uz
     az = d[2] + d[3] * ry - d[4] * rx + wx * uy - wy * ux
     gx, gy, gz = rotate(conjugate(q_NB(head, now)), (0.0, 0.0, place_of(now).gravity))
-    return rotate(conjugate(q_BS(head)), (ax - gx, ay - gy, az - gz))
+    return rotate(q_SB(head), (ax - gx, ay - gy, az - gz))
 
 
 @compiled
@@ -204,3 +223,67 @@ def gauge_pressure(now: Array, p: Vec3, t: float) -> float:
         _point(now, p, t, point)
         head += point[HEAD]
     return _interpolated(_column_at(now), DEPTH, PRESSURE, max(0.0, head))
+
+
+@compiled
+def magnetic_field(now: Array, p: Vec3) -> Vec3:
+    """Of the Earth, in N (T), at a point of N (m): as `Earth.magnetic_field`."""
+    m, (x, y, z) = place_of(now).magnetic, p
+    return (
+        m[0, 0] + m[1, 0] * x + m[2, 0] * y + m[3, 0] * z,
+        m[0, 1] + m[1, 1] * x + m[2, 1] * y + m[3, 1] * z,
+        m[0, 2] + m[1, 2] * x + m[2, 2] * y + m[3, 2] * z,
+    )
+
+
+@compiled
+def thrust(now: Array, k: int) -> float:
+    """Open-water thrust of a row of the thrusters at rest, N: after the lag, before inflow and installation."""
+    thruster = _thrusters_at(now)[k]
+    lag = _lags_at(now)[thruster.lag]
+    force = lag.D * thruster.demand
+    for i in range(3):
+        force += lag.C[i] * thruster.x[i]
+    return float(force * thruster.efficiency / thruster.installed)
+
+
+@compiled
+def shaft_speed(now: Array, k: int) -> float:
+    """Of a row of the thrusters, rad/s, signed as its thrust; NaN where that is not known."""
+    electric, force = _electrics_at(now)[k], thrust(now, k)
+    if electric.wired == 0:
+        return math.nan
+    return math.copysign(electric.speed[1 if force < 0.0 else 0] * math.sqrt(abs(force)), force)
+
+
+@compiled
+def power(head: Any, now: Array) -> float:
+    """Electric power that all thrusters of the vehicle draw, W."""
+    body, electrics = _bodies_at(now)[head.body], _electrics_at(now)
+    total = 0.0
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        if electrics[k].wired != 0:
+            force = thrust(now, k)
+            total += electrics[k].power[1 if force < 0.0 else 0] * abs(force) ** 1.5
+    return total
+
+
+@compiled
+def supply_voltage(head: Any, now: Array) -> float:
+    """Supply of the vehicle's first wired thruster, V; 0 without any."""
+    body, electrics = _bodies_at(now)[head.body], _electrics_at(now)
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        if electrics[k].wired != 0:
+            return float(_thrusters_at(now)[k].voltage)
+    return 0.0
+
+
+@compiled
+def supply(head: Any, now: Array, voltage: float) -> None:
+    """Set the supply of the vehicle's wired thrusters, V; 0 stops them."""
+    body, electrics, thrusters = _bodies_at(now)[head.body], _electrics_at(now), _thrusters_at(now)
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        if electrics[k].wired != 0:
+            thrusters[k].voltage, thrusters[k].fresh = voltage, 1
+            if voltage == 0.0:
+                thrusters[k].efficiency = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,10 @@ class Electric(NamedTuple):
     def turn(self, thrust: float) -> float:
         """Shaft speed (rad/s), signed as the thrust (N)."""
         return math.copysign(self.speed[thrust < 0.0] * math.sqrt(abs(thrust)), thrust)
+
+
+ELECTRIC = np.dtype([("wired", "i8"), ("power", "f8", (2,)), ("speed", "f8", (2,))])
+"""`Electric` of a thruster, for compiled code; one row for each row of the bodies' thrusters."""
 
 
 class Touch(NamedTuple):
@@ -74,6 +78,26 @@ class Wiring:
     def unfed(self) -> Wiring:
         """The same to look at alone."""
         return Wiring(self._hydro, self._row, self._thrusters, self._electrics, feeds=False)
+
+    def fill(self, electrics: Any) -> None:
+        """Write ELECTRIC of the vehicle's thrusters into an array of all."""
+        for name, electric in self._electrics.items():
+            electrics[self._thrusters[name]] = 1, electric.power, electric.speed
+
+    @property
+    def bodies(self) -> Any:
+        """(1) row of the body (`layout`)."""
+        return self._hydro.bodies[self._row : self._row + 1]
+
+    @property
+    def thrusters(self) -> Any:
+        """Rows of all thrusters of the world."""
+        return self._hydro.thrusters
+
+    @property
+    def lags(self) -> Any:
+        """Their lags."""
+        return self._hydro.lags
 
     @property
     def electrics(self) -> Mapping[str, Electric]:

@@ -17,12 +17,15 @@ from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
 from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.world.commands import Commands
-from uwserver.world.components import ActuatorSlot, Member, Population, SensorSlot, SideStream
+from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
+from uwserver.world.instruments import Instruments
+from uwserver.world.members import Member, Population
 from uwserver.world.part import Carry, Part, Stage, takes_part
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.ticks import Ticks
 from uwserver.world.traces import Traces, Tracing
@@ -80,7 +83,6 @@ class World:
         self._own_services: dict[str, tuple[Service, Carry]] = {}
         self._carry: dict[str, Carry] = {}
         self._events: list[Event] = []
-        self._last: dict[str, Sample] = {}
         self._tracing = Tracing()
         self.answers: Answers = []
         self.population: Population
@@ -88,7 +90,8 @@ class World:
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
         self._ears: dict[str, list[Part]] = {}
-        self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
+        self.instruments = Instruments(hydro, water, lambda: self.earth)
+        self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(
             self._commands, self._carry, lambda: (self._tick, self.t_ns),
@@ -124,8 +127,6 @@ class World:
         self._set_solids()
         for part in before - set(self.parts.values()):
             part.leave("the vehicle was taken out of the world")
-        self._sensing.keep(self.ports)
-        self._last = {path: sample for path, sample in self._last.items() if path in self.ports}
         self._commands.next_tick = self.tick
         if begun:
             self.say("ports_changed", "bodies came or went")
@@ -155,9 +156,10 @@ class World:
 
     def refresh(self) -> None:
         """Publish the ports as the slots now have them, and put everybody in line again."""
-        slots: list[SensorSlot | SideStream | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
-        slots += [side for slot in self.sensors.values() for side in slot.sides]
+        slots: list[SensorStream | ActuatorSlot] = [stream for slot in self.sensors.values() for stream in slot.streams]
+        slots += self.actuators.values()
         self.ports = {slot.port.path: slot.port for slot in slots}
+        self._sensing.settle()
         self._line_up()
 
     def _line_up(self) -> None:
@@ -215,6 +217,7 @@ class World:
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
         self.water.current = velocity
+        self.instruments.sea_moves()
         self.hydro.currents[:] = velocity
         if self.water.sea is not None:
             self.water.sea.hold(self.tick, self._seconds(), velocity)
@@ -234,7 +237,7 @@ class World:
         """Set the time to that of a tick; what was read at another time is forgotten."""
         self.tick = tick
         self.jumps += 1
-        self._last.clear()
+        self.instruments.forget_newest()
 
     def _seconds(self) -> float:
         num, den = self._rate
@@ -302,7 +305,7 @@ class World:
             Refused: no such port.
         """
         find("port", port, self.ports)
-        sample = self._last.get(port)
+        sample = self._sensing.newest(port)
         return None if sample is None else Reading(self.ports[port], sample)
 
     def record(self, *patterns: str) -> Traces:
@@ -345,7 +348,6 @@ class World:
         for part in self._after:
             part.after(tick, t_ns, samples)
         for sample in samples:
-            self._last[sample.port] = sample
             for part in self._ears.get(sample.port, ()):
                 part.hear(sample, t_ns)
         self._end_tick(output)
@@ -382,7 +384,7 @@ class World:
         """What sensors see of each body at this instant; made once a body."""
         seen: dict[int, Scope] = {}
         state, t_ns = self.hydro.state, self.t_ns
-        rates = self.hydro.rates_of_change(self._seconds()) if with_rates else None
+        rates = (self.instruments.nu_dot, self.instruments.tau) if with_rates else None
 
         def scope_of(slot: SensorSlot) -> Scope:
             scope = seen.get(slot.row)

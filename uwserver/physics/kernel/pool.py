@@ -17,8 +17,8 @@ class Pool:
         rows: all there are, also those that nobody has; zeros where nobody ever had one.
     """
 
-    def __init__(self, dtype: Any) -> None:
-        self.rows: Any = np.zeros(_LEAST, dtype)
+    def __init__(self, dtype: Any, room: int = _LEAST) -> None:
+        self.rows: Any = np.zeros(room, dtype)
         self._used = 0
         self._free: defaultdict[int, list[int]] = defaultdict(list)
 

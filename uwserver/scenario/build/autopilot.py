@@ -42,9 +42,10 @@ from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import LblConfig, Pose, PressureConfig, SensorConfig, UsblConfig
-from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.part import Carry
 from uwserver.world.piloting import Piloting
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10
@@ -160,11 +161,11 @@ def _set_point_slots(
 
 def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConfig, row: int) -> SensorSlot:
     sensor = StateSensor(pilot)
-    sensor.start(np.random.default_rng(0))
+    sensor.start(0)
     divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
     rate = float(world.rate_hz / divisor)
     port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)
-    return SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
+    return SensorSlot(sensor, (SensorStream(port),), row, world.rate_hz, divisor)
 
 
 # -- what it hears --------------------------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from msgspec import UNSET, UnsetType, structs
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
+from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
@@ -17,10 +18,13 @@ from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
+from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS
-from uwserver.world.components import ActuatorSlot, Member, SensorSlot, SideStream
+from uwserver.world.components import ActuatorSlot, SensorStream
+from uwserver.world.members import Member
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.services import component_services
 from uwserver.world.vehicle import Vehicle
 from uwserver.world.world import World
@@ -113,29 +117,28 @@ def _sensor(
 ) -> SensorSlot:
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
     sensor.dt = float(divisor / world.rate_hz)
-    sensor.start(stream_of(world.seed, path))
+    sensor.start(key_of(world.seed, path))
     sensor.load_kernels()
     sensor.join(built)
     kind = str(config.__struct_config__.tag)
     port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
-    modifiers, latency_ns = _modifiers(world, port, config.modifiers), round((config.latency_s or 0.0) * NANOSECONDS)
-    slot = SensorSlot(port, row, sensor, modifiers, world.rate_hz, divisor, latency_ns)
-    sides = {name: structs.replace(port, path=f"{path}/{name}") for name in config.streams}
-    slot.sides = tuple(
-        SideStream(sides[name], stream.ideal, _modifiers(world, sides[name], stream.modifiers))
-        for name, stream in config.streams.items()
-    )
-    if "ideal" in config.__struct_fields__ and any(side.ideal for side in slot.sides):
-        twin: Sensor = structs.replace(config, ideal=True).build(mount)
+    streams = [SensorStream(port, _modifiers(world, port, config.modifiers))]
+    for name, side in config.streams.items():
+        at = structs.replace(port, path=f"{path}/{name}")
+        streams.append(SensorStream(at, _modifiers(world, at, side.modifiers), side.ideal))
+    twin: Sensor | None = None
+    wanted = "ideal" in config.__struct_fields__ and any(stream.ideal for stream in streams)
+    if wanted and not isinstance(sensor, BankSensor):
+        twin = structs.replace(config, ideal=True).build(mount)
         twin.load_kernels()
-        twin.dt, slot.twin = sensor.dt, twin
-    return slot
+    latency_ns = round((config.latency_s or 0.0) * NANOSECONDS)
+    return SensorSlot(sensor, tuple(streams), row, world.rate_hz, divisor, latency_ns, twin)
 
 
 def _modifiers(world: World, port: Port, tables: Mapping[str, ModifierConfig]) -> tuple[Modifier, ...]:
     assert port.rate_hz is not None
     return tuple(
-        table.build(Stream(port.fields, 1.0 / port.rate_hz, stream_of(world.seed, f"{port.path}/{name}")))
+        table.build(Stream(port.fields, 1.0 / port.rate_hz, key_of(world.seed, f"{port.path}/{name}")))
         for name, table in tables.items()
     )
 
@@ -150,9 +153,9 @@ def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[Sen
     for name, kind in TRUTH.items():
         sensor = kind()
         path = f"{vehicle}/truth/{name}"
-        sensor.start(stream_of(world.seed, path))
+        sensor.start(key_of(world.seed, path))
         port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
-        yield SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
+        yield SensorSlot(sensor, (SensorStream(port),), row, world.rate_hz, divisor)
 
 
 def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> ActuatorSlot:

@@ -23,7 +23,7 @@ from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import Pose
 from uwserver.units import rad
-from uwserver.world.components import Member, Population
+from uwserver.world.members import Member, Population
 from uwserver.world.part import State
 from uwserver.world.world import World
 

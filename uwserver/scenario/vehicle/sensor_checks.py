@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import get_args
 
-import numpy as np
 from msgspec import UNSET
 
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
@@ -115,7 +114,7 @@ def check_fields(fields: object) -> None:
 def _check_modifier(
     sensor: SensorConfig, fields: tuple[Field, ...], modifier: ModifierConfig, path: KeyPath, report: Report
 ) -> None:
-    stream = Stream(fields, 1.0 / sensor.rate_hz, np.random.default_rng(0))
+    stream = Stream(fields, 1.0 / sensor.rate_hz, 0)
     target = getattr(modifier, "field", None)
     try:
         if isinstance(target, str):

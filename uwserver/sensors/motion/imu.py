@@ -2,11 +2,38 @@
 
 from __future__ import annotations
 
-from uwserver.frames import conjugate, rotate
-from uwserver.modifiers.base import Measurement, Memory
+from typing import Any
+
+from uwserver.environment.column import TEMPERATURE
+from uwserver.modifiers.base import Memory
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
-from uwserver.sensors.motion.triad import Triad, TriadErrors, TriadMemory
+from uwserver.sensors.bank import (
+    Bank,
+    BankSensor,
+    begins,
+    p_NB,
+    q_SB,
+    reading_of,
+    record,
+    rotate,
+    specific_force,
+    w_NB_B,
+    water_property,
+)
+from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.motion.triad import (
+    TRIAD,
+    TRIAD_DRAWS,
+    TRIAD_LANES,
+    TRIAD_MEMORY,
+    TriadErrors,
+    TriadMemory,
+    disturbed,
+    fill_triad,
+    turn_on,
+)
 
 
 class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
@@ -34,8 +61,32 @@ class ImuMemory(Memory):
     accelerometer: TriadMemory = TriadMemory()
 
 
-class Imu(Sensor):
+_RECORD = record(
+    [("gyroscope", TRIAD), ("accelerometer", TRIAD)], [("gyroscope", TRIAD_MEMORY), ("accelerometer", TRIAD_MEMORY)]
+)
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, out: Array) -> None:
     """Specific force from the equations of motion, with lever arm and gravity."""
+    f_S, w_S = specific_force(head, now), rotate(q_SB(head), w_NB_B(head, now))
+    if head.exact == 0:
+        w_S = disturbed(row.gyroscope, row.m.gyroscope, head, 0, w_S)
+        f_S = disturbed(row.accelerometer, row.m.accelerometer, head, TRIAD_LANES, f_S)
+    out[0], out[1], out[2] = f_S
+    out[3], out[4], out[5] = w_S
+    out[6] = water_property(now, TEMPERATURE, p_NB(head, now)[2])
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, reading_of(heads[k], numbers))
+
+
+class Imu(BankSensor):
+    """Always valid."""
 
     doc = "Inertial measurement unit: specific force (gravity included) and angular rate in the sensor frame."
     needs_rates = True
@@ -44,29 +95,19 @@ class Imu(Sensor):
         Field("w_S", "rad/s", "angular rate of the vehicle relative to N", "S", (3,)),
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
-
-    memory: ImuMemory
+    bank = Bank(_RECORD, run)
+    memory_type = ImuMemory
 
     def __init__(self, mount: Pose, config: ImuConfig) -> None:
-        self._mount = mount
-        self._to_S = conjugate(mount.q)
-        self._gyroscope = Triad(TriadErrors() if config.ideal else config.gyroscope)
-        self._accelerometer = Triad(TriadErrors() if config.ideal else config.accelerometer)
-        self._draws = self._gyroscope.draws + self._accelerometer.draws
-        super().__init__()
+        self._config = config
+        self.exact = config.ideal or config.gyroscope == config.accelerometer == TriadErrors()
+        super().__init__(mount)
 
-    def turn_on(self) -> ImuMemory:
-        return ImuMemory(self._gyroscope.turn_on(self.rng), self._accelerometer.turn_on(self.rng))
+    def fill(self, row: Any) -> None:
+        fill_triad(row["gyroscope"], self._config.gyroscope)
+        fill_triad(row["accelerometer"], self._config.accelerometer)
 
-    def sense(self, scope: Scope) -> Measurement:
-        """Always valid."""
-        m = self.memory
-        f_S, w_S = scope.specific_force(self._mount), rotate(self._to_S, scope.w_NB_B)
-        draws: list[float] = self.rng.standard_normal(self._draws).tolist() if self._draws else []
-        if not self._gyroscope.exact:
-            w_S, m.gyroscope = self._gyroscope.disturbed(w_S, m.gyroscope, self.dt, draws)
-        if not self._accelerometer.exact:
-            f_S, m.accelerometer = self._accelerometer.disturbed(
-                f_S, m.accelerometer, self.dt, draws, self._gyroscope.draws
-            )
-        return Measurement([f_S, w_S, scope.water.temperature_at(scope.p_NB[2])], True)
+    def turn_on_row(self, memory: Any) -> None:
+        draws = self.drawn(2 * TRIAD_DRAWS)
+        turn_on(memory["gyroscope"], self._config.gyroscope, draws[:TRIAD_DRAWS])
+        turn_on(memory["accelerometer"], self._config.accelerometer, draws[TRIAD_DRAWS:])

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from uwserver.frames import Vec3, conjugate, rotate
-from uwserver.modifiers.base import Measurement, Memory
+from uwserver.frames import Vec3
+from uwserver.modifiers.base import Memory
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
-from uwserver.sensors.motion.triad import Triad, TriadErrors, TriadMemory
+from uwserver.sensors.bank import (
+    Bank,
+    BankSensor,
+    begins,
+    conjugate,
+    magnetic_field,
+    p_NS,
+    power,
+    q_NS,
+    reading_of,
+    record,
+    rotate,
+    supply_voltage,
+)
+from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.motion.triad import (
+    TRIAD,
+    TRIAD_DRAWS,
+    TRIAD_MEMORY,
+    TriadErrors,
+    TriadMemory,
+    disturbed,
+    fill_triad,
+    turn_on,
+)
 
 _UNIT: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -42,39 +67,61 @@ class MagnetometerMemory(Memory):
     triad: TriadMemory = TriadMemory()
 
 
-class Magnetometer(Sensor):
-    """Magnetic field at the mount."""
+_RECORD = record(
+    [("soft_iron", "f8", (3, 3)), ("hard_iron", "f8", (3,)), ("by_current", "f8", (3,)), ("triad", TRIAD)],
+    [("triad", TRIAD_MEMORY)],
+)
+
+
+@compiled
+def _distorted(row: Any, head: Any, now: Array, field: Vec3) -> Vec3:
+    """The Earth's field in S with what the vehicle adds to it."""
+    s, (x, y, z) = row.soft_iron, field
+    hx, hy, hz = row.hard_iron[0], row.hard_iron[1], row.hard_iron[2]
+    by = row.by_current
+    voltage = supply_voltage(head, now)
+    if voltage > 0.0 and (by[0] != 0.0 or by[1] != 0.0 or by[2] != 0.0):
+        current = power(head, now) / voltage
+        hx, hy, hz = hx + by[0] * current, hy + by[1] * current, hz + by[2] * current
+    return (
+        s[0, 0] * x + s[0, 1] * y + s[0, 2] * z + hx,
+        s[1, 0] * x + s[1, 1] * y + s[1, 2] * z + hy,
+        s[2, 0] * x + s[2, 1] * y + s[2, 2] * z + hz,
+    )
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, out: Array) -> None:
+    """The field in S."""
+    field = rotate(conjugate(q_NS(head, now)), magnetic_field(now, p_NS(head, now)))
+    if head.exact == 0:
+        field = disturbed(row.triad, row.m.triad, head, 0, _distorted(row, head, now, field))
+    out[0], out[1], out[2] = field
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, reading_of(heads[k], numbers))
+
+
+class Magnetometer(BankSensor):
+    """Magnetic field at the mount; always valid."""
 
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
     fields = (Field("field_S", "T", "magnetic flux density", "S", (3,)),)
-
-    memory: MagnetometerMemory
+    bank = Bank(_RECORD, run)
+    memory_type = MagnetometerMemory
 
     def __init__(self, mount: Pose, config: MagnetometerConfig) -> None:
-        self._mount, self._config = mount, config
-        self._triad = Triad(TriadErrors() if config.ideal else config.errors)
-        super().__init__()
+        self._config, self.exact = config, config.ideal
+        super().__init__(mount)
 
-    def turn_on(self) -> MagnetometerMemory:
-        return MagnetometerMemory(self._triad.turn_on(self.rng))
-
-    def sense(self, scope: Scope) -> Measurement:
-        """Always valid."""
-        earth_N = scope.earth.magnetic_field(scope.position(self._mount.p))
-        field = rotate(conjugate(scope.attitude(self._mount.q)), earth_N)
-        if not self._config.ideal:
-            field = self._distorted(field, scope)
-        if not self._triad.exact:
-            draws = self.rng.standard_normal(self._triad.draws).tolist()
-            field, self.memory.triad = self._triad.disturbed(field, self.memory.triad, self.dt, draws)
-        return Measurement([field], True)
-
-    def _distorted(self, field: Vec3, scope: Scope) -> Vec3:
+    def fill(self, row: Any) -> None:
         c = self._config
-        x, y, z = (row[0] * field[0] + row[1] * field[1] + row[2] * field[2] for row in c.soft_iron)
-        hx, hy, hz = c.hard_iron_T
-        if any(c.thruster_field_TpA) and scope.wiring is not None and scope.wiring.voltage > 0.0:
-            current = scope.wiring.power() / scope.wiring.voltage
-            kx, ky, kz = c.thruster_field_TpA
-            hx, hy, hz = hx + kx * current, hy + ky * current, hz + kz * current
-        return x + hx, y + hy, z + hz
+        row["soft_iron"], row["hard_iron"], row["by_current"] = c.soft_iron, c.hard_iron_T, c.thruster_field_TpA
+        fill_triad(row["triad"], c.errors)
+
+    def turn_on_row(self, memory: Any) -> None:
+        turn_on(memory["triad"], self._config.errors, self.drawn(TRIAD_DRAWS))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct
 
 from uwserver.frames import Vec3
 from uwserver.modifiers.base import Number
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.table import NonNegative, Positive, Table
 
 HUMP = 0.618
@@ -63,79 +65,82 @@ class TriadMemory(Struct, frozen=True):
     walk: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 
 
-class Triad:
-    """Applies `TriadErrors`; its memory is kept by the sensor that has it.
+TRIAD = [("white", "f8"), ("wander", "f8"), ("tau", "f8"), ("walk", "f8"), ("limit", "f8"), ("resolution", "f8")]
+"""`TriadErrors` in the record of a sensor: densities, and the standard deviation of the Gauss-Markov bias."""
+TRIAD_MEMORY = [("matrix", "f8", (9,)), ("turn_on", "f8", (3,)), ("instability", "f8", (3,)), ("walk", "f8", (3,))]
+"""`TriadMemory` there."""
+TRIAD_DRAWS = 15
+"""Normal numbers that `turn_on` takes."""
+TRIAD_LANES = 6
+"""Lanes of random numbers that `disturbed` takes."""
 
-    Attributes:
-        draws: how many normal random numbers a reading takes.
-        exact: there are no errors.
+
+def fill_triad(row: Any, errors: TriadErrors) -> None:
+    """Write errors into a record."""
+    row["white"], row["wander"], row["tau"] = errors.noise_density, errors.instability / HUMP, errors.instability_tau_s
+    row["walk"], row["limit"], row["resolution"] = errors.random_walk, errors.limit, errors.resolution
+
+
+def turn_on(memory: Any, errors: TriadErrors, draws: FloatArray) -> None:
+    """Write the memory at the start of a run into a record.
+
+    Args:
+        memory: TRIAD_MEMORY.
+        errors: of the axes.
+        draws: (TRIAD_DRAWS) normal numbers.
     """
+    matrix = np.eye(3) + errors.cross_axis * draws[:9].reshape(3, 3)
+    matrix[np.diag_indices(3)] = 1.0 + errors.scale * draws[:9].reshape(3, 3).diagonal()
+    memory["matrix"], memory["turn_on"] = matrix.ravel(), errors.turn_on * draws[9:12]
+    memory["instability"], memory["walk"] = errors.instability / HUMP * draws[12:15], 0.0
 
-    def __init__(self, errors: TriadErrors) -> None:
-        self._errors = errors
-        self._sigma = errors.instability / HUMP
-        self._noisy, self._wanders, self._walks = (
-            errors.noise_density > 0.0,
-            self._sigma > 0.0,
-            errors.random_walk > 0.0,
-        )
-        self.draws = 3 * (self._noisy + self._wanders + self._walks)
-        self.exact = errors == TriadErrors()
-        self._retime(1.0)
 
-    def _retime(self, dt: float) -> None:
-        """Factors that depend on the interval alone."""
-        e = self._errors
-        self._dt, self._decay = dt, math.exp(-dt / e.instability_tau_s)
-        self._wander_step = self._sigma * math.sqrt(1.0 - self._decay * self._decay)
-        self._walk_step, self._white = e.random_walk * math.sqrt(dt), e.noise_density / math.sqrt(dt)
+@compiled
+def _three(head: Any, lane: int) -> Vec3:
+    a, b = normals(head.key, head.number, SAMPLE, lane)
+    c, _ = normals(head.key, head.number, SAMPLE, lane + 1)
+    return a, b, c
 
-    def turn_on(self, rng: np.random.Generator) -> TriadMemory:
-        """Memory at the start of a run."""
-        e = self._errors
-        matrix = np.eye(3) + rng.normal(0.0, e.cross_axis, (3, 3))
-        matrix[np.diag_indices(3)] = 1.0 + rng.normal(0.0, e.scale, 3)
-        constant, slow = rng.normal(0.0, e.turn_on, 3), rng.normal(0.0, self._sigma, 3)
-        # mypy does not count: nine and three numbers
-        return TriadMemory(tuple(matrix.ravel().tolist()), tuple(constant.tolist()), tuple(slow.tolist()))  # type: ignore[arg-type]
 
-    def disturbed(
-        self, truth: Vec3, memory: TriadMemory, dt: float, draws: Sequence[float], k: int = 0
-    ) -> tuple[Vec3, TriadMemory]:
-        """A reading with its errors, and the memory after it.
+@compiled
+def disturbed(triad: Any, memory: Any, head: Any, lane: int, truth: Vec3) -> Vec3:
+    """A reading with its errors.
 
-        Args:
-            truth: what an ideal device reads.
-            memory: from the last reading.
-            dt: time since then, s.
-            draws: normal random numbers, of which it takes `self.draws` from place k on: who has several triads draws for all at once.
-            k: see there.
-        """
-        if dt != self._dt:
-            self._retime(dt)
-        a, b, c, d, e, f, g, h, i = memory.matrix
-        (x, y, z), (gx, gy, gz), (rx, ry, rz) = memory.turn_on, memory.instability, memory.walk
-        if self._wanders:
-            decay, step = self._decay, self._wander_step
-            p, q, r = draws[k : k + 3]
-            gx, gy, gz = decay * gx + step * p, decay * gy + step * q, decay * gz + step * r
-            k += 3
-        if self._walks:
-            step = self._walk_step
-            rx, ry, rz = rx + step * draws[k], ry + step * draws[k + 1], rz + step * draws[k + 2]
-            k += 3
-        if self._wanders or self._walks:
-            memory = TriadMemory(memory.matrix, memory.turn_on, (gx, gy, gz), (rx, ry, rz))
-        x, y, z = truth[0] + x + gx + rx, truth[1] + y + gy + ry, truth[2] + z + gz + rz
-        if self._noisy:
-            white = self._white
-            x, y, z = x + white * draws[k], y + white * draws[k + 1], z + white * draws[k + 2]
-        return self._converted(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z), memory
+    Args:
+        triad, memory: TRIAD, and TRIAD_MEMORY, which goes on.
+        head: of the sensor.
+        lane: of its random numbers, the first of TRIAD_LANES.
+        truth: what an ideal device reads.
+    """
+    x, y, z = truth
+    x, y, z = x + memory.turn_on[0], y + memory.turn_on[1], z + memory.turn_on[2]
+    if triad.wander > 0.0:
+        decay = math.exp(-head.dt / triad.tau)
+        step = triad.wander * math.sqrt(1.0 - decay * decay)
+        slow = memory.instability
+        a, b, c = _three(head, lane)
+        slow[0], slow[1], slow[2] = decay * slow[0] + step * a, decay * slow[1] + step * b, decay * slow[2] + step * c
+        x, y, z = x + slow[0], y + slow[1], z + slow[2]
+    if triad.walk > 0.0:
+        step = triad.walk * math.sqrt(head.dt)
+        walk = memory.walk
+        a, b, c = _three(head, lane + 2)
+        walk[0], walk[1], walk[2] = walk[0] + step * a, walk[1] + step * b, walk[2] + step * c
+        x, y, z = x + walk[0], y + walk[1], z + walk[2]
+    if triad.white > 0.0:
+        white = triad.white / math.sqrt(head.dt)
+        a, b, c = _three(head, lane + 4)
+        x, y, z = x + white * a, y + white * b, z + white * c
+    m = memory.matrix
+    x, y, z = m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z, m[6] * x + m[7] * y + m[8] * z
+    return _converted(triad, x), _converted(triad, y), _converted(triad, z)
 
-    def _converted(self, x: float, y: float, z: float) -> Vec3:
-        limit, step = self._errors.limit, self._errors.resolution
-        if limit > 0.0 and not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit):
-            x, y, z = max(-limit, min(limit, x)), max(-limit, min(limit, y)), max(-limit, min(limit, z))
-        if step > 0.0:
-            x, y, z = round(x / step) * step, round(y / step) * step, round(z / step) * step
-        return x, y, z
+
+@compiled
+def _converted(triad: Any, x: float) -> float:
+    """What the converter makes of it."""
+    if triad.limit > 0.0:
+        x = max(-triad.limit, min(triad.limit, x))
+    if triad.resolution > 0.0:
+        x = np.rint(x / triad.resolution) * triad.resolution
+    return x

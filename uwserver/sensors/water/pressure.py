@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
-from uwserver.ports import Field, Value
-from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
+from uwserver.environment.column import TEMPERATURE
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.ports import Field
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    depth_of,
+    gauge_pressure,
+    p_NS,
+    place_of,
+    reading_of,
+    record,
+    water_property,
+)
+from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative, Positive
 
 _TEMPERATURE = Field("temperature", "degC", "temperature of the surrounding water")
@@ -25,45 +41,65 @@ class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
     assumed_atmosphere_pa: NonNegative | msgspec.UnsetType = msgspec.UNSET
 
     def build(self, mount: Pose) -> Pressure | Depth:
-        return Pressure(mount) if self.output == "pressure" else Depth(mount, self)
+        return Pressure(mount, self) if self.output == "pressure" else Depth(mount, self)
 
 
-class Pressure(IdealSensor):
-    """Absolute pressure at the mount."""
+_RECORD = record([("depth", "i8"), ("scale", "f8"), ("atmosphere", "f8")])
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """The pressure, or what the instrument makes of it."""
+    p, place = p_NS(head, now), place_of(now)
+    gauge = gauge_pressure(now, p, t)
+    out[1] = water_property(now, TEMPERATURE, p[2])
+    if row.depth == 0:
+        out[0] = place.atmosphere + gauge
+        return
+    if place.gravity == 0.0:
+        out[0], head.valid = MISSING, 0
+        return
+    if row.atmosphere >= 0.0:
+        gauge += place.atmosphere - row.atmosphere
+    out[0] = gauge / (row.scale * place.gravity) if row.scale > 0.0 else depth_of(now, gauge)
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class _Manometer(BankSensor):
+    bank = Bank(_RECORD, run)
+    exact = True
+
+    def __init__(self, mount: Pose, config: PressureConfig) -> None:
+        self._config = config
+        super().__init__(mount)
+
+    def fill(self, row: Any) -> None:
+        c = self._config
+        row["depth"] = c.output == "depth"
+        row["scale"] = 0.0 if c.assumed_density_kgpm3 is msgspec.UNSET else c.assumed_density_kgpm3
+        row["atmosphere"] = -1.0 if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa
+
+
+class Pressure(_Manometer):
+    """Absolute pressure at the mount. Always valid; atmospheric pressure above the surface."""
 
     doc = "Absolute pressure at the mount."
     fields = (Field("pressure", "Pa", "absolute pressure"), _TEMPERATURE)
 
-    def __init__(self, mount: Pose) -> None:
-        self._mount = mount
 
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid; atmospheric pressure above the surface."""
-        p_NS = scope.position(self._mount.p)
-        return True, [scope.water.pressure(p_NS, scope.t), scope.water.temperature_at(p_NS[2])]
+class Depth(_Manometer):
+    """Depth as the instrument computes it from the pressure at its mount.
 
-
-class Depth(IdealSensor):
-    """Depth as the instrument computes it from the pressure at its mount."""
+    Above the surface the depth at atmospheric pressure: zero if the instrument knows the atmosphere. Invalid without gravity.
+    """
 
     doc = (
         "Depth of the mount below the surface, computed from the pressure with the instrument's density and atmosphere."
     )
     fields = (Field("depth", "m", "depth below the surface, positive down"), _TEMPERATURE)
-
-    def __init__(self, mount: Pose, config: PressureConfig) -> None:
-        self._mount = mount
-        self._config = config
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Above the surface the depth at atmospheric pressure: zero if the instrument knows the atmosphere. Invalid without gravity."""
-        water, c = scope.water, self._config
-        p_NS = scope.position(self._mount.p)
-        temperature = water.temperature_at(p_NS[2])
-        if water.gravity == 0.0:
-            return False, [None, temperature]
-        atmosphere = water.atmospheric_pressure if c.assumed_atmosphere_pa is msgspec.UNSET else c.assumed_atmosphere_pa
-        gauge = water.pressure(p_NS, scope.t) - atmosphere
-        if c.assumed_density_kgpm3 is msgspec.UNSET:
-            return True, [water.column.depth_of(gauge), temperature]
-        return True, [gauge / (c.assumed_density_kgpm3 * water.gravity), temperature]

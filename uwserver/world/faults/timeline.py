@@ -14,7 +14,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.table import settled
-from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.components import ActuatorSlot
 from uwserver.world.faults.hull import Hull, HullFault, damaged
 from uwserver.world.faults.table import (
     FaultConfig,
@@ -27,6 +27,7 @@ from uwserver.world.faults.table import (
 )  # fmt: skip
 from uwserver.world.faults.targets import Targets, refusals
 from uwserver.world.part import Carry, Part, Stage, State
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
 

@@ -1,0 +1,234 @@
+"""From readings to samples in compiled code: the errors of each stream, what is on its way, and what is delivered in a tick."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from uwserver.modifiers import chain
+from uwserver.modifiers.operations import OPERATION, READING
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.handles import array_at
+from uwserver.physics.kernel.layout import Forms, columns
+from uwserver.sensors.bank import HEAD
+
+STREAM = np.dtype(
+    [
+        ("first", "i8"),  # place of its last reading, errors included, among the numbers
+        ("width", "i8"),
+        ("source", "i8"),  # place of what the sensor has read
+        ("exact", "i8"),  # 1: that is what an ideal one would have read
+        ("ready_made", "i8"),  # 1: the reading of this instant, with its errors, was put there by others
+        ("operation_first", "i8"),
+        ("operation_count", "i8"),
+        ("newest_first", "i8"),  # place of the newest delivered sample among those
+        ("dt", "f8"),
+        ("frozen", "i8"),  # 1: a fault makes it repeat itself
+        ("wanted", "i8"),  # 1: somebody reads its samples
+        ("reading", READING),
+        ("held", "i8"),  # 1: there was a reading
+        ("held_valid", "i8"),
+        ("held_ns", "i8"),  # when the last one that was not lost was true
+        ("newest", "i8"),  # 1: there is a newest sample, with what follows
+        ("seq", "i8"),
+        ("t_ns", "i8"),
+        ("t_sent_ns", "i8"),
+        ("valid", "i8"),
+    ]
+)
+"""A stream of samples: the sensor's own, or one beside it."""
+
+ENTRY = np.dtype(
+    [
+        ("t_sent_ns", "i8"),
+        ("order", "i8"),  # among those of one time
+        ("stream", "i8"),
+        ("seq", "i8"),
+        ("t_ns", "i8"),
+        ("valid", "i8"),
+        ("slot", "i8"),  # row of its values
+    ]
+)
+"""A sample on its way, or delivered."""
+
+COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8")])
+"""How many samples are on their way and were delivered to somebody, how many were on their way before, and when the next one arrives."""
+
+NEVER = np.iinfo(np.int64).max
+
+FORMS: Forms = {
+    "heads": HEAD,
+    "streams": STREAM,
+    "operations": OPERATION,
+    "numbers": columns(np.float64),
+    "pending": ENTRY,
+    "free": columns(np.int64),
+    "told": ENTRY,
+    "counts": COUNTS,
+}
+"""Of the table of a world's sensors."""
+
+_heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
+_numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
+_told, _counts = array_at(FORMS, "told"), array_at(FORMS, "counts")
+
+
+_carry_out = chain.disturb.made()
+
+
+@compiled
+def _earlier(pending: Array, a: int, b: int) -> bool:
+    x, y = pending[a], pending[b]
+    return bool(x.t_sent_ns < y.t_sent_ns or (x.t_sent_ns == y.t_sent_ns and x.order < y.order))
+
+
+@compiled
+def _swap(pending: Array, a: int, b: int) -> None:
+    x, y = pending[a], pending[b]
+    x.t_sent_ns, y.t_sent_ns = y.t_sent_ns, x.t_sent_ns
+    x.order, y.order = y.order, x.order
+    x.stream, y.stream = y.stream, x.stream
+    x.seq, y.seq = y.seq, x.seq
+    x.t_ns, y.t_ns = y.t_ns, x.t_ns
+    x.valid, y.valid = y.valid, x.valid
+    x.slot, y.slot = y.slot, x.slot
+
+
+@compiled
+def _rise(pending: Array, k: int) -> None:
+    """Put the last entry of a heap in its place."""
+    while k > 0 and _earlier(pending, k, (k - 1) // 2):
+        _swap(pending, k, (k - 1) // 2)
+        k = (k - 1) // 2
+
+
+@compiled
+def _sink(pending: Array, count: int) -> None:
+    """Put the first entry of a heap of `count` in its place."""
+    k = 0
+    while True:
+        child = 2 * k + 1
+        if child >= count:
+            return
+        if child + 1 < count and _earlier(pending, child + 1, child):
+            child += 1
+        if not _earlier(pending, child, k):
+            return
+        _swap(pending, k, child)
+        k = child
+
+
+@compiled
+def _tell(
+    table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int
+) -> None:
+    """Deliver a sample of stream k, whose values begin at `first` of `values`."""
+    stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
+    stream.newest, stream.seq, stream.t_ns, stream.t_sent_ns, stream.valid = 1, seq, t_ns, sent, valid
+    for i in range(stream.width):
+        numbers[stream.newest_first + i] = values[first + i]
+    if stream.wanted != 0:
+        told = _told(table)[counts.told]
+        told.t_sent_ns, told.stream, told.seq, told.t_ns, told.valid = sent, k, seq, t_ns, valid
+        for i in range(stream.width):
+            told_values[counts.told, i] = values[first + i]
+        counts.told += 1
+
+
+@compiled
+def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
+    """Deliver what is on its way and due."""
+    pending, free, counts = _pending(table), _free(table), _counts(table)[0]
+    flat = values.reshape(values.size)
+    while counts.pending > 0 and pending[0].t_sent_ns <= t_ns:
+        first = pending[0]
+        slot = first.slot
+        _tell(
+            table, flat, told_values, first.stream, first.seq, first.t_ns, first.t_sent_ns, first.valid,
+            slot * values.shape[1],
+        )  # fmt: skip
+        counts.pending -= 1
+        _swap(pending, 0, counts.pending)
+        _sink(pending, counts.pending)
+        free[counts.pending] = slot
+
+
+@compiled
+def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int) -> None:
+    """Deliver the present reading of stream k, or put it on its way."""
+    stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
+    reading = stream.reading
+    stamp, sent = max(0, reading.t_ns + reading.stamp_ns), reading.t_ns + reading.delay_ns
+    if sent <= t_ns:
+        _tell(table, numbers, told_values, k, seq, stamp, sent, stream.held_valid, stream.first)
+        return
+    n = counts.pending
+    slot = _free(table)[n]
+    for i in range(stream.width):
+        values[slot, i] = numbers[stream.first + i]
+    counts.order += 1
+    on = _pending(table)[n]
+    on.t_sent_ns, on.order, on.stream, on.seq, on.t_ns = sent, counts.order, k, seq, stamp
+    on.valid, on.slot = stream.held_valid, slot
+    counts.pending = n + 1
+    _rise(_pending(table), n)
+
+
+@compiled
+def _disturb(table: Array, head: Any, k: int, t_ns: int, work: Array) -> None:
+    """Make the reading of stream k from that of its sensor."""
+    stream, numbers = _streams(table)[k], _numbers(table)
+    reading = stream.reading
+    for i in range(stream.width):
+        work[i] = numbers[stream.source + i]
+    if stream.ready_made == 0:
+        reading.t_ns, reading.number = t_ns - head.since_ns, head.number
+        reading.delay_ns, reading.stamp_ns = head.delay_ns + head.latency_ns, 0
+        reading.valid = head.exact_valid if stream.exact != 0 else head.valid
+        reading.dropped = 0
+        operations = _operations(table)
+        for n in range(stream.operation_first, stream.operation_first + stream.operation_count):
+            _carry_out(operations[n], numbers, work, reading, stream.dt)
+    if reading.dropped != 0:
+        return
+    stream.held_ns = reading.t_ns
+    if stream.frozen == 0 or stream.held == 0:
+        for i in range(stream.width):
+            numbers[stream.first + i] = work[i]
+        stream.held, stream.held_valid = 1, reading.valid
+
+
+@entry
+def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, told_values: Array) -> int:
+    """Take in the readings of some sensors, and deliver what is due.
+
+    Args:
+        table: made by `FORMS`.
+        due: numbers of heads, in their order.
+        t_ns: simulation time.
+        begins: it is the first call of a tick: what was on its way comes first, and is older than anything measured now.
+        values: (n, w) of what is on its way, by slots.
+        told_values: (m, w) receives those of the samples that somebody reads; their entries are in `told`.
+
+    Returns:
+        How many these are, of this tick.
+    """
+    heads, streams, counts = _heads(table), _streams(table), _counts(table)[0]
+    work = np.empty(values.shape[1])
+    if begins:
+        counts.told = 0
+        _arrive(table, values, told_values, t_ns)
+    for k in due:
+        head = heads[k]
+        if head.ready == 0:
+            continue
+        for s in range(head.stream_first, head.stream_first + head.stream_count):
+            _disturb(table, head, s, t_ns, work)
+        for s in range(head.stream_first, head.stream_first + head.stream_count):
+            if streams[s].reading.dropped == 0:
+                _send(table, values, told_values, s, head.number, t_ns)
+        head.number += 1
+    counts.next_ns = _pending(table)[0].t_sent_ns if counts.pending > 0 else NEVER
+    return int(counts.told)
