@@ -10,6 +10,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 
 SEMI_MAJOR_AXIS = 6_378_137.0
 """m; WGS84 (NIMA TR8350.2)."""
+_TURN = 2.0 * math.pi
 ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
 
 
@@ -47,5 +48,5 @@ def latitude_longitude(
     gap = x * x + east * east + z * z / flat - SEMI_MAJOR_AXIS**2
     up = -gap / (b + math.sqrt(max(0.0, b * b - a * gap)))
     x, z = x + c * up, z + s * up
-    longitude = math.remainder(origin_longitude + math.atan2(east, x), 2.0 * math.pi)
-    return math.atan2(z, flat * math.hypot(x, east)), longitude
+    longitude = origin_longitude + math.atan2(east, x)
+    return math.atan2(z, flat * math.hypot(x, east)), longitude - _TURN * round(longitude / _TURN)

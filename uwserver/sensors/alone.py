@@ -27,7 +27,8 @@ def place_row(water: Water, earth: Earth) -> Any:
     """The PLACE of a world."""
     place = np.zeros(1, PLACE)
     row = place[0]
-    row["gravity"], row["atmosphere"], row["current"] = water.gravity, water.atmospheric_pressure, water.current
+    row["gravity"], row["density"], row["atmosphere"] = water.gravity, water.density, water.atmospheric_pressure
+    row["current"] = water.current
     row["moves"] = water.sea is not None
     row["latitude"], row["longitude"], row["epoch_ns"] = earth.latitude, earth.longitude, earth.epoch_ns
     row["declination"], row["magnetic"] = earth.declination, earth.magnetic
@@ -59,4 +60,5 @@ class Alone:
             "place": place_row(scope.water, scope.earth),
             **water_arrays(scope.water),
         }
+        self.arrays["place"]["t_ns"] = scope.t_ns
         self.table: IntArray = layout.addresses(FORMS, self.arrays)

@@ -70,6 +70,7 @@ rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
 p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = (
     Elsewhere(_INSTANT, name) for name in ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
 )
+latitude_longitude = Elsewhere(_INSTANT, "latitude_longitude")
 velocity_of, specific_force = Elsewhere(_INSTANT, "velocity_of"), Elsewhere(_INSTANT, "specific_force")
 water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = (
     Elsewhere(_INSTANT, name)

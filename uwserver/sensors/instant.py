@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from uwserver import frames
+from uwserver.environment import geodesy
 from uwserver.environment.column import DEPTH, PRESSURE
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water_at
@@ -33,6 +34,7 @@ from uwserver.sensors.wiring import ELECTRIC
 PLACE = np.dtype(
     [
         ("gravity", "f8"),
+        ("density", "f8"),  # kg/m3, which forces act with
         ("atmosphere", "f8"),  # Pa at the surface
         ("current", "f8", (3,)),  # steady part of the water's velocity in N, m/s
         ("moves", "i8"),  # 1: there is a sea, with more than that
@@ -41,6 +43,7 @@ PLACE = np.dtype(
         ("declination", "f8"),  # magnetic, rad
         ("magnetic", "f8", (4, 3)),  # field at the origin in N, and its change north, east and down (T, T/m)
         ("epoch_ns", "i8"),  # UTC of t = 0
+        ("t_ns", "i8"),  # simulation time of this instant
     ]
 )
 """Where the world is, and its water but for its column."""
@@ -68,6 +71,7 @@ _places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
 _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
 
 rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
+latitude_longitude = compiled(geodesy.latitude_longitude)
 conjugate, quat_from_rpy, rpy_from_quat = (
     compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat),
 )  # fmt: skip

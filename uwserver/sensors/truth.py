@@ -3,10 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
-from uwserver.frames import conjugate, rotate
-from uwserver.ports import Field, Value
-from uwserver.sensors.base import IdealSensor, Scope, Sensor
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.ports import Field
+from uwserver.sensors.bank import (
+    Bank,
+    BankSensor,
+    begins,
+    conjugate,
+    nu_dot_at,
+    p_NB,
+    q_NB,
+    reading_of,
+    record,
+    rotate,
+    tau_at,
+    v_NB_B,
+    w_NB_B,
+    water_velocity,
+)
+from uwserver.sensors.base import Pose, Sensor
 from uwserver.table import Positive, Table
 
 
@@ -16,7 +34,86 @@ class Truth(Table, kw_only=True, frozen=True):
     rate_hz: Positive = 20.0
 
 
-class TruthPose(IdealSensor):
+_RECORD = record([])
+
+
+@compiled
+def pose(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """p_NB and q_NB."""
+    out[0], out[1], out[2] = p_NB(head, now)
+    out[3], out[4], out[5], out[6] = q_NB(head, now)
+
+
+@entry
+def run_pose(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            pose(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+@compiled
+def velocity(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """nu."""
+    out[0], out[1], out[2] = v_NB_B(head, now)
+    out[3], out[4], out[5] = w_NB_B(head, now)
+
+
+@entry
+def run_velocity(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            velocity(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+@compiled
+def acceleration(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """nu_dot."""
+    out[:] = nu_dot_at(now)[head.body]
+
+
+@entry
+def run_acceleration(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            acceleration(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+@compiled
+def wrench(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """tau."""
+    out[:] = tau_at(now)[head.body]
+
+
+@entry
+def run_wrench(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            wrench(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+@compiled
+def flow(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Velocity of the water in B."""
+    out[0], out[1], out[2] = rotate(conjugate(q_NB(head, now)), water_velocity(now, p_NB(head, now), t))
+
+
+@entry
+def run_flow(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            flow(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class _Exact(BankSensor):
+    """Always valid."""
+
+    exact = True
+
+    def __init__(self) -> None:
+        super().__init__(Pose())
+
+
+class TruthPose(_Exact):
     """Exact pose."""
 
     doc = "Exact pose of the body origin."
@@ -24,13 +121,10 @@ class TruthPose(IdealSensor):
         Field("p_NB", "m", "position of the body origin", "N", (3,)),
         Field("q_NB", "1", "attitude, w x y z", "NB", (4,)),
     )
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid."""
-        return True, [scope.p_NB, scope.q_NB]
+    bank = Bank(_RECORD, run_pose)
 
 
-class TruthVelocity(IdealSensor):
+class TruthVelocity(_Exact):
     """Exact velocity nu."""
 
     doc = "Exact velocity of the body origin relative to N."
@@ -38,13 +132,10 @@ class TruthVelocity(IdealSensor):
         Field("v_NB_B", "m/s", "surge, sway, heave velocity", "B", (3,)),
         Field("w_NB_B", "rad/s", "roll, pitch, yaw rate", "B", (3,)),
     )
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid."""
-        return True, [scope.v_NB_B, scope.w_NB_B]
+    bank = Bank(_RECORD, run_velocity)
 
 
-class TruthAcceleration(IdealSensor):
+class TruthAcceleration(_Exact):
     """Exact derivative of nu."""
 
     doc = "Exact time derivative of the body-fixed velocity components."
@@ -53,13 +144,10 @@ class TruthAcceleration(IdealSensor):
         Field("v_dot_B", "m/s^2", "derivative of surge, sway, heave velocity", "B", (3,)),
         Field("w_dot_B", "rad/s^2", "derivative of roll, pitch, yaw rate", "B", (3,)),
     )
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid."""
-        return True, [scope.nu_dot[:3], scope.nu_dot[3:]]
+    bank = Bank(_RECORD, run_acceleration)
 
 
-class TruthWrench(IdealSensor):
+class TruthWrench(_Exact):
     """Force and moment of all actuators."""
 
     doc = "Force and moment of all actuators about the body origin (thrust with lag, inflow and immersion; applied wrenches)."
@@ -68,21 +156,15 @@ class TruthWrench(IdealSensor):
         Field("force_B", "N", "force", "B", (3,)),
         Field("torque_B", "N m", "moment about the body origin", "B", (3,)),
     )
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid."""
-        return True, [scope.tau[:3], scope.tau[3:]]
+    bank = Bank(_RECORD, run_wrench)
 
 
-class TruthFlow(IdealSensor):
+class TruthFlow(_Exact):
     """Exact velocity of the water."""
 
     doc = "Exact velocity of the undisturbed water at the body origin: current and waves."
     fields = (Field("v_NW_B", "m/s", "velocity of the water relative to N", "B", (3,)),)
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid."""
-        return True, [rotate(conjugate(scope.q_NB), scope.water.velocity(scope.p_NB, scope.t))]
+    bank = Bank(_RECORD, run_flow)
 
 
 TRUTH: dict[str, Callable[[], Sensor]] = {

@@ -149,6 +149,10 @@ class Instruments:
         """The steady part of the current was changed."""
         self._place["current"] = self._water.current
 
+    def set_time(self, t_ns: int) -> None:
+        """What is read from now on belongs to this instant."""
+        self._place["t_ns"] = t_ns
+
     def look(self, t: float) -> None:
         """Fill in `nu_dot` and `tau` at the present state."""
         self._hydro.rates_into(t, self.nu_dot, self.tau)

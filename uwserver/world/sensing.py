@@ -111,10 +111,14 @@ class Sensing(Part):
             if slot not in self._there:
                 slot.enter(self._instruments)
         self._there = there
-        numbered = ((k, s) for slot in self._slots.values() for k, s in zip(slot.stream_numbers, slot.streams, strict=True))
+        numbered = (
+            (k, s) for slot in self._slots.values() for k, s in zip(slot.stream_numbers, slot.streams, strict=True)
+        )
         self._streams = dict(numbered)
         self._instruments.streams.rows["wanted"][list(self._streams)] = 1
-        self._instruments.gather({id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values())
+        self._instruments.gather(
+            {id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values()
+        )
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
@@ -143,6 +147,7 @@ class Sensing(Part):
         if not mask and not self._listening and not self._repeating and t_ns < self._instruments.next_ns:
             return
         now, begins = self._seconds(), True
+        self._instruments.set_time(t_ns)
         called = [slot for slot in self._listening if slot.is_called(now)]
         if called:
             told, begins = self._measure(_due(called, 1), now, t_ns, begins), False

@@ -273,9 +273,7 @@ class SensorSlot(Part):
             for modifier in stream.modifiers:
                 modifier.stream.draws.seek(reading.number)
                 modifier.apply(reading)
-            stream.columns.pack(
-                reading.values, instruments.numbers.rows[row["source"] : row["source"] + row["width"]]
-            )
+            stream.columns.pack(reading.values, instruments.numbers.rows[row["source"] : row["source"] + row["width"]])
             for name in row["reading"].dtype.names:
                 row["reading"][name] = getattr(reading, name)
 

@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from uwserver.frames import Quat, multiply, quat_from_rpy, rpy_from_quat
-from uwserver.modifiers.base import Measurement, Memory, Number
+from uwserver.frames import Quat
+from uwserver.modifiers.base import Memory, Number
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    multiply,
+    place_of,
+    q_NS,
+    quat_from_rpy,
+    reading_of,
+    record,
+    rpy_from_quat,
+)
+from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -62,7 +78,54 @@ class AttitudeMemory(Memory):
     turn_on: Number = 0.0
 
 
-class Attitude(Sensor):
+_RECORD = record(
+    [
+        ("heading_sigma", "f8"), ("tilt_sigma", "f8"), ("tau", "f8"), ("noise", "f8"), ("secant", "i8"), ("magnetic", "i8"), ("settling", "f8"),
+    ],
+    [("heading", "f8"), ("tilt_x", "f8"), ("tilt_y", "f8"), ("turn_on", "f8")],
+)  # fmt: skip
+
+
+@compiled
+def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
+    """q_NS turned by small errors about down, north and east."""
+    m = row.m
+    a, b = normals(head.key, head.number, SAMPLE, 0)
+    c, d = normals(head.key, head.number, SAMPLE, 1)
+    e, f = normals(head.key, head.number, SAMPLE, 2)
+    decay = math.exp(-head.dt / row.tau)
+    grow = math.sqrt(1.0 - decay * decay)
+    m.heading = decay * m.heading + row.heading_sigma * grow * a
+    m.tilt_x = decay * m.tilt_x + row.tilt_sigma * grow * b
+    m.tilt_y = decay * m.tilt_y + row.tilt_sigma * grow * c
+    heading = m.heading + m.turn_on + row.noise * d
+    if row.secant != 0:
+        heading /= math.cos(place_of(now).latitude)
+    return multiply(quat_from_rpy(m.tilt_x + row.noise * e, m.tilt_y + row.noise * f, heading), q)
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Invalid while it settles."""
+    q = q_NS(head, now)
+    if head.exact == 0:
+        q = _disturbed(head, row, now, q)
+    if row.magnetic != 0:
+        q = multiply(quat_from_rpy(0.0, 0.0, -place_of(now).declination), q)
+    out[0], out[1], out[2], out[3] = q
+    out[4] = rpy_from_quat(q)[2] % (2.0 * math.pi)
+    if head.exact == 0 and t < row.settling:
+        out[:], head.valid = MISSING, 0
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Attitude(BankSensor):
     """Attitude of the sensor frame."""
 
     doc = "Attitude and heading, as an AHRS or gyrocompass computes them; invalid while it settles."
@@ -70,45 +133,22 @@ class Attitude(Sensor):
         Field("q_NS", "1", "attitude of the sensor frame, w x y z", "NS", (4,)),
         Field("heading", "rad", "of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
-
-    memory: AttitudeMemory
+    bank = Bank(_RECORD, run)
+    memory_type = AttitudeMemory
 
     def __init__(self, mount: Pose, config: AttitudeConfig) -> None:
-        self._mount, self._config = mount, config
-        self._sigma = (rad(config.heading_sigma_deg), rad(config.tilt_sigma_deg), rad(config.tilt_sigma_deg))
-        self._noise = rad(config.noise_deg)
-        self._exact = config.ideal or not (any(self._sigma) or self._noise or config.heading_turn_on_deg)
-        super().__init__()
+        self._config, self.exact = config, config.ideal
+        super().__init__(mount)
 
-    def turn_on(self) -> AttitudeMemory:
-        """The slow errors stand at once in their stationary distribution."""
-        heading, x, y = (s * d for s, d in zip(self._sigma, self.rng.standard_normal(3).tolist(), strict=True))
-        return AttitudeMemory(heading, x, y, self.rng.standard_normal() * rad(self._config.heading_turn_on_deg))
-
-    def sense(self, scope: Scope) -> Measurement:
-        """Invalid while it settles."""
+    def fill(self, row: Any) -> None:
         c = self._config
-        q = scope.attitude(self._mount.q)
-        if not self._exact:
-            q = self._disturbed(q, scope)
-        if c.north == "magnetic":
-            q = multiply(quat_from_rpy(0.0, 0.0, -scope.earth.declination), q)
-        heading = rpy_from_quat(q)[2] % (2.0 * math.pi)
-        if not c.ideal and scope.t < c.settling_s:
-            return Measurement([(None,) * 4, None], False)
-        return Measurement([q, heading], True)
+        row["heading_sigma"], row["tilt_sigma"], row["tau"] = rad(c.heading_sigma_deg), rad(c.tilt_sigma_deg), c.tau_s
+        row["noise"], row["secant"], row["magnetic"] = rad(c.noise_deg), c.secant_latitude, c.north == "magnetic"
+        row["settling"] = c.settling_s
 
-    def _disturbed(self, q: Quat, scope: Scope) -> Quat:
-        """q_NS turned by small errors about down, north and east."""
-        m = self.memory
-        draws = self.rng.standard_normal(6).tolist()
-        decay = math.exp(-self.dt / self._config.tau_s)
-        grow = math.sqrt(1.0 - decay * decay)
-        m.heading = decay * m.heading + self._sigma[0] * grow * draws[0]
-        m.tilt_x = decay * m.tilt_x + self._sigma[1] * grow * draws[1]
-        m.tilt_y = decay * m.tilt_y + self._sigma[2] * grow * draws[2]
-        heading = m.heading + m.turn_on + self._noise * draws[3]
-        if self._config.secant_latitude:
-            heading /= math.cos(scope.earth.latitude)
-        error = quat_from_rpy(m.tilt_x + self._noise * draws[4], m.tilt_y + self._noise * draws[5], heading)
-        return multiply(error, q)
+    def turn_on_row(self, memory: Any) -> None:
+        """The slow errors stand at once in their stationary distribution."""
+        c, draws = self._config, self.drawn(4)
+        memory["heading"] = rad(c.heading_sigma_deg) * draws[0]
+        memory["tilt_x"], memory["tilt_y"] = rad(c.tilt_sigma_deg) * draws[1:3]
+        memory["turn_on"] = rad(c.heading_turn_on_deg) * draws[3]

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from msgspec import Meta, structs
+import numpy as np
+from msgspec import Meta
 
-from uwserver.environment.geodesy import latitude_longitude
-from uwserver.frames import rotate
-from uwserver.modifiers.base import NEVER, Measurement, Memory, Time
+from uwserver.modifiers.base import NEVER, Memory, Time
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    latitude_longitude,
+    p_NS,
+    place_of,
+    q_NB,
+    reading_of,
+    record,
+    rotate,
+    submergence,
+    velocity_of,
+)
+from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
 _Error = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -67,7 +84,76 @@ class GpsMemory(Memory):
     lost_at: Time = NEVER
 
 
-class Gps(Sensor):
+_RECORD = record(
+    [
+        ("horizontal", "f8"), ("vertical", "f8"), ("tau", "f8"), ("noise", "f8"), ("velocity", "f8"), ("clearance", "f8"), ("hot", "f8"),
+        ("cold_after", "f8"), ("cold", "f8"), ("satellites", "i8"),
+    ],
+    [("error", "f8", (3,)), ("up_since", "f8"), ("lost_at", "f8")],
+)  # fmt: skip
+
+
+@compiled
+def _start_up(row: Any, up_since: float) -> float:
+    """From surfacing to the first fix, s."""
+    cold = row.m.lost_at == NEVER or up_since - row.m.lost_at > row.cold_after
+    return float(row.cold if cold else row.hot)
+
+
+@compiled
+def _has_fix(row: Any, hears: bool, t: float) -> bool:
+    m = row.m
+    if not hears:
+        if m.up_since != NEVER and t - m.up_since >= _start_up(row, m.up_since):
+            m.lost_at = t
+        m.up_since = NEVER
+        return False
+    if m.up_since == NEVER:
+        m.up_since = t
+    return bool(t - m.up_since >= _start_up(row, m.up_since))
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Invalid without a fix."""
+    m, key, number = row.m, head.key, head.number
+    decay = math.exp(-head.dt / row.tau)
+    grow = math.sqrt(1.0 - decay * decay)
+    a, b = normals(key, number, SAMPLE, 0)
+    c, d = normals(key, number, SAMPLE, 1)
+    e, f = normals(key, number, SAMPLE, 2)
+    m.error[0] = decay * m.error[0] + grow * row.horizontal * a
+    m.error[1] = decay * m.error[1] + grow * row.horizontal * b
+    m.error[2] = decay * m.error[2] + grow * row.vertical * c
+    p, place, whole, s = p_NS(head, now), place_of(now), out.view(np.int64), 1.0 - head.exact
+    in_air = -submergence(now, p, t) > s * row.clearance
+    satellites = row.satellites if in_air else 0
+    hears = in_air and satellites >= 4
+    if not (hears if head.exact != 0 else _has_fix(row, hears, t)):
+        out[:], head.valid = MISSING, 0
+        whole[9], whole[10] = satellites, 0
+        return
+    north, east = p[0] + s * (m.error[0] + row.noise * d), p[1] + s * (m.error[1] + row.noise * e)
+    out[0], out[1] = latitude_longitude(north, east, place.latitude, place.longitude)
+    out[2] = -(p[2] + s * (m.error[2] + row.noise * f))
+    vx, vy, vz = rotate(q_NB(head, now), velocity_of(head, now))
+    a, b = normals(key, number, SAMPLE, 3)
+    c, _ = normals(key, number, SAMPLE, 4)
+    speed = s * row.velocity
+    out[3], out[4], out[5] = vx + speed * a, vy + speed * b, vz + speed * c
+    out[6], out[7] = s * math.hypot(row.horizontal, row.noise), s * math.hypot(row.vertical, row.noise)
+    out[8] = speed
+    whole[9], whole[10] = satellites, 3
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Gps(BankSensor):
     """Position fixes; with fewer than four satellites there is none."""
 
     doc = (
@@ -84,60 +170,26 @@ class Gps(Sensor):
         Field("satellites", "1", "number used; 0 under water", type="int"),
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
+    bank = Bank(_RECORD, run)
+    memory_type = GpsMemory
     settings: GpsSettings
-    memory: GpsMemory
 
     def __init__(self, mount: Pose, config: GpsConfig) -> None:
-        self._mount, self._config = mount, config
-        if config.ideal:
-            exact = {"horizontal_sigma_m": 0.0, "vertical_sigma_m": 0.0, "noise_m": 0.0, "velocity_sigma_mps": 0.0}
-            self._config = structs.replace(config, **exact, hot_fix_s=0.0, cold_fix_s=0.0, clearance_m=0.0)
+        self._config, self.exact = config, config.ideal
         self.arguments = (
             Argument("satellites", "int", "in view; fewer than 4 give no fix", required=False, minimum=0, maximum=64),
         )
-        super().__init__(GpsSettings(config.satellites))
+        super().__init__(mount, GpsSettings(config.satellites))
 
-    def turn_on(self) -> GpsMemory:
+    def fill(self, row: Any) -> None:
+        c = self._config
+        row["horizontal"], row["vertical"], row["tau"] = c.horizontal_sigma_m, c.vertical_sigma_m, c.tau_s
+        row["noise"], row["velocity"], row["clearance"] = c.noise_m, c.velocity_sigma_mps, c.clearance_m
+        row["hot"], row["cold_after"], row["cold"] = c.hot_fix_s, c.cold_after_s, c.cold_fix_s
+        row["satellites"] = self.settings.satellites
+
+    def turn_on_row(self, memory: Any) -> None:
         """The error stands at once in its stationary distribution."""
         c = self._config
-        north, east, down = self.rng.standard_normal(3).tolist()
-        return GpsMemory((c.horizontal_sigma_m * north, c.horizontal_sigma_m * east, c.vertical_sigma_m * down))
-
-    def sense(self, scope: Scope) -> Measurement:
-        """Invalid without a fix."""
-        c, m = self._config, self.memory
-        draws = self.rng.standard_normal(9).tolist()
-        decay = math.exp(-self.dt / c.tau_s)
-        flat = math.sqrt(1.0 - decay * decay) * c.horizontal_sigma_m
-        steep = math.sqrt(1.0 - decay * decay) * c.vertical_sigma_m
-        north, east, down = m.error
-        m.error = (decay * north + flat * draws[0], decay * east + flat * draws[1], decay * down + steep * draws[2])
-        x, y, z = scope.position(self._mount.p)
-        in_air = -scope.submergence((x, y, z)) > c.clearance_m
-        satellites = self.settings.satellites if in_air else 0
-        if not self._has_fix(in_air and satellites >= 4, scope.t):
-            return Measurement([None, None, None, (None,) * 3, None, None, None, satellites, 0], False)
-        north, east, down = (error + c.noise_m * draw for error, draw in zip(m.error, draws[3:6], strict=True))
-        latitude, longitude = latitude_longitude(x + north, y + east, scope.earth.latitude, scope.earth.longitude)
-        vx, vy, vz = rotate(scope.q_NB, scope.velocity_of(self._mount.p))
-        s = c.velocity_sigma_mps
-        velocity = (vx + s * draws[6], vy + s * draws[7], vz + s * draws[8])
-        horizontal = math.hypot(c.horizontal_sigma_m, c.noise_m)
-        vertical = math.hypot(c.vertical_sigma_m, c.noise_m)
-        return Measurement([latitude, longitude, -(z + down), velocity, horizontal, vertical, s, satellites, 3], True)
-
-    def _has_fix(self, hears: bool, t: float) -> bool:
-        m = self.memory
-        if not hears:
-            if m.up_since != NEVER and t - m.up_since >= self._start_up(m.up_since):
-                m.lost_at = t
-            m.up_since = NEVER
-            return False
-        if m.up_since == NEVER:
-            m.up_since = t
-        return t - m.up_since >= self._start_up(m.up_since)
-
-    def _start_up(self, up_since: float) -> float:
-        lost = self.memory.lost_at
-        cold = lost == NEVER or up_since - lost > self._config.cold_after_s
-        return self._config.cold_fix_s if cold else self._config.hot_fix_s
+        memory["error"] = self.drawn(3) * (c.horizontal_sigma_m, c.horizontal_sigma_m, c.vertical_sigma_m)
+        memory["up_since"] = memory["lost_at"] = NEVER

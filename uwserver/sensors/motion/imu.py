@@ -67,7 +67,7 @@ _RECORD = record(
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, out: Array) -> None:
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     """Specific force from the equations of motion, with lever arm and gravity."""
     f_S, w_S = specific_force(head, now), rotate(q_SB(head), w_NB_B(head, now))
     if head.exact == 0:
@@ -82,7 +82,7 @@ def measure(head: Any, row: Any, now: Array, out: Array) -> None:
 def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
     for k in due:
         if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, reading_of(heads[k], numbers))
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
 
 
 class Imu(BankSensor):

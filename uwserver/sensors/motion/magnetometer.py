@@ -91,7 +91,7 @@ def _distorted(row: Any, head: Any, now: Array, field: Vec3) -> Vec3:
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, out: Array) -> None:
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     """The field in S."""
     field = rotate(conjugate(q_NS(head, now)), magnetic_field(now, p_NS(head, now)))
     if head.exact == 0:
@@ -103,7 +103,7 @@ def measure(head: Any, row: Any, now: Array, out: Array) -> None:
 def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
     for k in due:
         if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, reading_of(heads[k], numbers))
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
 
 
 class Magnetometer(BankSensor):

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from uwserver.ports import Field, Value
-from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
+from typing import Any
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.ports import Field
+from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, p_NS, q_NS, reading_of, record, submergence
+from uwserver.sensors.base import Pose, SensorTable
 
 
 class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, frozen=True):
@@ -13,7 +18,24 @@ class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, froze
         return MotionCapture(mount)
 
 
-class MotionCapture(IdealSensor):
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Invalid when the markers are above the surface."""
+    p = p_NS(head, now)
+    out[0], out[1], out[2] = p
+    out[3], out[4], out[5], out[6] = q_NS(head, now)
+    if submergence(now, p, t) < 0.0:
+        out[:], head.valid = MISSING, 0
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class MotionCapture(BankSensor):
     """Pose of the marker frame while it is under water."""
 
     doc = "Pose of the marker frame in N, as the cameras of a test pool see it; invalid above the surface."
@@ -21,13 +43,5 @@ class MotionCapture(IdealSensor):
         Field("p_NS", "m", "position of the marker frame", "N", (3,)),
         Field("q_NS", "1", "attitude of the marker frame, w x y z", "NS", (4,)),
     )
-
-    def __init__(self, mount: Pose) -> None:
-        self._mount = mount
-
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Invalid when the markers are above the surface."""
-        p_NS = scope.position(self._mount.p)
-        if scope.submergence(p_NS) < 0.0:
-            return False, [(None,) * 3, (None,) * 4]
-        return True, [p_NS, scope.attitude(self._mount.q)]
+    bank = Bank(record([]), run)
+    exact = True

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
-from uwserver.modifiers.base import Measurement, Memory, Number
+from uwserver.modifiers.base import Memory, Number
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.bank import Bank, BankSensor, begins, power, reading_of, record, supply, supply_voltage
+from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
+MOST_POINTS = 101
+"""Of the curve of a cell."""
 _LEAST = 0.2
 """Part of the open-circuit voltage below which it does not sag: force tables end somewhere above."""
 
@@ -35,7 +41,7 @@ class BatteryConfig(SensorTable, tag="battery", kw_only=True, frozen=True):
     cells: Annotated[int, Meta(ge=1, le=200)] = 4
     capacity_Ah: Positive = 18.0
     charge: Probability = 1.0
-    cell_curve_V: Annotated[tuple[Positive, ...], Meta(min_length=2)] = (3.0, 3.7, 4.2)
+    cell_curve_V: Annotated[tuple[Positive, ...], Meta(min_length=2, max_length=MOST_POINTS)] = (3.0, 3.7, 4.2)
     resistance_ohm: NonNegative = 0.0
     hotel_load_W: NonNegative = 0.0
     current_accuracy_A: NonNegative = 0.0
@@ -64,7 +70,67 @@ class BatteryMemory(Memory):
     bias: Number = 0.0
 
 
-class Battery(Sensor):
+_RECORD = record(
+    [
+        ("cells", "f8"), ("capacity", "f8"), ("resistance", "f8"), ("hotel", "f8"), ("accuracy", "f8"), ("sigma_A", "f8"), ("sigma_V", "f8"),
+        ("points", "i8"), ("curve", "f8", (MOST_POINTS,)),
+    ],
+    [("charge", "f8"), ("energy", "f8"), ("bias", "f8")],
+)  # fmt: skip
+
+
+@compiled
+def open_circuit(row: Any, charge: float) -> float:
+    """Voltage without load at a charge (part of the capacity), V."""
+    x = charge * (row.points - 1)
+    k = min(int(x), row.points - 2)
+    return float(row.cells * (row.curve[k] + (row.curve[k + 1] - row.curve[k]) * (x - k)))
+
+
+@compiled
+def _loaded(row: Any, conductance: float) -> tuple[float, float]:
+    """Terminal voltage and current: V = E - I R with I = G V + P / V, G the motors' conductance (1/ohm) and P the hotel load.
+
+    A hotel load that the battery cannot carry is cut to what it can.
+    """
+    e, r = open_circuit(row, row.m.charge / row.capacity), row.resistance
+    share, load = 1.0 + r * conductance, row.hotel
+    root = e * e - 4.0 * share * r * load
+    if root <= 0.0:
+        voltage = 0.5 * e / share
+        return voltage, (e - voltage) / r
+    voltage = max(_LEAST * e, 0.5 * (e + math.sqrt(root)) / share)
+    return voltage, (e - voltage) / r if r > 0.0 else conductance * voltage + load / voltage
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Always valid; an empty battery reads 0 V."""
+    m, before = row.m, supply_voltage(head, now)
+    # Thrust follows the voltage, so that motors draw much as a resistance does: with a constant power the two would hunt each other.
+    conductance = power(head, now) / (before * before) if before > 0.0 else 0.0
+    voltage, current = 0.0, 0.0
+    if m.charge > 0.0:
+        voltage, current = _loaded(row, conductance)
+    m.charge = max(0.0, m.charge - current * head.dt)
+    m.energy += voltage * current * head.dt
+    if head.shadow == 0:
+        supply(head, now, voltage)
+    shown, volts = current, voltage
+    if head.exact == 0:
+        a, b = normals(head.key, head.number, SAMPLE, 0)
+        shown, volts = current + row.accuracy * m.bias + row.sigma_A * a, voltage + row.sigma_V * b
+    out[0], out[1], out[2], out[3], out[4] = volts, shown, volts * shown, m.energy, m.charge / row.capacity
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Battery(BankSensor):
     """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
 
     doc = "Battery: voltage under load, current, power, what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
@@ -75,64 +141,32 @@ class Battery(Sensor):
         Field("energy", "J", "delivered since the start"),
         Field("charge", "1", "part of the capacity that is left"),
     )
-    paces = True
+    bank = Bank(_RECORD, run)
+    memory_type = BatteryMemory
     settings: BatterySettings
-    memory: BatteryMemory
 
     def __init__(self, config: BatteryConfig) -> None:
-        self._config = config
-        self._meter = (0.0, 0.0, 0.0) if config.ideal else (
-            config.current_accuracy_A, config.current_sigma_A, config.voltage_sigma_V,
-        )  # fmt: skip
+        self._config, self.exact = config, config.ideal
         self._capacity = config.capacity_Ah * 3600.0
         self.arguments = (
             Argument("hotel_load_W", "float", "power that everything but the thrusters draws", "W", False, minimum=0.0),
         )
-        super().__init__(BatterySettings(config.hotel_load_W))
+        super().__init__(Pose(), BatterySettings(config.hotel_load_W))
 
-    def turn_on(self) -> BatteryMemory:
+    def fill(self, row: Any) -> None:
+        c = self._config
+        row["cells"], row["capacity"], row["resistance"] = c.cells, self._capacity, c.resistance_ohm
+        row["hotel"], row["accuracy"] = self.settings.hotel_load_W, c.current_accuracy_A
+        row["sigma_A"], row["sigma_V"] = c.current_sigma_A, c.voltage_sigma_V
+        row["points"] = len(c.cell_curve_V)
+        row["curve"][: len(c.cell_curve_V)] = c.cell_curve_V
+
+    def turn_on_row(self, memory: Any) -> None:
         """The charge at the start."""
-        return BatteryMemory(self._config.charge * self._capacity, bias=self.rng.standard_normal())
+        memory["charge"], memory["bias"] = self._config.charge * self._capacity, self.drawn(1)[0]
 
     def valid(self, record: Memory | Settings) -> None:
         """No more charge than the battery holds."""
         super().valid(record)
         if isinstance(record, BatteryMemory) and record.charge > self._capacity:
             raise ValueError(f'"charge" is {record.charge:g} A s, the battery holds {self._capacity:g}')
-
-    def sense(self, scope: Scope) -> Measurement:
-        """Always valid; an empty battery reads 0 V."""
-        m, wiring = self.memory, scope.wiring
-        supply = 0.0 if wiring is None else wiring.voltage
-        # Thrust follows the voltage, so that motors draw much as a resistance does: with a constant power the two would hunt each other.
-        conductance = wiring.power() / (supply * supply) if wiring is not None and supply > 0.0 else 0.0
-        voltage, current = self._loaded(conductance) if m.charge > 0.0 else (0.0, 0.0)
-        m.charge = max(0.0, m.charge - current * self.dt)
-        m.energy += voltage * current * self.dt
-        if wiring is not None:
-            wiring.supply(voltage)
-        draws = self.rng.standard_normal(2).tolist()
-        shown = current + self._meter[0] * m.bias + self._meter[1] * draws[0]
-        volts = voltage + self._meter[2] * draws[1]
-        return Measurement([volts, shown, volts * shown, m.energy, m.charge / self._capacity], True)
-
-    def _loaded(self, conductance: float) -> tuple[float, float]:
-        """Terminal voltage and current: V = E - I R with I = G V + P / V, G the motors' conductance (1/ohm) and P the hotel load.
-
-        A hotel load that the battery cannot carry is cut to what it can.
-        """
-        e, r = self.open_circuit(self.memory.charge / self._capacity), self._config.resistance_ohm
-        share, power = 1.0 + r * conductance, self.settings.hotel_load_W
-        root = e * e - 4.0 * share * r * power
-        if root <= 0.0:
-            voltage = 0.5 * e / share
-            return voltage, (e - voltage) / r
-        voltage = max(_LEAST * e, 0.5 * (e + math.sqrt(root)) / share)
-        return voltage, (e - voltage) / r if r > 0.0 else conductance * voltage + power / voltage
-
-    def open_circuit(self, charge: float) -> float:
-        """Voltage without load at a charge (part of the capacity), V."""
-        curve = self._config.cell_curve_V
-        x = charge * (len(curve) - 1)
-        k = min(int(x), len(curve) - 2)
-        return self._config.cells * (curve[k] + (curve[k + 1] - curve[k]) * (x - k))

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta
 
-from uwserver.modifiers.base import Measurement, Memory
+from uwserver.modifiers.base import Memory
+from uwserver.modifiers.operations import rounded_ns
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.bank import Bank, BankSensor, begins, place_of, reading_of, record
+from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
-from uwserver.units import NANOSECONDS
 
 
 class ClockConfig(SensorTable, tag="clock", kw_only=True, frozen=True):
@@ -44,7 +48,26 @@ class ClockMemory(Memory):
     drift: Annotated[float, Meta(ge=-1, le=1)] = 0.0
 
 
-class ClockSensor(Sensor):
+_RECORD = record([], [("offset", "f8"), ("drift", "f8")])
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Always valid."""
+    error_ns = 0 if head.exact != 0 else rounded_ns(row.m.offset + row.m.drift * t)
+    shown = place_of(now).t_ns + error_ns
+    out.view(np.int64)[0] = place_of(now).epoch_ns + shown
+    out[1] = shown / 1e9
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class ClockSensor(BankSensor):
     """Time as the vehicle knows it."""
 
     doc = "UTC and running time by the clock of the vehicle."
@@ -52,21 +75,16 @@ class ClockSensor(Sensor):
         Field("utc_ns", "ns", "nanoseconds since 1970-01-01, UTC without leap seconds", type="int"),
         Field("elapsed", "s", "time since the start of the scenario, by this clock"),
     )
-
-    memory: ClockMemory
+    bank = Bank(_RECORD, run)
+    memory_type = ClockMemory
 
     def __init__(self, config: ClockConfig) -> None:
-        self._config = ClockConfig(rate_hz=config.rate_hz) if config.ideal else config
-        super().__init__()
+        self._config, self.exact = config, config.ideal
+        super().__init__(Pose())
 
-    def turn_on(self) -> ClockMemory:
+    def turn_on_row(self, memory: Any) -> None:
         """Offset (s) and drift."""
         c = self._config
-        offset, drift = self.rng.standard_normal(2).tolist()
-        return ClockMemory(c.offset_s + c.offset_sigma_s * offset, c.drift + c.drift_sigma * drift)
-
-    def sense(self, scope: Scope) -> Measurement:
-        """Always valid."""
-        error_ns = round((self.memory.offset + self.memory.drift * scope.t) * NANOSECONDS)
-        shown = scope.t_ns + error_ns
-        return Measurement([scope.earth.epoch_ns + shown, shown / NANOSECONDS], True)
+        offset, drift = self.drawn(2)
+        memory["offset"] = c.offset_s + c.offset_sigma_s * offset
+        memory["drift"] = c.drift + c.drift_sigma * drift

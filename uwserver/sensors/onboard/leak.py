@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Any
 
 from msgspec import Meta
 
-from uwserver.modifiers.base import Measurement, Memory
+from uwserver.modifiers.base import Memory
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Argument, Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.bank import Bank, BankSensor, begins, gauge_pressure, p_NS, place_of, reading_of, record
+from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
 
@@ -41,33 +45,43 @@ class LeakMemory(Memory):
     volume: Annotated[float, Meta(ge=0)] = 0.0
 
 
-_DISCHARGE = 0.6
+DISCHARGE = 0.6
 """Discharge coefficient of a sharp-edged orifice (Torricelli with contraction), as in any textbook of hydraulics."""
 
 
-class Leak(Sensor):
+_RECORD = record([("area", "f8"), ("threshold", "f8")], [("volume", "f8")])
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Always valid; water comes in as long as there is a hole under pressure."""
+    pressure = gauge_pressure(now, p_NS(head, now), t)
+    if row.area > 0.0 and pressure > 0.0:
+        row.m.volume += DISCHARGE * row.area * math.sqrt(2.0 * pressure / place_of(now).density) * head.dt
+    out[0] = 1.0 if row.m.volume >= row.threshold else 0.0
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Leak(BankSensor):
     """Water counted in its memory, m3."""
 
     doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)
-    draws = False
+    bank = Bank(_RECORD, run)
+    memory_type = LeakMemory
+    exact = True
     settings: LeakSettings
-    memory: LeakMemory
 
     def __init__(self, mount: Pose, config: LeakConfig) -> None:
-        self._mount, self._threshold = mount, config.threshold_m3
+        self._threshold = config.threshold_m3
         self.arguments = (Argument("area_m2", "float", "area of the hole", "m^2", required=False, minimum=0.0),)
-        super().__init__(LeakSettings(config.area_m2))
+        super().__init__(mount, LeakSettings(config.area_m2))
 
-    def turn_on(self) -> LeakMemory:
-        """Dry."""
-        return LeakMemory()
-
-    def sense(self, scope: Scope) -> Measurement:
-        """Always valid."""
-        water = scope.water
-        head = water.pressure(scope.position(self._mount.p), scope.t) - water.atmospheric_pressure
-        if self.settings.area_m2 > 0.0 and head > 0.0:
-            speed = (2.0 * head / water.density) ** 0.5
-            self.memory.volume += _DISCHARGE * self.settings.area_m2 * speed * self.dt
-        return Measurement([self.memory.volume >= self._threshold], True)
+    def fill(self, row: Any) -> None:
+        row["area"], row["threshold"] = self.settings.area_m2, self._threshold

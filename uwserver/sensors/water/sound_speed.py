@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
-from uwserver.modifiers.base import Measurement, Memory, Number
+from typing import Any
+
+from uwserver.environment.column import SOUND_SPEED
+from uwserver.modifiers.base import Memory, Number
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    p_NS,
+    reading_of,
+    record,
+    submergence,
+    water_property,
+)
+from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
 
 
@@ -32,27 +49,43 @@ class SoundSpeedMemory(Memory):
     offset: Number = 0.0
 
 
-class SoundSpeed(Sensor):
+_RECORD = record([("sigma", "f8")], [("offset", "f8")])
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Invalid in air."""
+    p = p_NS(head, now)
+    if submergence(now, p, t) < 0.0:
+        out[0], head.valid = MISSING, 0
+        return
+    out[0] = water_property(now, SOUND_SPEED, p[2])
+    if head.exact == 0:
+        noise, _ = normals(head.key, head.number, SAMPLE, 0)
+        out[0] += row.m.offset + row.sigma * noise
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class SoundSpeed(BankSensor):
     """Speed of sound at the mount."""
 
     doc = "Speed of sound in the water at the mount; no value in air."
     fields = (Field("sound_speed", "m/s", "speed of sound"),)
-
-    memory: SoundSpeedMemory
+    bank = Bank(_RECORD, run)
+    memory_type = SoundSpeedMemory
 
     def __init__(self, mount: Pose, config: SoundSpeedConfig) -> None:
-        self._mount = mount
-        self._accuracy, self._sigma = (0.0, 0.0) if config.ideal else (config.accuracy_mps, config.sigma_mps)
-        super().__init__()
+        self._config, self.exact = config, config.ideal
+        super().__init__(mount)
 
-    def turn_on(self) -> SoundSpeedMemory:
-        """The constant error."""
-        return SoundSpeedMemory(self._accuracy * self.rng.standard_normal())
+    def fill(self, row: Any) -> None:
+        row["sigma"] = self._config.sigma_mps
 
-    def sense(self, scope: Scope) -> Measurement:
-        """Invalid in air."""
-        p_NS = scope.position(self._mount.p)
-        noise = self._sigma * self.rng.standard_normal()
-        if scope.submergence(p_NS) < 0.0:
-            return Measurement([None], False)
-        return Measurement([scope.water.sound_speed(p_NS[2]) + self.memory.offset + noise], True)
+    def turn_on_row(self, memory: Any) -> None:
+        memory["offset"] = self._config.accuracy_mps * self.drawn(1)[0]
