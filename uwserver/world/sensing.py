@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -98,6 +98,8 @@ class Sensing(Part):
         self._plans: dict[int, _Due] = {}
         self._listening: list[SensorSlot] = []
         self._there: set[SensorSlot] = set()
+        self._wanted: Collection[str] | None = None
+        self._heard: Collection[str] = ()
         self._streams: dict[int, SensorStream] = {}
 
     def settle(self) -> None:
@@ -115,10 +117,26 @@ class Sensing(Part):
             (k, s) for slot in self._slots.values() for k, s in zip(slot.stream_numbers, slot.streams, strict=True)
         )
         self._streams = dict(numbered)
-        self._instruments.streams.rows["wanted"][list(self._streams)] = 1
+        self._mark()
         self._instruments.gather(
             {id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values()
         )
+
+    def want(self, ports: Collection[str] | None) -> None:
+        """Only samples of these ports are made; None for all. Those that parts of the world hear are always made."""
+        self._wanted = ports
+        self._mark()
+
+    def hear(self, ports: Collection[str]) -> None:
+        """Parts of the world hear these ports."""
+        self._heard = ports
+        self._mark()
+
+    def _mark(self) -> None:
+        rows, wanted = self._instruments.streams.rows["wanted"], self._wanted
+        for k, stream in self._streams.items():
+            path = stream.port.path
+            rows[k] = wanted is None or path in wanted or path in self._heard or bool(stream.columns.loose)
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -174,7 +174,15 @@ class World:
         for part in everybody:
             for port in part.hears:
                 self._ears.setdefault(port, []).append(part)
+        self._sensing.hear(self._ears)
         self._sensing.schedule()
+
+    def want(self, ports: Collection[str] | None) -> None:
+        """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all.
+
+        Sensors measure and count whether anybody reads them or not, and `read` gives the newest sample of any port.
+        """
+        self._sensing.want(ports)
 
     def _set_solids(self) -> None:
         if self.scene is None:
