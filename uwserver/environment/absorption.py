@@ -28,12 +28,8 @@ def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: 
     sulphate = 8.17 * math.pow(10.0, 8.0 - 1990.0 / kelvin) / (1.0 + 0.0018 * (s - 35.0))
     a1 = 8.86 / c * math.pow(10.0, 0.78 * ph - 5.0)
     a2 = 21.44 * s / c * (1.0 + 0.025 * t) * (1.0 - 1.37e-4 * d + 6.2e-9 * d * d)
-    a3 = _pure_water(t) * (1.0 - 3.83e-5 * d + 4.9e-10 * d * d)
+    cold = 4.937e-4 - 2.59e-5 * t + 9.11e-7 * t * t - 1.50e-8 * t * t * t
+    warm = 3.964e-4 - 1.146e-5 * t + 1.45e-7 * t * t - 6.5e-10 * t * t * t
+    a3 = (cold if t <= 20.0 else warm) * (1.0 - 3.83e-5 * d + 4.9e-10 * d * d)
     relaxing = a1 * boric / (f2 + boric * boric) + a2 * sulphate / (f2 + sulphate * sulphate)
     return (relaxing + a3) * f2 * _DB_PER_M
-
-
-def _pure_water(t: float) -> float:
-    if t <= 20.0:
-        return 4.937e-4 - 2.59e-5 * t + 9.11e-7 * t * t - 1.50e-8 * t * t * t
-    return 3.964e-4 - 1.146e-5 * t + 1.45e-7 * t * t - 6.5e-10 * t * t * t

@@ -28,7 +28,7 @@ def place_row(water: Water, earth: Earth) -> Any:
     place = np.zeros(1, PLACE)
     row = place[0]
     row["gravity"], row["density"], row["atmosphere"] = water.gravity, water.density, water.atmospheric_pressure
-    row["current"] = water.current
+    row["current"], row["ph"] = water.current, water.column.ph
     row["moves"] = water.sea is not None
     row["latitude"], row["longitude"], row["epoch_ns"] = earth.latitude, earth.longitude, earth.epoch_ns
     row["declination"], row["magnetic"] = earth.declination, earth.magnetic
@@ -58,6 +58,7 @@ class Alone:
             "electrics": electrics,
             "lags": lags,
             "place": place_row(scope.water, scope.earth),
+            "lambert": scope.lambert,
             **water_arrays(scope.water),
         }
         self.arrays["place"]["t_ns"] = scope.t_ns

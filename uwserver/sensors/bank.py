@@ -24,10 +24,11 @@ from msgspec import Struct, convert, structs
 from uwserver.frames import conjugate as conjugated
 from uwserver.modifiers.base import Measurement, Memory
 from uwserver.modifiers.columns import Columns
-from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
+from uwserver.physics.rays.raycast import Geometry, no_hits
 from uwserver.ports import Json
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
 
@@ -49,6 +50,7 @@ HEAD = np.dtype(
         ("latency_ns", "i8"),
         ("exact", "i8"),  # 1: it has no errors of its own
         ("silent", "i8"),  # 1: a fault keeps it from reading
+        ("rays", "i8"),  # how many it casts at most at a time
         ("shadow", "i8"),  # 1: it is only asked what it would read without errors, and must act on nothing
         # Of the last reading, as `modifiers.Measurement`:
         ("ready", "i8"),  # 0: it had none to give
@@ -79,6 +81,9 @@ water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence 
 magnetic_field, nu_dot_at, tau_at = (
     Elsewhere(_INSTANT, "magnetic_field"), Elsewhere(_INSTANT, "nu_dot_at"), Elsewhere(_INSTANT, "tau_at"),
 )  # fmt: skip
+sound_absorption, echo_of, meet_surface = (
+    Elsewhere(_INSTANT, "absorption"), Elsewhere(_INSTANT, "echo_of"), Elsewhere(_INSTANT, "meet_surface"),
+)  # fmt: skip
 shaft_speed, power, supply_voltage, supply = (
     Elsewhere(_INSTANT, name) for name in ("shaft_speed", "power", "supply_voltage", "supply")
 )
@@ -105,10 +110,45 @@ def record(parameters: list[Any], memory: list[Any] | None = None) -> np.dtype[A
 
 
 class Bank(NamedTuple):
-    """What a kind gives its bank: the record of one sensor, and the loop over those that are due."""
+    """What a kind gives its bank.
+
+    Attributes:
+        record: of one sensor.
+        run: the loop over those that are due; where there are `aims`, with what their last rays hit.
+        aims: loops that cast rays, each after what those of the one before have hit.
+    """
 
     record: np.dtype[Any]
     run: Deferred
+    aims: tuple[Deferred, ...] = ()
+
+
+def read(
+    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
+) -> None:
+    """Let sensors of a kind read.
+
+    A loop that aims gets what `run` gets, and after it arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
+    ray with which those of each sensor begin; then `Hits` of the rays that were in these arrays before. It returns how far the rays reach, m.
+
+    Args:
+        bank: of the kind.
+        heads, rows, numbers: arrays in which the sensors lie.
+        due: (m) numbers of heads.
+        now: the world (`instant.FORMS`).
+        t: time, s.
+        solids: what rays can hit.
+    """
+    if not bank.aims:
+        bank.run.made()(heads, rows, numbers, due, now, t)
+        return
+    origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
+    first, hits = np.zeros(len(due) + 1, np.int64), no_hits(0)
+    for aim in bank.aims:
+        reach = aim.made()(heads, rows, numbers, due, now, t, origin, direction, first, hits)
+        count = int(first[-1])
+        hits = solids.raycast(origin[:count], direction[:count], reach) if count else no_hits(0)
+    bank.run.made()(heads, rows, numbers, due, now, t, direction, first, hits)
 
 
 class BankSensor(Sensor):
@@ -117,6 +157,7 @@ class BankSensor(Sensor):
     Attributes:
         bank: of its kind.
         exact: it has no errors of its own.
+        rays: how many it casts at most at a time.
         heads, head: rows of HEAD, and its number there.
         rows, row: rows of the bank's records, and its number there.
         key: of its random numbers; None until it is switched on.
@@ -125,13 +166,14 @@ class BankSensor(Sensor):
     bank: ClassVar[Bank]
     memory_type: ClassVar[type[Memory]] = Memory
     exact = False
+    rays = 0
 
     def __init__(self, mount: Pose, settings: Settings | None = None) -> None:
         self.heads, self.rows = Pool(HEAD, 1), Pool(self.bank.record, 1)
         self.head, self.row = self.heads.take(1), self.rows.take(1)
         head = self.heads.rows[self.head]
         head["p"], head["q"], head["to_S"] = mount.p, mount.q, conjugated(mount.q)
-        head["exact_first"], head["exact"] = -1, self.exact
+        head["exact_first"], head["exact"], head["rays"] = -1, self.exact, self.rays
         self.key: int | None = None
         if settings is not None:
             self.settings = settings
@@ -200,7 +242,8 @@ class BankSensor(Sensor):
         numbers = np.zeros(max(1, columns.width))
         head = self.heads.rows[self.head]
         head["width"], head["dt"] = columns.width, self.dt
-        self.bank.run(self.heads.rows, self.rows.rows, numbers, np.array([self.head]), there.table, scope.t)
+        due = np.array([self.head])
+        read(self.bank, self.heads.rows, self.rows.rows, numbers, due, there.table, scope.t, scope.geometry)
         if not head["ready"]:
             return None
         head["number"] += 1

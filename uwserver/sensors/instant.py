@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from uwserver import frames
+from uwserver.environment import absorption as sound
 from uwserver.environment import geodesy
-from uwserver.environment.column import DEPTH, PRESSURE
+from uwserver.environment.column import DEPTH, PRESSURE, SALINITY, TEMPERATURE
+from uwserver.environment.materials import SURFACE_DB
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water_at
 from uwserver.physics.kernel.arrays import Array
@@ -29,12 +31,15 @@ from uwserver.physics.kernel.layout import (
     SeaRows,
     columns,
 )
+from uwserver.physics.rays.echoes import Ground, returned
+from uwserver.physics.rays.raycast import SURFACE
 from uwserver.sensors.wiring import ELECTRIC
 
 PLACE = np.dtype(
     [
         ("gravity", "f8"),
         ("density", "f8"),  # kg/m3, which forces act with
+        ("ph", "f8"),
         ("atmosphere", "f8"),  # Pa at the surface
         ("current", "f8", (3,)),  # steady part of the water's velocity in N, m/s
         ("moves", "i8"),  # 1: there is a sea, with more than that
@@ -57,6 +62,7 @@ FORMS: Forms = {
     "electrics": ELECTRIC,
     "lags": LAG,
     "place": PLACE,
+    "lambert": columns(np.float64),
     "column": columns(np.float64, 6),
     "uniform": columns(np.float64),
     "profiles": columns(np.float64, PROFILE_SIZE),
@@ -67,10 +73,12 @@ FORMS: Forms = {
 state_at, nu_dot_at, tau_at = array_at(FORMS, "state"), array_at(FORMS, "nu_dot"), array_at(FORMS, "tau")
 _bodies_at, _electrics_at = array_at(FORMS, "bodies"), array_at(FORMS, "electrics")
 _thrusters_at, _lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
+_lambert_at = array_at(FORMS, "lambert")
 _places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
 _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
 
 rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
+_absorption = compiled(sound.absorption)
 latitude_longitude = compiled(geodesy.latitude_longitude)
 conjugate, quat_from_rpy, rpy_from_quat = (
     compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat),
@@ -291,3 +299,30 @@ def supply(head: Any, now: Array, voltage: float) -> None:
             thrusters[k].voltage, thrusters[k].fresh = voltage, 1
             if voltage == 0.0:
                 thrusters[k].efficiency = 0.0
+
+
+MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
+
+
+@compiled
+def absorption(now: Array, frequency: float, depth: float) -> float:
+    """Absorption of sound of a frequency (Hz), dB/m, at a depth (m)."""
+    temperature, salinity = water_property(now, TEMPERATURE, depth), water_property(now, SALINITY, depth)
+    return _absorption(frequency, temperature, salinity, depth, place_of(now).ph)
+
+
+@compiled
+def echo_of(now: Array, direction: Array, normal: Array, body: int, material: int) -> float:
+    """Intensity that a square metre of what a ray hits scatters back at 1 m, per unit of incident intensity."""
+    return returned(direction, normal, body, material, Ground(_lambert_at(now), MU_SURFACE))
+
+
+@compiled
+def meet_surface(height: float, direction: Array, limit: float, k: int, hits: Any) -> None:
+    """Let ray k meet the sea surface, level and `height` (m) above its start, if that is nearer than what it hits."""
+    if direction[k, 2] < 0.0:
+        reached = -height / direction[k, 2]
+        if reached < hits.distance[k] and reached <= limit:
+            hits.distance[k] = reached
+            hits.normal[k, 0], hits.normal[k, 1], hits.normal[k, 2] = 0.0, 0.0, 1.0
+            hits.body[k] = hits.material[k] = SURFACE

@@ -14,11 +14,20 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.rays.raycast import Geometry
 from uwserver.sensors.alone import place_row, water_arrays
-from uwserver.sensors.bank import HEAD, Bank
+from uwserver.sensors.bank import HEAD, Bank, read
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 
 _SLOTS = 64
+
+
+class Around(NamedTuple):
+    """What sensors see besides bodies and water: where N lies, solid things, and the backscatter of their materials."""
+
+    earth: Earth
+    solids: Geometry
+    lambert: FloatArray
 
 
 class Delivered(NamedTuple):
@@ -41,12 +50,12 @@ class Instruments:
         next_ns: when the next sample on its way arrives.
     """
 
-    def __init__(self, hydro: Hydrodynamics, water: Water, earth: Callable[[], Earth]) -> None:
-        """Of a world with these bodies, this water, and a place on the Earth."""
+    def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
+        """Of a world with these bodies and this water; `around` tells what else there is."""
         from uwserver.world import delivery
 
         self._delivery = delivery
-        self._hydro, self._water, self._earth = hydro, water, earth
+        self._hydro, self._water, self._around = hydro, water, around
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(delivery.STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
@@ -63,10 +72,9 @@ class Instruments:
 
     def gather(self, wirings: Iterable[Wiring]) -> None:
         """Find all arrays again: after sensors or bodies came or went."""
-        hydro = self._hydro
-        self._of = hydro.table
+        hydro, around = self._hydro, self._around()
         self.nu_dot, self.tau = np.zeros((len(hydro), 6)), np.zeros((len(hydro), 6))
-        self._place = place_row(self._water, self._earth())
+        self._place = place_row(self._water, around.earth)
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
@@ -81,6 +89,7 @@ class Instruments:
             "electrics": electrics,
             "lags": hydro.lags,
             "place": self._place,
+            "lambert": around.lambert,
             **water_arrays(self._water),
         }
         self.now: IntArray = layout.addresses(instant.FORMS, self._seen)
@@ -159,7 +168,8 @@ class Instruments:
 
     def read(self, bank: Bank, due: IntArray, t: float) -> None:
         """Let sensors of a kind (numbers of heads) read the world."""
-        bank.run.made()(self.heads.rows, self._banks[id(bank)].rows, self.numbers.rows, due, self.now, t)
+        rows = self._banks[id(bank)].rows
+        read(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, t, self._around().solids)
 
     def deliver(self, due: IntArray, t_ns: int, begins: bool, most: int) -> int:
         """See `delivery.deliver`; `most`: so many samples can come of these readings. Returns how many samples of this tick somebody reads."""

@@ -19,7 +19,7 @@ from uwserver.sensors.base import SEDIMENT
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
-from uwserver.world.instruments import Instruments
+from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population
 from uwserver.world.part import Carry, Part, Stage, takes_part
 from uwserver.world.reading import Reading
@@ -90,7 +90,7 @@ class World:
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
         self._ears: dict[str, list[Part]] = {}
-        self.instruments = Instruments(hydro, water, lambda: self.earth)
+        self.instruments = Instruments(hydro, water, lambda: Around(self.earth, self.geometry, self.lambert))
         self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(

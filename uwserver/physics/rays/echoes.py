@@ -69,9 +69,15 @@ def backscatter(
     """
     ground = Ground(lambert, surface)
     for i in range(len(out)):
-        sine = normal[i, 0] * direction[i, 0] + normal[i, 1] * direction[i, 1] + normal[i, 2] * direction[i, 2]
-        sine = max(abs(sine), _LEAST_GRAZING)
-        out[i] = _mu(bodies[i], material[i], ground) * sine * sine
+        out[i] = returned(direction[i], normal[i], bodies[i], material[i], ground)
+
+
+@compiled
+def returned(direction: Array, normal: Array, body: int, material: int, ground: Ground) -> float:
+    """The same of one ray."""
+    sine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
+    sine = max(abs(sine), _LEAST_GRAZING)
+    return _mu(body, material, ground) * sine * sine
 
 
 @compiled

@@ -3,28 +3,50 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3, matrix
-from uwserver.modifiers.base import Measurement, Memory, Time
-from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.raycast import NOTHING, Hits
+from uwserver.environment.column import SOUND_SPEED
+from uwserver.frames import Vec3
+from uwserver.modifiers.base import Memory, Time
+from uwserver.modifiers.operations import rounded_ns
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
+from uwserver.physics.rays.raycast import NOTHING
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    conjugate,
+    echo_of,
+    meet_surface,
+    p_NS,
+    q_NS,
+    reading_of,
+    record,
+    rotate,
+    sound_absorption,
+    submergence,
+    water_property,
+)
+from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings, SoundSpeed
 from uwserver.table import NonNegative, Positive, Probability
-from uwserver.units import NANOSECONDS, rad
+from uwserver.units import rad
 
+MOST_HEARD = 4
+"""Bodies in the cone that are told apart in one ping; of more the nearest."""
 THRESHOLD_DB = 6.0
 """Signal over noise at which half of the echoes are found."""
-_SLOPE_DB = 1.5
+SLOPE_DB = 1.5
 """How fast the chance of detection grows about the threshold: logistic."""
-_SURE_DB = 20.0
+SURE_DB = 20.0
 """So far above the threshold the device is sure."""
-_BEYOND = 1.2
+BEYOND = 1.2
 """Rays look so much farther than the device: a bottom at its largest range fills the cone."""
 
 
@@ -86,7 +108,211 @@ class AltimeterMemory(Memory):
     ready: Time = 0.0
 
 
-class Altimeter(Sensor):
+_RECORD = record(
+    [
+        ("half", "f8"), ("rings", "i8"), ("frequency", "f8"), ("low", "f8"), ("high", "f8"), ("reach", "f8"), ("gain", "f8"),
+        ("sigma", "f8"), ("relative", "f8"), ("sound_speed", "f8"), ("loss", "f8"), ("multiples", "f8"), ("processing", "f8"),
+        # Bodies that this ping hears: how many, which, how far, and how far above the threshold.
+        ("heard", "i8"), ("body", "i8", (MOST_HEARD,)), ("distance", "f8", (MOST_HEARD,)), ("excess", "f8", (MOST_HEARD,)),
+    ],
+    [("ready", "f8")],
+)  # fmt: skip
+
+
+@compiled
+def cone(half: float, rings: int, k: int, j: int) -> Vec3:
+    """Ray j of ring k about z, of rays spread evenly over a cone of this half angle (rad); ring 0 is the axis, ring k has 6 k rays."""
+    if k == 0:
+        return 0.0, 0.0, 1.0
+    angle = half * k / rings
+    # Each ring is turned against the last, so that no plane holds more rays than others.
+    azimuth = 2.0 * math.pi * (j + 0.5 * (k % 2)) / (6 * k)
+    return math.sin(angle) * math.cos(azimuth), math.sin(angle) * math.sin(azimuth), math.cos(angle)
+
+
+@entry
+def aim(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """The rays of the cone; none while the last ping is not over, or in the air."""
+    count, reach = 0, 0.0
+    for n, k in enumerate(due):
+        head = heads[k]
+        first[n] = count
+        if not begins(head):
+            continue
+        row = rows[head.row]
+        if t < row.m.ready - 1e-6:
+            head.ready = 0
+            continue
+        p, q = p_NS(head, now), q_NS(head, now)
+        if submergence(now, p, t) > 0.0:
+            for ring in range(row.rings + 1):
+                for j in range(max(1, 6 * ring)):
+                    origin[count, 0], origin[count, 1], origin[count, 2] = p
+                    direction[count, 0], direction[count, 1], direction[count, 2] = rotate(
+                        q, cone(row.half, row.rings, ring, j)
+                    )
+                    count += 1
+            reach = max(reach, BEYOND * row.reach)
+    first[len(due)] = count
+    return reach
+
+
+@compiled
+def _note(row: Any, body: int, distance: float, excess: float) -> None:
+    """Keep a body among those that are heard, of too many the nearest."""
+    k = row.heard
+    if k == MOST_HEARD:
+        k = 0
+        for i in range(MOST_HEARD):
+            k = i if row.distance[i] > row.distance[k] else k
+        if row.distance[k] <= distance:
+            return
+    else:
+        row.heard += 1
+    row.body[k], row.distance[k], row.excess[k] = body, distance, excess
+
+
+@compiled
+def _power(head: Any, row: Any, now: Array, loss: float, direction: Array, k: int, hits: Any) -> float:
+    """Signal over noise that a ray brings: an extended bottom loses 20 lg r + 2 alpha r; sediment that fills the cone at the largest range is
+    just heard."""
+    r = min(max(hits.distance[k], 1e-3), BEYOND * row.reach)
+    rays = 1 + 3 * row.rings * (row.rings + 1)
+    back = echo_of(now, direction[k], hits.normal[k], hits.body[k], hits.material[k])
+    level = (row.reach / r) ** 2 * 10.0 ** (loss * (row.reach - r)) * back
+    return float(level * 10.0 ** (0.1 * THRESHOLD_DB) / (MU_SEDIMENT * rays))
+
+
+@compiled
+def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: int, end: int, hits: Any) -> None:
+    """Find the bodies that this ping hears, how far the nearest ray finds each, and how far its echo stands above the threshold."""
+    p = p_NS(head, now)
+    height, limit = submergence(now, p, t), BEYOND * row.reach
+    loss = 0.2 * sound_absorption(now, row.frequency, p[2])
+    chance, _ = uniforms(head.key, head.number, SAMPLE, 0)
+    # A logistic about the threshold, so that weak echoes come and go.
+    luck = math.log(max(chance, 1e-12) / max(1.0 - chance, 1e-12))
+    threshold = THRESHOLD_DB - row.gain + SLOPE_DB * luck
+    row.heard = 0
+    for k in range(begin, end):
+        if hits.distance[k] > limit:
+            hits.distance[k], hits.body[k] = math.inf, NOTHING
+        meet_surface(height, direction, limit, k, hits)
+    for k in range(begin, end):
+        body, seen = hits.body[k], False
+        for i in range(begin, k):
+            seen = seen or hits.body[i] == body
+        if body == NOTHING or seen:
+            continue
+        power, nearest = 0.0, math.inf
+        for i in range(k, end):
+            if hits.body[i] == body:
+                power += _power(head, row, now, loss, direction, i, hits)
+                nearest = min(nearest, hits.distance[i])
+        excess = 10.0 * math.log10(max(power, 1e-30)) - threshold
+        if head.exact != 0 or excess >= 0.0:
+            _note(row, body, nearest, excess)
+
+
+@compiled
+def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: Any) -> Vec3:
+    """Direction in N of the nearest point of body n in the cone: the foot of the perpendicular on what its nearest ray hits, or the point at the
+    edge of the cone that comes closest to it."""
+    ray = begin
+    for i in range(begin, end):
+        if hits.body[i] == row.body[n] and hits.distance[i] == row.distance[n]:
+            ray = i
+            break
+    normal, q = hits.normal[ray], q_NS(head, now)
+    x, y, z = rotate(conjugate(q), (-normal[0], -normal[1], -normal[2]))
+    across = math.hypot(x, y)
+    if math.atan2(across, z) > row.half:
+        side = math.sin(row.half) / max(across, 1e-12)
+        x, y, z = x * side, y * side, math.cos(row.half)
+    return rotate(q, (x, y, z))
+
+
+@entry
+def refine(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """One ray to the nearest point of each body that is heard. No sensor casts more of them than it cast before."""
+    count, begin, reach = 0, first[0], 0.0
+    for n, k in enumerate(due):
+        end, head = first[n + 1], heads[k]
+        first[n] = count
+        if end > begin:
+            row, p = rows[head.row], p_NS(head, now)
+            _bodies(head, row, now, t, direction, begin, end, hits)
+            for i in range(row.heard):
+                toward = _foot(head, row, now, begin, end, i, hits)
+                origin[count, 0], origin[count, 1], origin[count, 2] = p
+                direction[count, 0], direction[count, 1], direction[count, 2] = toward
+                count += 1
+            reach = max(reach, BEYOND * row.reach)
+        else:
+            rows[head.row].heard = 0
+        begin = end
+    first[len(due)] = count
+    return reach
+
+
+@compiled
+def _nearest(head: Any, row: Any, now: Array, t: float, direction: Array, first: int, hits: Any) -> tuple[float, float]:
+    """Distance (m) of the nearest body that is heard, inf for none, and how far it stands above the threshold."""
+    height, best, excess = submergence(now, p_NS(head, now), t), math.inf, 0.0
+    for i in range(row.heard):
+        meet_surface(height, direction, BEYOND * row.reach, first + i, hits)
+        reach = row.distance[i]
+        if hits.body[first + i] == row.body[i]:
+            reach = min(reach, hits.distance[first + i])
+        if reach < best:
+            best, excess = reach, row.excess[i]
+    return best, excess
+
+
+@compiled
+def _taken(head: Any, row: Any, reach: float, excess: float) -> tuple[float, float]:
+    """Range (m) of the echo that is taken for the first, inf for none, and how far it stands above the threshold."""
+    if head.exact != 0:
+        return (reach if row.low <= reach <= row.high else math.inf), SURE_DB
+    _, wrong = uniforms(head.key, head.number, SAMPLE, 0)
+    trips = 1
+    # Within the blanking the device is deaf: it takes the first multiple behind it.
+    while reach > 0.0 and (trips * reach < row.low or (trips == 1 and wrong < row.multiples)):
+        trips += 1
+        excess -= row.loss + 20.0 * math.log10(trips / (trips - 1))
+    return (math.inf if excess < 0.0 or trips * reach > row.high else trips * reach), excess
+
+
+@entry
+def run(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+) -> None:  # fmt: skip
+    for n, k in enumerate(due):
+        head = heads[k]
+        if head.ready == 0:
+            continue
+        row, out = rows[head.row], reading_of(head, numbers)
+        c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
+        wait = 2.0 * row.high / c
+        row.m.ready = t + wait
+        out[0], out[1], head.valid = MISSING, MISSING, 0
+        if row.heard > 0:
+            reach, excess = _nearest(head, row, now, t, direction, first[n], hits)
+            reach, excess = _taken(head, row, reach, excess)
+            if reach < math.inf:
+                wait, head.valid, out[0], out[1] = 2.0 * reach / c, 1, reach, min(1.0, excess / SURE_DB)
+                if head.exact == 0:
+                    believed = reach * (row.sound_speed / c if row.sound_speed > 0.0 else 1.0)
+                    noise, _ = normals(head.key, head.number, SAMPLE, 1)
+                    out[0] = believed + math.hypot(row.sigma, row.relative * believed) * noise
+        head.delay_ns = rounded_ns(wait + row.processing)
+
+
+class Altimeter(BankSensor):
     """Range of the first echo and the confidence in it."""
 
     doc = "Echosounder: range of the first echo in a cone along the sensor's z, and the confidence in it; invalid without echo."
@@ -94,15 +320,12 @@ class Altimeter(Sensor):
         Field("range", "m", "distance of the first echo"),
         Field("confidence", "1", "how far the echo stands out of the noise, 0 to 1"),
     )
-    paces = True
+    bank = Bank(_RECORD, run, (aim, refine))
+    memory_type = AltimeterMemory
     settings: AltimeterSettings
-    memory: AltimeterMemory
 
     def __init__(self, mount: Pose, config: AltimeterConfig) -> None:
-        self._mount, self._config = mount, config
-        self._half = rad(config.beam_width_deg) / 2.0
-        self._cone = cone(self._half, config.rings)
-        self._absorption = Absorption(config.frequency_hz)
+        self._config, self.exact, self.rays = config, config.ideal, 1 + 3 * config.rings * (config.rings + 1)
         low, high = config.min_range_m, config.max_range_m
         self.arguments = (
             Argument("range", "float", "how far it listens", "m", False, minimum=low, maximum=high),
@@ -110,112 +333,11 @@ class Altimeter(Sensor):
             Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
+        super().__init__(mount, AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
 
-    def load_kernels(self) -> None:
-        load_kernels()
-
-    def turn_on(self) -> AltimeterMemory:
-        """Ready at once."""
-        return AltimeterMemory()
-
-    def sense(self, scope: Scope) -> Measurement | None:
-        """A ping; None while the last one is not over."""
-        now = scope.t
-        if now < self.memory.ready - 1e-6:
-            return None
-        p_NS = scope.position(self._mount.p)
-        c = scope.water.sound_speed(p_NS[2])
-        listening = 2.0 * self.settings.range / c
-        found = self._echo(scope, p_NS) if scope.submergence(p_NS) > 0.0 else None
-        self.memory.ready = now + listening
-        wait = listening + self._config.processing_s
-        if found is None:
-            reading = Measurement(blank(self.fields), False)
-        else:
-            reach, confidence = found
-            wait = 2.0 * reach / c + self._config.processing_s
-            reading = Measurement([self._believed(reach, c), confidence], True)
-        reading.delay_ns = round(wait * NANOSECONDS)
-        return reading
-
-    def _believed(self, reach: float, c: float) -> float:
-        """What the device makes of a range."""
-        config = self._config
-        if config.ideal:
-            return reach
-        if self.settings.sound_speed:
-            reach *= self.settings.sound_speed / c
-        sigma = math.hypot(config.range_sigma_m, config.range_sigma_relative * reach)
-        return reach + sigma * self.rng.standard_normal()
-
-    def _echo(self, scope: Scope, p_NS: Vec3) -> tuple[float, float] | None:
-        """Range (m) of the echo that is taken for the first, and the confidence."""
-        config, high = self._config, self.settings.range
-        R = np.array(matrix(scope.attitude(self._mount.q)))
-        direction = self._cone @ R.T
-        hits = cast(scope, p_NS, direction, _BEYOND * config.max_range_m)
-        bodies = sorted({*hits.body.tolist()} - {NOTHING})
-        if config.ideal:
-            ranges = [self._nearest(scope, p_NS, R, direction, hits, body) for body in bodies]
-            nearest = min(ranges, default=math.inf)
-            return (nearest, 1.0) if config.min_range_m <= nearest <= high else None
-        chance, wrong = self.rng.random(2).tolist()
-        power = self._power(scope, hits, direction, p_NS[2])
-        audible: list[tuple[float, float]] = []
-        for body in bodies:
-            excess = 10.0 * math.log10(max(float(power[hits.body == body].sum()), 1e-30)) - self._threshold(chance)
-            if excess >= 0.0:
-                audible.append((self._nearest(scope, p_NS, R, direction, hits, body), excess))
-        if not audible:
-            return None
-        reach, excess = min(audible)
-        trips = 1
-        # Within the blanking the device is deaf: it takes the first multiple behind it.
-        while trips * reach < config.min_range_m or (trips == 1 and wrong < config.multiple_probability):
-            trips += 1
-            excess -= config.multiple_loss_db + 20.0 * math.log10(trips / (trips - 1))
-        if excess < 0.0 or trips * reach > high:
-            return None
-        return trips * reach, min(1.0, excess / _SURE_DB)
-
-    def _threshold(self, chance: float) -> float:
-        """Signal over noise (dB) that this ping needs: logistic about the threshold, so that weak echoes come and go."""
-        luck = math.log(max(chance, 1e-12) / max(1.0 - chance, 1e-12))
-        return THRESHOLD_DB - self.settings.gain + _SLOPE_DB * luck
-
-    def _power(self, scope: Scope, hits: Hits, direction: FloatArray, z: float) -> FloatArray:
-        """(n) signal over noise that each ray brings: an extended bottom loses 20 lg r + 2 alpha r; sediment that fills the cone at the largest
-        range is just heard."""
-        reach = self._config.max_range_m
-        loss = 0.2 * self._absorption.at(scope, z)
-        r = np.clip(hits.distance, 1e-3, _BEYOND * reach)
-        level: FloatArray = (reach / r) ** 2 * 10.0 ** (loss * (reach - r)) * scattering(scope, hits, direction)
-        level *= 10.0 ** (0.1 * THRESHOLD_DB) / (MU_SEDIMENT * len(direction))
-        return level
-
-    def _nearest(self, scope: Scope, p_NS: Vec3, R: FloatArray, direction: FloatArray, hits: Hits, body: int) -> float:
-        """Distance (m) of the nearest point of a body in the cone: the foot of the perpendicular on what the nearest ray hits, or the point
-        at the edge of the cone that comes closest to it, unless the rays know better."""
-        distance = np.where(hits.body == body, hits.distance, math.inf)
-        k = int(distance.argmin())
-        best = float(distance[k])
-        foot = -R.T @ hits.normal[k]
-        across = math.hypot(foot[0], foot[1])
-        if math.atan2(across, foot[2]) > self._half:
-            side = math.sin(self._half) / max(across, 1e-12)
-            foot = np.array((foot[0] * side, foot[1] * side, math.cos(self._half)))
-        again = cast(scope, p_NS, (R @ foot)[None, :], _BEYOND * self._config.max_range_m)
-        return min(best, float(again.distance[0])) if again.body[0] == body else best
-
-
-def cone(half: float, rings: int) -> FloatArray:
-    """(n, 3) unit rays about z, spread evenly over a cone of this half angle (rad): the axis, and ring k of 6 k rays."""
-    rays = [(0.0, 0.0, 1.0)]
-    for k in range(1, rings + 1):
-        angle = half * k / rings
-        for j in range(6 * k):
-            # Each ring is turned against the last, so that no plane holds more rays than others.
-            azimuth = 2.0 * math.pi * (j + 0.5 * (k % 2)) / (6 * k)
-            rays.append((math.sin(angle) * math.cos(azimuth), math.sin(angle) * math.sin(azimuth), math.cos(angle)))
-    return np.array(rays)
+    def fill(self, row: Any) -> None:
+        c, s = self._config, self.settings
+        row["half"], row["rings"], row["frequency"] = rad(c.beam_width_deg) / 2.0, c.rings, c.frequency_hz
+        row["low"], row["high"], row["reach"], row["gain"] = c.min_range_m, s.range, c.max_range_m, s.gain
+        row["sigma"], row["relative"], row["sound_speed"] = c.range_sigma_m, c.range_sigma_relative, s.sound_speed
+        row["loss"], row["multiples"], row["processing"] = c.multiple_loss_db, c.multiple_probability, c.processing_s

@@ -3,22 +3,53 @@
 from __future__ import annotations
 
 import math
-from operator import mul
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3, conjugate, matrix, rotate
-from uwserver.modifiers.base import Measurement, Memory, Number, Time
-from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.raycast import SURFACE, Hits
-from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
-from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, out_of_range
+from uwserver.environment.column import SOUND_SPEED
+from uwserver.frames import Vec3, matrix
+from uwserver.modifiers.base import Memory, Number, Time
+from uwserver.modifiers.operations import rounded_ns
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import Elsewhere, compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
+from uwserver.physics.rays.raycast import NOTHING, SURFACE
+from uwserver.ports import Argument, Field
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    conjugate,
+    echo_of,
+    meet_surface,
+    p_NS,
+    q_NB,
+    q_NS,
+    q_SB,
+    reading_of,
+    record,
+    rotate,
+    sound_absorption,
+    submergence,
+    velocity_of,
+    water_property,
+    water_velocity,
+)
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
-from uwserver.units import NANOSECONDS, rad
+from uwserver.units import rad
 
+solve = Elsewhere("uwserver.physics.kernel.linear", "solve")
+
+MOST_BEAMS, MOST_MODES = 12, 8
+ALTITUDE, MERIT, COVARIANCE, BEAMS = 3, 4, 5, 14
+"""Places in a reading of n beams; velocities, ranges and locks of the beams follow each other, and then the velocity relative to the water."""
+_WATER, _MISTAKES = 16, 32
+"""Lanes of random numbers: of the water track, and of wrong echoes; each beam's own noise begins at 0."""
 THRESHOLD = 4.0
 """Signal over noise (ratio of intensities) at which a beam has lock: 6 dB."""
 _CLEAR = 0.8
@@ -54,7 +85,12 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
     ideal: bool = False
     frequency_hz: Positive = 1e6
     beam_angle_deg: Annotated[float, Meta(gt=0, lt=60)] = 22.5
-    beam_azimuth_deg: Annotated[tuple[float, ...], Meta(min_length=3)] = (45.0, 135.0, 225.0, 315.0)
+    beam_azimuth_deg: Annotated[tuple[float, ...], Meta(min_length=3, max_length=MOST_BEAMS)] = (
+        45.0,
+        135.0,
+        225.0,
+        315.0,
+    )
     min_altitude_m: NonNegative = 0.05
     max_altitude_m: Positive = 50.0
     max_speed_mps: Positive = 10.0
@@ -67,7 +103,7 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
     false_echo_probability: Probability = 0.0
     false_echo_sigma_mps: NonNegative = 0.5
     processing_s: NonNegative = 0.0
-    range_modes: tuple[tuple[NonNegative, Positive, Positive], ...] = ()
+    range_modes: Annotated[tuple[tuple[NonNegative, Positive, Positive], ...], Meta(max_length=MOST_MODES)] = ()
     range_mode: Annotated[int, Meta(ge=-1)] = -1
     tracking: Literal["bottom", "water", "both"] = "both"
     water_near_m: NonNegative = 1.5
@@ -109,47 +145,283 @@ class DvlMemory(Memory):
     mode: Annotated[int, Meta(ge=0)] = 0
 
 
-class Dvl(Sensor):
+_RECORD = record(
+    [
+        ("beams", "i8"), ("believed", "f8", (MOST_BEAMS, 3)), ("real", "f8", (MOST_BEAMS, 3)), ("cosine", "f8"), ("frequency", "f8"),
+        ("low", "f8"), ("high", "f8"), ("reach", "f8"), ("speed", "f8"), ("beam_sigma", "f8"), ("range_sigma", "f8"), ("mistakes", "f8"),
+        ("mistake_sigma", "f8"), ("processing", "f8"), ("modes", "i8"), ("mode", "f8", (MOST_MODES, 3)), ("wanted", "i8"), ("bottom", "i8"),
+        ("water", "i8"), ("far", "f8"), ("water_sigma", "f8"), ("sound_speed", "f8"),
+    ],
+    [("ready", "f8"), ("scale", "f8"), ("mode", "i8")],
+)  # fmt: skip
+
+
+@compiled
+def _limits(row: Any) -> tuple[float, float, float]:
+    """Least and largest altitude (m) and period (s) of this ping."""
+    if row.modes == 0:
+        return row.low, row.high, 0.0
+    mode = row.mode[row.m.mode if row.wanted < 0 else row.wanted]
+    return max(row.low, mode[0]), min(row.high, mode[1]), 1.0 / mode[2]
+
+
+@compiled
+def _pings(head: Any, row: Any, now: Array, t: float) -> bool:
+    """Whether it pings now, under water; it has no reading while the last ping is not over."""
+    if t < row.m.ready - 1e-6:
+        head.ready = 0
+        return False
+    return bool(submergence(now, p_NS(head, now), t) > 0.0)
+
+
+@entry
+def aim(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    count, reach = 0, 0.0
+    for n, k in enumerate(due):
+        head = heads[k]
+        first[n] = count
+        if not begins(head):
+            continue
+        row = rows[head.row]
+        if _pings(head, row, now, t):
+            p, q = p_NS(head, now), q_NS(head, now)
+            for i in range(row.beams):
+                beam = row.believed[i] if head.exact != 0 else row.real[i]
+                origin[count, 0], origin[count, 1], origin[count, 2] = p
+                direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q, (beam[0], beam[1], beam[2]))
+                count += 1
+            reach = max(reach, 1.05 * _limits(row)[1] / row.cosine)
+    first[len(due)] = count
+    return reach
+
+
+@compiled
+def _follow(row: Any, locked: bool, altitude: float) -> None:
+    """Keep to the mode while the altitude is well within it; without lock try one after the other."""
+    if row.modes == 0:
+        return
+    mode = row.m.mode
+    if not locked:
+        row.m.mode = (mode + 1) % row.modes
+        return
+    if row.mode[mode, 0] * 1.05 <= altitude <= row.mode[mode, 1] * 0.95:
+        return
+    best = -1
+    for k in range(row.modes):
+        fits = row.mode[k, 0] * 1.05 <= altitude <= row.mode[k, 1] * 0.95
+        if fits and (best < 0 or abs(k - mode) < abs(best - mode)):
+            best = k
+    row.m.mode = mode if best < 0 else best
+
+
+@compiled
+def _snr(head: Any, row: Any, now: Array, decay: float, direction: Array, k: int, hits: Any) -> float:
+    """Signal over noise of a beam: an extended bottom loses 20 lg r + 2 alpha r; at the largest altitude sediment is just seen."""
+    if head.exact != 0:
+        return math.inf
+    r = hits.distance[k]
+    if r == math.inf:
+        return 0.0
+    reach = row.reach / row.cosine
+    scale = THRESHOLD / (MU_SEDIMENT * row.cosine**2) * reach * reach
+    back = echo_of(now, direction[k], hits.normal[k], hits.body[k], hits.material[k])
+    return float(scale * back / (r * r + 1e-6) * math.exp(decay * (reach - r)))
+
+
+@compiled
+def _spread(row: Any, out: Array, locks: int) -> Array:
+    """(3, 3) inverse of B^T B of the beams in lock, or of all where `locks` is 0; B has their directions as rows."""
+    total, inverse = np.zeros((3, 3)), np.eye(3)
+    for i in range(row.beams):
+        if locks == 0 or out[locks + i] != 0.0:
+            for a in range(3):
+                for b in range(3):
+                    total[a, b] += row.believed[i, a] * row.believed[i, b]
+    solve(total, inverse)
+    return inverse
+
+
+@compiled
+def _projected(row: Any, spread: Array, i: int, a: int) -> float:
+    """Row a, column i of the least squares' matrix from beams to a vector."""
+    beam = row.believed[i]
+    return float(spread[a, 0] * beam[0] + spread[a, 1] * beam[1] + spread[a, 2] * beam[2])
+
+
+@compiled
+def _solve_bottom(head: Any, row: Any, out: Array) -> bool:
+    """Velocity, altitude and what the device expects of them, from at least three beams in lock."""
+    n = row.beams
+    velocities, ranges, locks = BEAMS, BEAMS + n, BEAMS + 2 * n
+    used = 0
+    for i in range(n):
+        used += 1 if out[locks + i] != 0.0 else 0
+    if used < 3:
+        return False
+    spread = _spread(row, out, locks)
+    # 1 / r_i = n . u_i on a plane n . x = 1: the same least squares give its distance along the axis.
+    normal = 0.0
+    v = (0.0, 0.0, 0.0)
+    for i in range(n):
+        if out[locks + i] != 0.0:
+            normal += _projected(row, spread, i, 2) / max(out[ranges + i], 1e-9)
+            s = out[velocities + i]
+            v = (
+                v[0] + _projected(row, spread, i, 0) * s,
+                v[1] + _projected(row, spread, i, 1) * s,
+                v[2] + _projected(row, spread, i, 2) * s,
+            )
+    if normal <= 0.0:
+        return False
+    out[0], out[1], out[2] = v
+    out[ALTITUDE] = 1.0 / normal
+    sigma = 0.0 if head.exact != 0 else row.beam_sigma
+    trace = 0.0
+    for a in range(3):
+        trace += spread[a, a]
+        for b in range(3):
+            out[COVARIANCE + 3 * a + b] = sigma * sigma * spread[a, b]
+    out[MERIT] = sigma * math.sqrt(trace)
+    return True
+
+
+@compiled
+def _track_water(head: Any, row: Any, out: Array, gain: float, v: Vec3) -> None:
+    """Velocity relative to a layer of water, by all beams."""
+    spread = _spread(row, out, 0)
+    first, sigma = BEAMS + 3 * row.beams, 0.0 if head.exact != 0 else row.water_sigma
+    out[first] = out[first + 1] = out[first + 2] = 0.0
+    for i in range(row.beams):
+        noise, _ = normals(head.key, head.number, SAMPLE, _WATER + i)
+        drawn = gain * _along(head, row, i, v) + sigma * noise
+        for a in range(3):
+            out[first + a] += _projected(row, spread, i, a) * drawn
+
+
+@compiled
+def _along(head: Any, row: Any, i: int, v: Vec3) -> float:
+    """Part of a velocity in S along a beam as it really points."""
+    beam = row.believed[i] if head.exact != 0 else row.real[i]
+    return float(beam[0] * v[0] + beam[1] * v[1] + beam[2] * v[2])
+
+
+@compiled
+def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, first: int, hits: Any) -> float:
+    """Fill in a reading; returns the longest range (m) of a beam that hits something."""
+    p, exact = p_NS(head, now), head.exact != 0
+    low, high, _ = _limits(row)
+    limit, height = 1.05 * high / row.cosine, submergence(now, p, t)
+    c = water_property(now, SOUND_SPEED, p[2])
+    v_S = rotate(q_SB(head), velocity_of(head, now))
+    flow = rotate(q_SB(head), rotate(conjugate(q_NB(head, now)), water_velocity(now, p, t)))
+    v_water = (v_S[0] - flow[0], v_S[1] - flow[1], v_S[2] - flow[2])
+    stretch = row.sound_speed / c if row.sound_speed > 0.0 and not exact else 1.0
+    gain = stretch * (1.0 if exact else 1.0 + row.m.scale)
+    decay = 0.2 * math.log(10.0) * sound_absorption(now, row.frequency, p[2])
+    n = row.beams
+    nearest, longest = math.inf, 0.0
+    for i in range(n):
+        k = first + i
+        if hits.distance[k] > limit:
+            hits.distance[k], hits.body[k] = math.inf, NOTHING
+        meet_surface(height, direction, limit, k, hits)
+        r = hits.distance[k]
+        nearest, longest = min(nearest, r), max(longest, r) if r < math.inf else longest
+        if row.bottom == 0:
+            continue
+        speed = _along(head, row, i, v_water if hits.body[k] == SURFACE else v_S)
+        snr = _snr(head, row, now, decay, direction, k, hits)
+        lock = low <= r * row.cosine <= high and abs(speed) <= row.speed and snr >= THRESHOLD
+        out[BEAMS + 2 * n + i] = 1.0 if lock else 0.0
+        if not lock:
+            continue
+        e, f = 0.0, 0.0
+        if not exact:
+            e, f = normals(head.key, head.number, SAMPLE, i)
+        # An echo near the noise counts for less.
+        speed = gain * speed + row.beam_sigma * (1.0 + 1.0 / max(snr, THRESHOLD)) * e
+        seen = stretch * r + row.range_sigma * f
+        if row.mistakes > 0.0 and not exact:
+            chance, where = uniforms(head.key, head.number, SAMPLE, _MISTAKES + 2 * i)
+            if chance < row.mistakes:
+                wrong, _ = normals(head.key, head.number, SAMPLE, _MISTAKES + 2 * i + 1)
+                seen = low / row.cosine + where * max(0.0, seen - low / row.cosine)
+                speed += row.mistake_sigma * wrong
+        out[BEAMS + i], out[BEAMS + n + i] = speed, seen
+    if row.bottom != 0:
+        head.valid = 1 if _solve_bottom(head, row, out) else 0
+    if row.water != 0 and row.far <= _CLEAR * nearest * row.cosine:
+        _track_water(head, row, out, gain, v_water)
+    return longest
+
+
+@entry
+def run(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+) -> None:  # fmt: skip
+    for n, k in enumerate(due):
+        head = heads[k]
+        if head.ready == 0:
+            continue
+        row, out, z = rows[head.row], reading_of(head, numbers), p_NS(head, now)[2]
+        c, (_, high, period) = water_property(now, SOUND_SPEED, z), _limits(row)
+        out[:], head.valid = MISSING, 0
+        delay = 2.0 * high / row.cosine / c
+        if first[n + 1] > first[n]:
+            longest = _hear(head, row, now, t, out, direction, first[n], hits)
+            delay = 2.0 * longest / c if head.valid != 0 else delay
+        row.m.ready = t + period
+        _follow(row, head.valid != 0, out[ALTITUDE])
+        head.delay_ns = rounded_ns(delay + row.processing)
+
+
+class Dvl(BankSensor):
     """Velocity over ground and through the water, altitude, and what each beam saw."""
 
     doc = (
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
         "altitude along the axis, and what each beam saw."
     )
-    paces = True
+    bank = Bank(_RECORD, run, (aim,))
+    memory_type = DvlMemory
     settings: DvlSettings
-    memory: DvlMemory
 
     def __init__(self, mount: Pose, config: DvlConfig) -> None:
-        self._mount, self._config = mount, config
-        n = len(config.beam_azimuth_deg)
-        angle = rad(config.beam_angle_deg)
-        azimuths = [rad(a) for a in config.beam_azimuth_deg]
-        self._cosine = math.cos(angle)
-        self._believed = np.array(
-            [(math.sin(angle) * math.cos(a), math.sin(angle) * math.sin(a), self._cosine) for a in azimuths]
-        )
-        askew = Pose() if config.ideal else Pose.from_degrees(config.misalignment_rpy_deg)
-        self._beams: FloatArray = self._believed @ np.array(matrix(askew.q)).T
-        self._listed: list[list[float]] = self._beams.tolist()
-        self._all = tuple(range(n))
-        self._to_S = conjugate(mount.q)
-        self._solutions: dict[tuple[int, ...], _Solution] = {}
-        self._absorption = Absorption(config.frequency_hz)
-        self.fields = _fields(n)
-        self._blank = blank(self.fields)
-        self.arguments = _arguments(config)
+        self._config, self.exact, self.rays = config, config.ideal, len(config.beam_azimuth_deg)
+        self.fields, self.arguments = _fields(len(config.beam_azimuth_deg)), _arguments(config)
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
+        super().__init__(mount, DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
 
-    def load_kernels(self) -> None:
-        load_kernels()
+    def fill(self, row: Any) -> None:
+        c, s, n = self._config, self.settings, len(self._config.beam_azimuth_deg)
+        angle = rad(c.beam_angle_deg)
+        azimuths = [rad(a) for a in c.beam_azimuth_deg]
+        believed = np.array(
+            [(math.sin(angle) * math.cos(a), math.sin(angle) * math.sin(a), math.cos(angle)) for a in azimuths]
+        )
+        askew = Pose.from_degrees(c.misalignment_rpy_deg)
+        row["beams"], row["cosine"], row["frequency"] = n, math.cos(angle), c.frequency_hz
+        row["believed"][:n], row["real"][:n] = believed, believed @ np.array(matrix(askew.q)).T
+        row["low"], row["high"], row["reach"], row["speed"] = (
+            c.min_altitude_m,
+            s.max_altitude,
+            c.max_altitude_m,
+            c.max_speed_mps,
+        )
+        row["beam_sigma"], row["range_sigma"], row["processing"] = c.beam_sigma_mps, c.range_sigma_m, c.processing_s
+        row["mistakes"], row["mistake_sigma"] = c.false_echo_probability, c.false_echo_sigma_mps
+        row["modes"], row["wanted"] = len(c.range_modes), s.range_mode
+        row["mode"][: len(c.range_modes)] = np.reshape(c.range_modes, (-1, 3))
+        row["bottom"], row["water"] = s.tracking != "water", s.tracking != "bottom"
+        row["far"], row["water_sigma"], row["sound_speed"] = c.water_far_m, c.water_sigma_mps, s.sound_speed
 
-    def turn_on(self) -> DvlMemory:
+    def turn_on_row(self, memory: Any) -> None:
         """Ready at once, in the first mode, with the scale error of this run."""
         c = self._config
-        scale = c.scale_error + c.scale_sigma * self.rng.standard_normal()
-        return DvlMemory(scale=scale, mode=max(c.range_mode, 0))
+        memory["scale"] = c.scale_error + c.scale_sigma * self.drawn(1)[0]
+        memory["mode"] = max(c.range_mode, 0)
 
     def check(self, settings: Settings) -> None:
         """The range mode must be one of the device's."""
@@ -162,148 +434,6 @@ class Dvl(Sensor):
         super().valid(record)
         if isinstance(record, DvlMemory) and record.mode >= max(1, len(self._config.range_modes)):
             raise ValueError(f'"mode" is {record.mode}, the device has {len(self._config.range_modes)} range modes')
-
-    def sense(self, scope: Scope) -> Measurement | None:
-        """A ping; None while the last one is not over."""
-        now = scope.t
-        if now < self.memory.ready - 1e-6:
-            return None
-        low, high, period = self._mode()
-        p_NS = scope.position(self._mount.p)
-        c = scope.water.sound_speed(p_NS[2])
-        delay = 2.0 * high / self._cosine / c
-        reading = Measurement(self._blank.copy(), False)
-        if scope.submergence(p_NS) > 0.0:
-            echo = self._ping(scope, p_NS, c, low, high, reading)
-            delay = 2.0 * echo / c if reading.valid else delay
-        self.memory.ready = now + period
-        self._follow(reading.values[1] if reading.valid else None)
-        reading.delay_ns = round((delay + self._config.processing_s) * NANOSECONDS)
-        return reading
-
-    def _mode(self) -> tuple[float, float, float]:
-        """Least and largest altitude (m) and period (s) of this ping."""
-        c, modes = self._config, self._config.range_modes
-        low, high, period = c.min_altitude_m, self.settings.max_altitude, 0.0
-        if modes:
-            wanted = self.settings.range_mode
-            first, last, rate_hz = modes[self.memory.mode if wanted < 0 else wanted]
-            low, high, period = max(low, first), min(high, last), 1.0 / rate_hz
-        return low, high, period
-
-    def _follow(self, altitude: Value) -> None:
-        """Keep to the mode while the altitude is well within it; without lock try one after the other."""
-        modes = self._config.range_modes
-        if not modes:
-            return
-        mode = self.memory.mode
-        if not isinstance(altitude, float):
-            mode = (mode + 1) % len(modes)
-        elif not modes[mode][0] * 1.05 <= altitude <= modes[mode][1] * 0.95:
-            fitting = [k for k, (low, high, _) in enumerate(modes) if low * 1.05 <= altitude <= high * 0.95]
-            mode = min(fitting, key=lambda k: abs(k - mode)) if fitting else mode
-        self.memory.mode = mode
-
-    def _ping(self, scope: Scope, p_NS: Vec3, c: float, low: float, high: float, reading: Measurement) -> float:
-        """Fill in a reading; returns the longest range (m) of a beam in lock."""
-        config, ideal, cosine = self._config, self._config.ideal, self._cosine
-        direction = self._beams @ np.array(matrix(scope.attitude(self._mount.q))).T
-        hits = cast(scope, p_NS, direction, 1.05 * high / cosine)
-        ranges: list[float] = hits.distance.tolist()
-        v_S, v_water_S = self._velocities(scope, p_NS)
-        n = len(ranges)
-        noise = [[0.0] * n] * 3 if ideal else self.rng.standard_normal((3, n)).tolist()
-        stretch = self.settings.sound_speed / c if self.settings.sound_speed and not ideal else 1.0
-        gain = stretch * (1.0 if ideal else 1.0 + self.memory.scale)
-        if self.settings.tracking != "water":
-            snr = [math.inf] * n if ideal else self._snr(scope, ranges, hits, direction, p_NS[2])
-            locks, speeds, seen = [], [], []
-            beams = zip(self._listed, ranges, hits.body.tolist(), snr, noise[0], noise[1], strict=True)
-            for (ux, uy, uz), r, body, s, e, f in beams:
-                vx, vy, vz = v_water_S if body == SURFACE else v_S
-                speed = ux * vx + uy * vy + uz * vz
-                locks.append(low <= r * cosine <= high and abs(speed) <= config.max_speed_mps and s >= THRESHOLD)
-                # An echo near the noise counts for less.
-                speeds.append(gain * speed + config.beam_sigma_mps * (1.0 + 1.0 / max(s, THRESHOLD)) * e)
-                seen.append(stretch * r + config.range_sigma_m * f)
-            if config.false_echo_probability > 0.0 and not ideal:
-                self._mistake(locks, speeds, seen, low / cosine)
-            self._bottom(reading, locks, speeds, seen)
-        if self.settings.tracking != "bottom" and config.water_far_m <= _CLEAR * min(ranges) * cosine:
-            sigma, (vx, vy, vz) = config.water_sigma_mps, v_water_S
-            beams_and_noise = zip(self._listed, noise[2], strict=True)
-            drawn = [gain * (ux * vx + uy * vy + uz * vz) + sigma * e for (ux, uy, uz), e in beams_and_noise]
-            reading.values[7] = _times(self._solution(self._all).inverse, drawn)
-        heard = [r for r in ranges if r < math.inf]
-        return max(heard) if heard else 0.0
-
-    def _velocities(self, scope: Scope, p_NS: Vec3) -> tuple[Vec3, Vec3]:
-        """Of the mount over ground and relative to the water, in S."""
-        v_S = rotate(self._to_S, scope.velocity_of(self._mount.p))
-        current_S = rotate(self._to_S, rotate(conjugate(scope.q_NB), scope.water.velocity(p_NS, scope.t)))
-        return v_S, (v_S[0] - current_S[0], v_S[1] - current_S[1], v_S[2] - current_S[2])
-
-    def _snr(self, scope: Scope, ranges: list[float], hits: Hits, direction: FloatArray, z: float) -> list[float]:
-        """Signal over noise of each beam: an extended bottom loses 20 lg r + 2 alpha r; at the largest altitude sediment is just seen."""
-        reach = self._config.max_altitude_m / self._cosine
-        decay = 0.2 * math.log(10.0) * self._absorption.at(scope, z)
-        scale = THRESHOLD / (MU_SEDIMENT * self._cosine**2) * reach * reach
-        return [
-            scale * back / (r * r + 1e-6) * math.exp(decay * (reach - r)) if r < math.inf else 0.0
-            for r, back in zip(ranges, scattering(scope, hits, direction).tolist(), strict=True)
-        ]
-
-    def _mistake(self, locks: list[bool], speeds: list[float], seen: list[float], nearest: float) -> None:
-        drawn = self.rng.random((2, len(locks))).tolist()
-        wrong = self.rng.normal(0.0, self._config.false_echo_sigma_mps, len(locks)).tolist()
-        for i, lock in enumerate(locks):
-            if lock and drawn[0][i] < self._config.false_echo_probability:
-                seen[i] = nearest + drawn[1][i] * max(0.0, seen[i] - nearest)
-                speeds[i] += wrong[i]
-
-    def _bottom(self, reading: Measurement, locks: list[bool], speeds: list[float], seen: list[float]) -> None:
-        used, values = self._all, reading.values
-        if all(locks):
-            values[4], values[5] = tuple(speeds), tuple(seen)
-        else:
-            used = tuple([i for i in self._all if locks[i]])
-            values[4] = tuple([s if lock else None for s, lock in zip(speeds, locks, strict=True)])
-            values[5] = tuple([s if lock else None for s, lock in zip(seen, locks, strict=True)])
-            speeds, seen = [speeds[i] for i in used], [seen[i] for i in used]
-        values[6] = tuple(locks)
-        if len(used) < 3:
-            return
-        solution = self._solution(used)
-        # 1 / r_i = n . u_i on a plane n . x = 1: the same least squares give its distance along the axis.
-        normal_z = sum(map(mul, solution.inverse[2], [1.0 / max(r, 1e-9) for r in seen]))
-        if normal_z <= 0.0:
-            return
-        reading.valid = True
-        values[0] = _times(solution.inverse, speeds)
-        values[1] = 1.0 / normal_z
-        values[2], values[3] = solution.merit, solution.covariance
-
-    def _solution(self, used: tuple[int, ...]) -> _Solution:
-        """Least squares over some of the beams; kept, as there are few sets of beams."""
-        if used not in self._solutions:
-            beams = self._believed[list(used)]
-            spread = np.linalg.inv(beams.T @ beams)
-            sigma = 0.0 if self._config.ideal else self._config.beam_sigma_mps
-            covariance, merit = tuple((sigma * sigma * spread).ravel().tolist()), sigma * math.sqrt(spread.trace())
-            self._solutions[used] = _Solution((spread @ beams.T).tolist(), covariance, merit)
-        return self._solutions[used]
-
-
-class _Solution(NamedTuple):
-    """From beam velocities to v_S: the inverse (3, n); covariance (9) that the device expects, and the root of its trace."""
-
-    inverse: list[list[float]]
-    covariance: tuple[float, ...]
-    merit: float
-
-
-def _times(matrix: list[list[float]], vector: list[float]) -> tuple[float, ...]:
-    return tuple([sum(map(mul, row, vector)) for row in matrix])
 
 
 def _fields(n: int) -> tuple[Field, ...]:
