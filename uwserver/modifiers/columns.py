@@ -11,14 +11,14 @@ import numpy as np
 from uwserver.ports import Field, Value
 
 WIDEST = 64
-"""Components of a field that still stand among the numbers; wider ones are pictures rather than readings."""
+"""Whole numbers of a field that still stand among the others; more are a picture rather than a reading."""
 _NO_INT = -(1 << 63)
 """Stands for a missing whole number, as NaN does for a missing float."""
 
 
 class Columns:
     """Where the fields of a port stand in a row of float64: each component of floats, truths (0 or 1) and whole numbers (as the 64 bits of an
-    int64) has a place, in the order of the fields. What has none is loose: texts, bytes, buffers and wide fields.
+    int64) has a place, in the order of the fields. What has none is loose: texts, bytes, buffers and pictures of whole numbers.
 
     Attributes:
         fields: of the port.
@@ -31,7 +31,7 @@ class Columns:
         self.fields = tuple(fields)
         first, width = [], 0
         for field in self.fields:
-            fits = field.type in ("float", "int", "bool") and field.size <= WIDEST
+            fits = field.type in ("float", "bool") or (field.type == "int" and field.size <= WIDEST)
             first.append(width if fits else -1)
             width += field.size if fits else 0
         self.first, self.width = tuple(first), width

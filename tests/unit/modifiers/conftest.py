@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers import Measurement, Modifier, ModifierConfig, Stream
+from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field
-from uwserver.scenario.build.members import stream_of
 
 Bench = Callable[..., Modifier]
 
@@ -30,7 +30,7 @@ def bench() -> Bench:
             Field("x", "m", "", "S" if shape == (3,) else "", shape=shape),
             Field("ok", "1", "", type="bool"),
         )
-        return config.build(Stream(fields, dt, stream_of(seed, path)))
+        return config.build(Stream(fields, dt, key_of(seed, path)))
 
     return build
 
@@ -38,14 +38,15 @@ def bench() -> Bench:
 @pytest.fixture
 def errors() -> Callable[[Modifier, int], np.ndarray]:
     """`errors(modifier, n)` gives (n, size) errors that it adds to n readings of zero; time goes on from call to call."""
-    clocks: dict[Modifier, int] = {}  # not by id(), which another modifier may get when this one has gone
+    clocks: dict[Modifier, tuple[int, int]] = {}  # not by id(), which another modifier may get when this one has gone
 
     def run(modifier: Modifier, n: int) -> np.ndarray:
         size = modifier.stream.fields[1].size
         rows = []
         for _ in range(n):
-            t_ns = clocks[modifier] = clocks.get(modifier, 0) + round(modifier.stream.dt * 1e9)
-            reading = Measurement([7.0, (0.0,) * size, True], True, t_ns=t_ns)
+            t_ns, number = clocks.get(modifier, (0, -1))
+            t_ns, number = clocks[modifier] = t_ns + round(modifier.stream.dt * 1e9), number + 1
+            reading = Measurement([7.0, (0.0,) * size, True], True, t_ns=t_ns, number=number)
             modifier.apply(reading)
             assert reading.values[0] == 7.0  # the other fields stay as they were
             assert reading.values[2] is True

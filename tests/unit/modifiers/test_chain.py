@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers import Bias, Delay, Dropout, GaussMarkov, Quantise, WhiteNoise
-from uwserver.scenario.build.members import stream_of
+from uwserver.physics.kernel.random import SAMPLE, draw_normals, key_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -37,8 +37,8 @@ def column(samples, k):
 def test_the_sample_is_the_ideal_value_plus_the_error_of_its_path():
     noisy = column(samples_of(world_of({"x": imu(noise=NOISE)})), 0)
     ideal = column(samples_of(world_of({"x": imu()})), 0)
-    rng = stream_of(7, "rov/x/noise")
-    assert noisy - ideal == pytest.approx(np.array([rng.normal(0.0, 0.1, 3) for _ in noisy]), abs=1e-12)
+    drawn = [0.1 * draw_normals(key_of(7, "rov/x/noise"), 3, number, SAMPLE) for number in range(len(noisy))]
+    assert noisy - ideal == pytest.approx(np.array(drawn), abs=1e-12)
 
 
 def test_a_further_modifier_does_not_change_the_numbers_of_another():
@@ -72,16 +72,15 @@ def test_sensors_and_modifiers_of_the_same_kind_are_independent():
     assert abs(np.corrcoef(x[:, 0], y[:, 0])[0, 1]) < 5 / np.sqrt(
         len(x)
     )  # if one of x's two errors were y's, it would be 0.71
-    a = np.array([stream_of(7, "rov/x/a").normal(0.0, 0.1, 3)])
-    b = np.array([stream_of(7, "rov/x/b").normal(0.0, 0.1, 3)])
-    assert x[:1] == pytest.approx(a + b, abs=1e-12)
+    a, b = (0.1 * draw_normals(key_of(7, f"rov/x/{name}"), 3, 0, SAMPLE) for name in "ab")
+    assert x[:1] == pytest.approx(np.array([a + b]), abs=1e-12)
 
 
 @pytest.mark.parametrize(
     ("one", "other"), [("rov/x/a", "rov/x/b"), ("rov/x/ab", "rov/x/a"), ("rov1/x/a", "rov/1x/a"), ("a", "a\x00")]
 )
 def test_streams_of_two_paths_share_nothing(one, other):
-    a, b = (stream_of(7, path).standard_normal(4000) for path in (one, other))
+    a, b = (draw_normals(key_of(7, path), 4000) for path in (one, other))
     assert abs(np.corrcoef(a, b)[0, 1]) < 5 / np.sqrt(4000)
     assert not np.intersect1d(a, b).size
 
