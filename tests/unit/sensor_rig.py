@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
 
 from uwserver.environment.column import TableColumn, ThermoclineColumn, WaterColumn
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.frames import conjugate, quat_from_rpy, rotate
 from uwserver.modifiers import Measurement
-from uwserver.scenario.build.world import build, stream_of
+from uwserver.physics.kernel.random import key_of
+from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
@@ -42,7 +42,7 @@ SEA = Water(1023.0, 9.81, 18.0, 101_325.0, (0.0, 0.0, 0.0), given=WaterColumn(CA
 def started(config, seed=1, dt=None, mount=MOUNT):
     sensor = config.build(mount)
     sensor.dt = 1.0 / config.rate_hz if dt is None else dt
-    sensor.start(stream_of(seed, "rov/x"))
+    sensor.start(key_of(seed, "rov/x"))
     return sensor
 
 
@@ -112,7 +112,7 @@ def exchange(device, instant):
 def answers(config, instant, n, seed=0):
     """Those of n exchanges, one after the other."""
     device = config.build(Pose())
-    device.start(np.random.default_rng(seed))
+    device.start(seed)
     return [Measurement(*exchange(device, instant)[::-1]) for _ in range(n)]
 
 

@@ -239,14 +239,15 @@ class BankSensor(Sensor):
         if self.key is None:
             self.start(0)
         columns, there = Columns(self.fields), Alone(scope)
-        numbers = np.zeros(max(1, columns.width))
-        head = self.heads.rows[self.head]
-        head["width"], head["dt"] = columns.width, self.dt
-        due = np.array([self.head])
-        read(self.bank, self.heads.rows, self.rows.rows, numbers, due, there.table, scope.t, scope.geometry)
+        numbers, heads, rows = np.zeros(max(1, columns.width)), Pool(HEAD, 1), Pool(self.bank.record, 1)
+        heads.rows[0], rows.rows[0] = self.heads.rows[self.head], self.rows.rows[self.row]
+        head = heads.rows[0]
+        head["row"], head["body"], head["first"], head["width"], head["dt"] = 0, 0, 0, columns.width, self.dt
+        read(self.bank, heads.rows, rows.rows, numbers, np.zeros(1, np.int64), there.table, scope.t, scope.geometry)
+        self.rows.rows[self.row] = rows.rows[0]
         if not head["ready"]:
             return None
-        head["number"] += 1
+        self.heads.rows["number"][self.head] += 1
         reading = Measurement(list(columns.unpack(numbers[: columns.width])), bool(head["valid"]))
         reading.delay_ns, reading.since_ns = int(head["delay_ns"]), int(head["since_ns"])
         return reading

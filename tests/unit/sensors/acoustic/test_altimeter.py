@@ -32,14 +32,14 @@ def over(scope):
 
 def ping(config, instant, mount=None, seed=0):
     altimeter = config.build(mount or Pose())
-    altimeter.start(np.random.default_rng(seed))
+    altimeter.start(seed)
     return altimeter.sense(instant)
 
 
 def many(config, instant, n, seed=0):
     """Readings of n pings, one after the other has ended."""
     altimeter = config.build(Pose())
-    altimeter.start(np.random.default_rng(seed))
+    altimeter.start(seed)
     readings = []
     for _ in range(n):
         altimeter.memory.ready = 0.0

@@ -34,7 +34,7 @@ def over(scope):
 
 def ping(config, instant, mount=None, seed=0):
     dvl = config.build(mount or Pose())
-    dvl.start(np.random.default_rng(seed))
+    dvl.start(seed)
     return dvl.sense(instant)
 
 
@@ -83,7 +83,7 @@ def test_ideal_water_track_is_the_truth(over):
 def spread(config, instant, n, seed):
     """(n, 3) velocities."""
     dvl = config.build(Pose())
-    dvl.start(np.random.default_rng(seed))
+    dvl.start(seed)
     return np.array([dvl.sense(instant).values[V_S] for _ in range(n)])
 
 
@@ -209,7 +209,7 @@ def test_range_modes_set_the_rate(over):
     found = {}
     for depth, expected in ((2.0, 10.0), (8.0, 5.0), (25.0, 2.0)):
         plane = Plane((0.0, 0.0, 5.0 + depth), (0.0, 0.0, -1.0))
-        dvl.start(np.random.default_rng(0))
+        dvl.start(0)
         readings = [dvl.sense(over(plane, t_ns=k * 50_000_000)) for k in range(240)]
         found[expected] = sum(r is not None and r.valid for r in readings[40:]) / 10.0
     assert found == pytest.approx({10.0: 10.0, 5.0: 5.0, 2.0: 2.0})

@@ -44,7 +44,7 @@ def facing(scope):
 def row(config, instant, seed=0):
     """Bins of one ping as an array."""
     sonar = config.build(Pose())
-    sonar.start(np.random.default_rng(seed))
+    sonar.start(seed)
     return np.array(sonar.sense(instant).values[3])
 
 
@@ -180,7 +180,7 @@ def test_speckle_is_rayleigh(facing):
     p = []
     for seed in range(20):
         sonar = config.build(Pose())
-        sonar.start(np.random.default_rng(seed))
+        sonar.start(seed)
         amplitudes = []
         for _ in range(10):
             sonar.memory = sonar.turn_on()

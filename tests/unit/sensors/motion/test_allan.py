@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers import GaussMarkov, Measurement, RandomWalk, Stream, WhiteNoise
+from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field
-from uwserver.scenario.build.members import stream_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -30,7 +30,7 @@ def allan(record: np.ndarray, dt: float, m: int) -> float:
 def chain(n: int, *configs) -> np.ndarray:
     """(n, RUNS) readings of a gyro with these errors, each component a run of its own."""
     fields = (Field("w_S", "rad/s", "", "S", (RUNS,)),)
-    modifiers = [config.build(Stream(fields, DT, stream_of(11, f"rov/imu/{k}"))) for k, config in enumerate(configs)]
+    modifiers = [config.build(Stream(fields, DT, key_of(11, f"rov/imu/{k}"))) for k, config in enumerate(configs)]
     record = np.empty((n, RUNS))
     for k in range(n):
         reading = Measurement([(0.0,) * RUNS], True, t_ns=round((k + 1) * DT * 1e9))

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 import pytest
 
-from uwserver.scenario.build.world import stream_of
+from uwserver.environment.water import Water
+from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.kernel.random import key_of
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.vehicle.profiles import check_profile
-from uwserver.sensors.motion.triad import HUMP, Triad, TriadErrors, TriadMemory
+from uwserver.sensors import ImuConfig, Pose, Scope
+from uwserver.sensors.alone import Alone
+from uwserver.sensors.bank import HEAD, read
+from uwserver.sensors.motion.imu import Imu, ImuMemory
+from uwserver.sensors.motion.triad import HUMP, TriadErrors, TriadMemory
+
+STILL = Scope(
+    0, (0.0, 0.0, 5.0), (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, Water(1025.0, 9.81, 10.0, 101_325.0, (0.0,) * 3)
+)
 
 
 def allan(record, dt, m):
@@ -21,19 +32,28 @@ def allan(record, dt, m):
     return math.sqrt(np.mean(second**2) / (2 * (m * dt) ** 2))
 
 
+def imus(errors, count, dt):
+    """Gyroscopes with these errors, of as many seeds."""
+    made = []
+    for seed in range(count):
+        imu = ImuConfig(rate_hz=1.0 / dt, gyroscope=errors).build(Pose())
+        imu.start(key_of(seed, "rov/imu"))
+        made.append(imu)
+    return made
+
+
 def record(errors, n, dt, triads=60):
-    """(n, 3 triads) readings of a triad at rest."""
-    columns = []
-    for seed in range(triads):
-        rng = stream_of(seed, "rov/imu")
-        triad = Triad(errors)
-        memory = triad.turn_on(rng)
-        column = []
-        for _ in range(n):
-            reading, memory = triad.disturbed((0.0, 0.0, 0.0), memory, dt, rng.standard_normal(triad.draws).tolist())
-            column.append(reading)
-        columns.append(column)
-    return np.concatenate([np.array(column) for column in columns], axis=1)
+    """(n, 3 triads) readings of gyroscopes at rest."""
+    heads, rows = Pool(HEAD, triads), Pool(Imu.bank.record, triads)
+    for imu in imus(errors, triads, dt):
+        imu.enter(heads, rows)
+    heads.rows["first"], heads.rows["width"], heads.rows["dt"] = 7 * np.arange(triads), 7, dt
+    there, numbers, readings = Alone(STILL), np.zeros(7 * triads), []
+    for number in range(n):
+        heads.rows["number"] = number
+        read(Imu.bank, heads.rows, rows.rows, numbers, np.arange(triads), there.table, 0.0, STILL.geometry)
+        readings.append(numbers.reshape(triads, 7)[:, 3:6].ravel())
+    return np.array(readings)
 
 
 def test_allan_noise():
@@ -85,7 +105,7 @@ def test_every_grade_gives_back_its_figures(grade, part):
 
 def test_constants_of_a_run_have_their_spread():
     errors = TriadErrors(turn_on=0.02, scale=0.003, cross_axis=0.001)
-    memories = [Triad(errors).turn_on(stream_of(seed, "rov/imu")) for seed in range(2000)]
+    memories = [imu.memory.gyroscope for imu in imus(errors, 2000, 0.01)]
     matrix = np.array([memory.matrix for memory in memories]).reshape(-1, 3, 3) - np.eye(3)
     assert matrix[:, range(3), range(3)].std() == pytest.approx(0.003, rel=0.04)
     assert matrix[:, [0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]].std() == pytest.approx(0.001, rel=0.04)
@@ -93,6 +113,9 @@ def test_constants_of_a_run_have_their_spread():
 
 
 def test_a_triad_reads_through_its_matrix_and_ends_at_its_range():
-    triad = Triad(TriadErrors(limit=10.0, resolution=0.5, scale=1e-9))
-    memory = TriadMemory((1.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 2.0), (0.25, 0.0, 0.0))
-    assert triad.disturbed((1.0, 2.0, 9.0), memory, 0.01, []) == ((1.5, 2.0, 10.0), memory)
+    errors = TriadErrors(limit=10.0, resolution=0.5, scale=1e-9)
+    imu = imus(errors, 1, 0.01)[0]
+    triad = TriadMemory((1.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 2.0), (0.25, 0.0, 0.0))
+    imu.memory = ImuMemory(gyroscope=triad)
+    assert imu.sense(replace(STILL, w_NB_B=(1.0, 2.0, 9.0))).values[1] == (1.5, 2.0, 10.0)
+    assert imu.memory.gyroscope == triad
