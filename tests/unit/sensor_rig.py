@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 
 from uwserver.environment.column import TableColumn, ThermoclineColumn, WaterColumn
 from uwserver.environment.earth import Earth
@@ -73,6 +75,12 @@ def full_speed(world: World, seconds: float, port: str, u: float = 1.0):
 BATTERY = BatteryConfig(
     rate_hz=20, capacity_Ah=18.0, cell_curve_V=(3.0, 3.7, 4.2), resistance_ohm=0.05, hotel_load_W=20.0
 )
+
+def electromotive(config: BatteryConfig, charge: float) -> float:
+    """Voltage (V) of a battery without load, at a part of its capacity."""
+    curve = config.cell_curve_V
+    return config.cells * float(np.interp(charge, np.linspace(0.0, 1.0, len(curve)), curve))
+
 
 PLACES = {"a": (120.0, 40.0, 60.0), "b": (-80.0, 150.0, 55.0), "c": (30.0, -200.0, 58.0)}
 

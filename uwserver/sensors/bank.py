@@ -184,7 +184,12 @@ class BankSensor(Sensor):
         head, row = self.heads.rows[self.head], self.rows.rows[self.row]
         head["key"], head["number"] = key, 0
         self.fill(row)
+        row["m"] = np.zeros((), self.bank.record["m"])
         self.turn_on_row(row["m"])
+
+    def begin(self, number: int) -> None:
+        """As `Sensor.begin`."""
+        self.heads.rows["number"][self.head] = number
 
     def enter(self, heads: Pool, rows: Pool) -> None:
         """Move into these arrays, which take it as it is."""

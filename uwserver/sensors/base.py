@@ -266,6 +266,10 @@ class Sensor(ABC):
         """The memory at the start of a run."""
         return NOTHING
 
+    def begin(self, number: int) -> None:
+        """The next reading has this number: its random numbers follow."""
+        self.draws.seek(number)
+
     def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats others needs them
         """Get to know the other sensors of the vehicle, by name; before anything is read."""
 

@@ -222,7 +222,7 @@ class SensorSlot(Part):
             head["ready"] = 0
             return
         exact = None if self.twin is None else self._exact(self.twin, scope)
-        self.sensor.draws.seek(int(head["number"]))
+        self.sensor.begin(int(head["number"]))
         reading = self.sensor.sense(scope)
         head["ready"] = reading is not None
         if reading is None:

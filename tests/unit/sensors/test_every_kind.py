@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sensor_rig
 from msgspec import structs
 from scipy.spatial.transform import Rotation
 
@@ -171,7 +172,7 @@ def gps(world):
 def battery(world):
     voltage, current, power = (last(world, "battery", name) for name in ("voltage", "current", "power"))
     sensor = world.sensors["heavy/battery"].sensor
-    electromotive = sensor.open_circuit(sensor.memory.charge / sensor._capacity)
+    electromotive = sensor_rig.electromotive(sensor._config, sensor.memory.charge / sensor._capacity)
     # The charge went down by this reading's own current after its voltage was found.
     assert voltage == pytest.approx(electromotive - sensor._config.resistance_ohm * current, abs=1e-3)
     assert power == pytest.approx(voltage * current, rel=1e-9)

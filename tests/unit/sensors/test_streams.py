@@ -180,9 +180,7 @@ def test_settings_are_of_the_sensor_and_hold_for_all_its_streams():
     assert not [path for path in world.services if path.startswith("rov/x/ideal/")]
     world.call("rov/x/set", rate_hz=30.0)
     assert world.ports["rov/x/ideal"].rate_hz == world.ports["rov/x"].rate_hz == 30.0
-    twin = world.sensors["rov/x"].twin
-    assert twin is not None
-    assert twin.dt == float(Fraction(1, 30))
+    assert world.sensors["rov/x"].sensor.dt == float(Fraction(1, 30))
     assert len(told(world)["rov/x/ideal"]) == 15
     world.call("rov/x/deactivate")
     assert "rov/x/ideal" not in told(world)

@@ -33,7 +33,7 @@ def chain(n: int, *configs) -> np.ndarray:
     modifiers = [config.build(Stream(fields, DT, key_of(11, f"rov/imu/{k}"))) for k, config in enumerate(configs)]
     record = np.empty((n, RUNS))
     for k in range(n):
-        reading = Measurement([(0.0,) * RUNS], True, t_ns=round((k + 1) * DT * 1e9))
+        reading = Measurement([(0.0,) * RUNS], True, t_ns=round((k + 1) * DT * 1e9), number=k)
         for modifier in modifiers:
             modifier.apply(reading)
         record[k] = reading.values[0]

@@ -16,7 +16,19 @@ from sensor_rig import (
 )
 
 from uwserver.environment.geodesy import north_east
+from uwserver.environment.sea import Sea
 from uwserver.frames import rotate
+from uwserver.physics.kernel.layout import (
+    PROFILE_SIZE,
+    WAVE_AMPLITUDE,
+    WAVE_DEPTH,
+    WAVE_K,
+    WAVE_KX,
+    WAVE_OMEGA,
+    WAVE_PHASE,
+    WAVE_SIZE,
+    SeaRows,
+)  # fmt: skip
 from uwserver.sensors import (
     GpsConfig,
 )
@@ -54,12 +66,12 @@ def test_no_fix_under_water_and_none_for_a_while_after(scope):
 
 
 def test_a_wave_over_the_antenna_ends_the_fix(scope, water):
-    class Swell:
-        def elevation(self, x, y, t):
-            return 1.0 if t > 1.0 else 0.0
-
+    # A swell so long that it is everywhere alike: its elevation is 0 at 0.5 s, and 1 m at 1.5 s.
+    swell = np.zeros((1, WAVE_SIZE))
+    swell[0, [WAVE_K, WAVE_KX, WAVE_OMEGA, WAVE_AMPLITUDE]] = 1e-9, 1e-9, math.pi / 2, 1.0
+    swell[0, [WAVE_PHASE, WAVE_DEPTH]] = 0.75 * math.pi, math.inf
     gps = started(GpsConfig(rate_hz=5))
-    high = replace(water, sea=Swell())
+    high = replace(water, sea=Sea(SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), swell)))
     assert gps.sense(at(scope, 0.5, p_NB=(0.0, 0.0, -0.5), water=high)).valid
     assert not gps.sense(at(scope, 1.5, p_NB=(0.0, 0.0, -0.5), water=high)).valid
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sensor_rig import (
     BATTERY,
+    electromotive,
     full_speed,
     last,
     world_with,
@@ -40,10 +41,8 @@ def test_power_of_the_thrusters_is_that_of_their_thrust():
     thrust = float(row["demand"]) / float(row["installed"])
     assert wiring.power() == pytest.approx(8 * 0.964 * thrust**1.5, rel=1e-3)
     assert power == pytest.approx(20.0 + wiring.power(), rel=1e-3)  # it has settled, and does not hunt
-    battery = world.sensors["rov/battery"].sensor
-    assert voltage == pytest.approx(
-        battery.open_circuit(world.sensors["rov/battery"].held[1][4]) - 0.05 * current, rel=1e-4
-    )
+    charge = world.sensors["rov/battery"].held[1][4]
+    assert voltage == pytest.approx(electromotive(BATTERY, charge) - 0.05 * current, rel=1e-4)
     assert 9.0 < voltage < 11.0
 
 

@@ -78,7 +78,7 @@ def test_ctd_statistics(scope):
     config = CtdConfig(rate_hz=16, temperature_accuracy_degc=0.01, temperature_sigma_degc=0.002, pressure_sigma_Pa=50.0)
     instant = at(scope, 0.0, p_NB=(0.0, 0.0, 5.0), water=SEA)
     biases, spread = [], []
-    for seed in range(400):
+    for seed in range(400, 800):
         ctd = started(config, seed, mount=Pose())
         values = np.array([ctd.sense(instant).values for _ in range(50)])
         biases.append(values[:, 1].mean() - 18.0)
