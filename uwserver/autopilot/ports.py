@@ -199,9 +199,9 @@ def _test(pilot: Autopilot) -> SetPoint:
 
     doc = (
         "Tests the actuators that the autopilot holds, instead of controlling the vehicle; half a second without a command disarms it. "
-        f"Order: {', '.join(pilot.craft.outputs.names)}."
+        f"Order: {', '.join(pilot.craft.names)}."
     )
-    size = len(pilot.craft.outputs.names)
+    size = len(pilot.craft.names)
     field = Field("outputs", "1", "parts of the full commands", "", (size,), minimum=-1.0, maximum=1.0)
     return SetPoint((field,), doc, apply, pilot.end_test)
 
@@ -235,7 +235,7 @@ class StateSensor(IdealSensor):
 
     def __init__(self, pilot: Autopilot) -> None:
         self._pilot = pilot
-        names = pilot.craft.outputs.names
+        names = pilot.craft.names
         self._idle = (0.0,) * len(names)
         doc = f"what its actuators were told, parts of their full commands: {', '.join(names)}"
         self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
