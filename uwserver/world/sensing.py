@@ -19,8 +19,8 @@ from uwserver.world.part import Part, Stage, State
 from uwserver.world.sensor_slot import SensorSlot
 
 
-_HEARD = 2
-"""`delivery.HEARD`, which numba need not be imported for."""
+_READ, _HEARD = 1, 2
+"""As in `delivery`, for which numba would be imported."""
 
 Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
@@ -151,10 +151,12 @@ class Sensing(Part):
         rows, wanted, unread = self._instruments.streams.rows["wanted"], self._wanted, set()
         for k, stream in self._streams.items():
             path = stream.port.path
-            rows[k] = wanted is None or path in wanted or path in self._heard or bool(stream.columns.loose)
-            if not rows[k] and path in self._overheard:
-                rows[k] = _HEARD
-                unread.add(k)
+            if wanted is None or path in wanted or path in self._heard:
+                rows[k] = _READ
+                continue
+            unread.add(k)
+            # Values that are no numbers wait in Python for the sample that they belong to.
+            rows[k] = _READ if stream.columns.loose else _HEARD if path in self._overheard else 0
         self._unread = unread
 
     def schedule(self) -> None:
@@ -224,10 +226,10 @@ class Sensing(Part):
 
     def _tell(self, told: int, samples: list[Sample]) -> None:
         for k, seq, t_ns, t_sent_ns, valid, numbers in self._instruments.told(0, told):
-            if k in self._unread:
-                continue
             stream = self._streams[k]
             loose = stream.coming.pop(seq, ()) if stream.columns.loose else ()
+            if k in self._unread:
+                continue
             values = stream.columns.unpack(numbers[: stream.columns.width], loose)
             samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid, values))
 
