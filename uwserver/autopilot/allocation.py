@@ -156,11 +156,11 @@ def command_for(curves: Array, first: int, astern: int, ahead: int, force: float
     while k <= last and curves[k, 0] <= force:
         k += 1
     if k == first:
-        return curves[first, 1]
+        return float(curves[first, 1])
     if k > last:
-        return curves[last, 1]
+        return float(curves[last, 1])
     f0, u0, f1, u1 = curves[k - 1, 0], curves[k - 1, 1], curves[k, 0], curves[k, 1]
-    return u0 + (u1 - u0) * (force - f0) / (f1 - f0)
+    return float(u0 + (u1 - u0) * (force - f0) / (f1 - f0))
 
 
 def reaches(columns: FloatArray, low: FloatArray, high: FloatArray, into: FloatArray) -> Six:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -32,9 +32,12 @@ class Seat:
         mission: dict[str, Any] = {"items": ()}
         items = Beside(lambda: mission["items"], lambda value: mission.update(items=value))
         test = Beside(self._test, self._set_test)
-        self.estimate: Estimate = Live(Estimate, {})  # type: ignore[assignment]  # as one
-        self.memory: Memory = Live(Memory, {"outputs": outputs})  # type: ignore[assignment]
-        self.orders: Orders = Live(Orders, {"items": items, "test": test})  # type: ignore[assignment]
+        self._live = (
+            Live(Estimate, {}),
+            Live(Memory, {"outputs": outputs}),
+            Live(Orders, {"items": items, "test": test}),
+        )
+        self.estimate, self.memory, self.orders = cast("tuple[Estimate, Memory, Orders]", self._live)
         self.bank, self.k = Bank(), 0
         self.bank.gather([self], {}, 0)
         self.write(craft.begin(), Memory(), Orders(gains=craft.gains, mode=craft.mode))
@@ -43,21 +46,22 @@ class Seat:
     def lie(self, bank: Bank, k: int, row: Any, devices: Any) -> None:
         """These are its rows from now on, which hold all that it was."""
         self.bank, self.k, self.row, self.devices = bank, k, row, devices
-        for record, name in ((self.estimate, "e"), (self.memory, "m"), (self.orders, "o")):
-            record.lie(row[name])  # type: ignore[attr-defined]  # a Live
+        for record, name in zip(self._live, "emo", strict=True):
+            record.lie(row[name])
 
     def read(self) -> tuple[Estimate, Memory, Orders]:
         """Copies of its records."""
-        return self.estimate.read(), self.memory.read(), self.orders.read()  # type: ignore[attr-defined]
+        estimate, memory, orders = self._live
+        return estimate.read(), memory.read(), orders.read()
 
     def write(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
         """Put others in their place."""
-        for record, value in ((self.estimate, estimate), (self.memory, memory), (self.orders, orders)):
-            record.write(value)  # type: ignore[attr-defined]
+        for record, value in zip(self._live, (estimate, memory, orders), strict=True):
+            record.write(value)
 
     def forget(self) -> None:
         """What the controllers remember is that of the start."""
-        self.memory.write(Memory())  # type: ignore[attr-defined]
+        self._live[1].write(Memory())
 
     def _set_outputs(self, parts: Sequence[float]) -> None:
         self.devices["part"] = parts or 0.0

@@ -10,13 +10,24 @@ import math
 from typing import Any
 
 from uwserver.autopilot import sources, tracks
-from uwserver.autopilot.rows import four, set_four, set_six, set_three, six, three
+from uwserver.autopilot.rows import (
+    conjugate,
+    four,
+    multiply,
+    quat_from_rpy,
+    rotate,
+    rpy_from_quat,
+    set_four,
+    set_six,
+    set_three,
+    six,
+    three,
+)
 from uwserver.autopilot.state import NEVER, Estimate
 from uwserver.environment import geodesy
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, separate
-from uwserver.sensors.bank import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.units import NANOSECONDS
 
 LEVELLING = 0.5

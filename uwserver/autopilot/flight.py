@@ -70,7 +70,7 @@ def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
     if stage <= STEER:
         need = _look_ahead(e, o, c)
         if need != NOTHING:
-            return need
+            return int(need)
     _control(p, devices, curves, now)
     return NOTHING
 
@@ -78,7 +78,7 @@ def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
 @compiled
 def _lacks(mode: int, now: Any) -> bool:
     """Whether a mode cannot work."""
-    for need, there in zip(_NEEDED[mode], now):  # noqa: B905 - compiled code knows no `strict`
+    for need, there in zip(_NEEDED[mode], now):  # noqa: B905, SIM110 - compiled code knows neither `strict` nor `any`
         if need and not there:
             return True
     return False
@@ -89,7 +89,8 @@ def _is_in_trouble(e: Any, o: Any, now: Any) -> bool:
     """Whether a fail-safe is due."""
     reason = o.failsafe
     leaks = e.leak != 0 and reason != _LEAK
-    return _lacks(o.mode, now) or leaks or (e.charge < o.gains.battery_low and reason != _LEAK and reason != _BATTERY)
+    runs_down = e.charge < o.gains.battery_low and reason not in (_LEAK, _BATTERY)
+    return bool(_lacks(o.mode, now) or leaks or runs_down)
 
 
 @compiled
@@ -124,14 +125,14 @@ def _is_done(e: Any, o: Any, c: Any) -> bool:
             return False
         o.waited += c.dt
         o.settled = 1
-        return o.waited >= c.lasts
+        return bool(o.waited >= c.lasts)
     if c.item == HOLD:
         o.waited += c.dt
-        return o.waited >= c.lasts
+        return bool(o.waited >= c.lasts)
     if c.item == HEADING:
-        return c.torpedo != 0 or abs(within(o.heading - heading_of(e))) < _TURNED_RAD
+        return bool(c.torpedo != 0 or abs(within(o.heading - heading_of(e))) < _TURNED_RAD)
     if c.item == COME_UP:
-        return e.p[2] < c.up
+        return bool(e.p[2] < c.up)
     return True
 
 

@@ -22,7 +22,12 @@ from uwserver.autopilot.rows import (
     STABILISE,
     SURFACE,
     VELOCITY,
+    conjugate,
     four,
+    multiply,
+    quat_from_rpy,
+    rotate,
+    rpy_from_quat,
     set_three,
     three,
 )
@@ -30,7 +35,6 @@ from uwserver.autopilot.state import NAN, Six
 from uwserver.autopilot.sticks import CENTRED, at_most, heading_of, move_depth, move_heading, move_place, within
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.deferred import compiled, separate
-from uwserver.sensors.bank import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 
 _RISE = 0.4
 """Part of the power upwards that brings a vehicle up which does not know its depth."""
@@ -143,7 +147,8 @@ def _wanted(e: Any, o: Any, c: Any, now: Any) -> Vec3:
         length = math.sqrt(ux * ux + uy * uy + uz * uz)
         # There is no line where nothing began, or another depth was told on the way.
         if length > _SHORT_M and o.depth == b[2]:
-            return _follow(e, o, c, (ux / length, uy / length, uz / length))
+            vx, vy, vz = _follow(e, o, c, (ux / length, uy / length, uz / length))
+            return vx, vy, vz
     vx, vy = _drive(e, o, c, now)
     return vx, vy, _climb(e, o, c, now)
 
@@ -175,7 +180,7 @@ def _follow(e: Any, o: Any, c: Any, towards: Vec3) -> Vec3:
 def _climb(e: Any, o: Any, c: Any, now: Any) -> float:
     """Vertical speed, m/s down; nan where the stick acts on the force."""
     g, mode, holds_attitude = o.gains, o.mode, o.attitude[0] == o.attitude[0]
-    if mode == STABILISE or mode == HEADING_HOLD or not now.depth:
+    if mode in (STABILISE, HEADING_HOLD) or not now.depth:
         return NAN
     fast = g.surface_mps if mode == SURFACE else g.max_climb_mps
     if holds_attitude:
@@ -186,7 +191,7 @@ def _climb(e: Any, o: Any, c: Any, now: Any) -> float:
         wanted = move_depth(o, e, now.altitude, c.dt)
     if (holds_attitude or o.frame != NO_FRAME) and wanted != 0.0:
         o.depth = e.p[2] + at_most(o.depth + wanted * c.dt - e.p[2], 1.0)
-    return at_most(wanted + g.depth_p * (o.depth - e.p[2]), max(fast, abs(wanted)))
+    return float(at_most(wanted + g.depth_p * (o.depth - e.p[2]), max(fast, abs(wanted))))
 
 
 @compiled
@@ -194,8 +199,9 @@ def _drive(e: Any, o: Any, c: Any, now: Any) -> tuple[float, float]:
     """Velocity north and east, m/s; nan where the sticks act on forces."""
     g, mode = o.gains, o.mode
     if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):
-        return _velocity(e, o)
-    holds_place = mode == POSITION_HOLD or mode == GUIDED or mode == MISSION
+        vx, vy = _velocity(e, o)
+        return vx, vy
+    holds_place = mode in (POSITION_HOLD, GUIDED, MISSION)
     if not holds_place or not now.position or o.attitude[0] == o.attitude[0]:
         return NAN, NAN
     vx, vy = move_place(o, e, c.dt)

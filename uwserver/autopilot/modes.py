@@ -90,9 +90,7 @@ def known(e: Estimate, gains: Gains, now_ns: int) -> Known:
     depth = now_ns - e.depth_ns <= gains.depth_timeout_s * ns
     bottom = now_ns - e.altitude_ns <= gains.altitude_timeout_s * ns
     position = (velocity or fixed) and heading
-    return Known(
-        attitude, heading, depth, velocity and heading, position, bottom and not math.isnan(e.bottom), motion
-    )
+    return Known(attitude, heading, depth, velocity and heading, position, bottom and not math.isnan(e.bottom), motion)
 
 
 def missing(mode: Mode, known: Known) -> str:

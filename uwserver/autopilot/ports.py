@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.state import NAN, NOWHERE, STILL, Orders
+from uwserver.autopilot.state import NAN, NOWHERE, STILL, Orders, SetPointName
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Field, Value
@@ -43,7 +43,7 @@ def set_points(pilot: Autopilot) -> Iterator[tuple[str, SetPoint]]:
     yield "test", _test(pilot)
 
 
-def _given(pilot: Autopilot, *names: str) -> None:
+def _given(pilot: Autopilot, *names: SetPointName) -> None:
     pilot.orders.given = tuple(sorted({*pilot.orders.given, *names}))
 
 

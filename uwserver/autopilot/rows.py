@@ -12,11 +12,12 @@ from typing import Any, NamedTuple, TypeVar, get_args
 import numpy as np
 from msgspec import Struct, structs
 
+from uwserver import frames
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.state import GIVEN, NAN, REASONS, Estimate, Memory, Mode, Orders, Six
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import inlined
+from uwserver.physics.kernel.deferred import compiled, inlined
 from uwserver.physics.kernel.layout import Forms, columns
 
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -196,6 +197,13 @@ FORMS: Forms = {
 """Of the table of a world's autopilots; `ears`: of each stream of a sensor the SOURCE that hears it, or -1."""
 
 
+rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
+    compiled(frames.rotate), compiled(frames.multiply), compiled(frames.conjugate), compiled(frames.quat_from_rpy),
+    compiled(frames.rpy_from_quat),
+)  # fmt: skip
+"""Of `uwserver.frames`, for compiled code."""
+
+
 @inlined
 def three(a: Array) -> Vec3:
     """A vector of a row."""
@@ -325,9 +333,12 @@ class Live:
 
 
 def _value(name: str, plain: Any) -> Any:
+    """A number, vector or record of a row as a value; all that is no number is `NAN` itself, so that equal rows give equal records."""
     if isinstance(plain, np.ndarray):
         plain = plain.tolist()
     if isinstance(plain, list):
-        plain = tuple(plain)
+        plain = tuple([NAN if x != x else x for x in plain])
+    elif plain != plain:
+        plain = NAN
     form = _FORMS.get(name)
     return plain if form is None else form.read(plain)

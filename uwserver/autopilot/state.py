@@ -22,7 +22,8 @@ Mode = Literal[
     "mission", "surface",
 ]  # fmt: skip
 
-GIVEN = "altitude", "depth", "heading", "place"
+SetPointName = Literal["altitude", "depth", "heading", "place"]
+GIVEN: tuple[SetPointName, ...] = get_args(SetPointName)
 """Set points that a command can set."""
 
 Reason = Literal[
@@ -137,7 +138,7 @@ class Orders(Struct):
     place: Vec3 = NOWHERE
     turn: float = NAN
     turn_limit: float = math.inf
-    given: tuple[Literal["altitude", "depth", "heading", "place"], ...] = ()
+    given: Annotated[tuple[SetPointName, ...], Meta(max_length=4)] = ()
     attitude: Quat | None = None
     heave: float = 0.0
     velocity: Vec3 = STILL

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from uwserver.autopilot.rows import ALTITUDE_HOLD, SURFACE, four, set_three, three
+from uwserver.autopilot.rows import rpy_from_quat as rpy
 from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Mode, Orders
-from uwserver.frames import Quat, rpy_from_quat
-from uwserver.physics.kernel import deferred
 from uwserver.physics.kernel.deferred import compiled
-from uwserver.sensors import bank
 
 CENTRED = 0.02
 """A stick within this counts as released."""
@@ -35,20 +33,14 @@ def clamped(value: float, limit: float) -> float:
     return -limit if value < -limit else limit if value > limit else value
 
 
-def yaw_of(q: Quat) -> float:
-    """Yaw, rad."""
-    return rpy_from_quat(q)[2]
-
-
-within, at_most = deferred.compiled(wrapped), deferred.compiled(clamped)
+within, at_most = compiled(wrapped), compiled(clamped)
 """`wrapped` and `clamped` for compiled code."""
-_rpy = bank.rpy_from_quat
 
 
 @compiled
 def heading_of(e: Any) -> float:
     """Yaw, rad."""
-    return _rpy(four(e.q))[2]
+    return float(rpy(four(e.q))[2])
 
 
 def enter(o: Orders, m: Memory, mode: Mode) -> None:
@@ -89,7 +81,7 @@ def move_heading(o: Any, e: Any, dt: float) -> float:
         return 0.0
     now = heading_of(e)
     o.heading = within(now + at_most(within(o.heading + rate * dt - now), _LEAD_RAD))
-    return rate
+    return float(rate)
 
 
 @compiled
@@ -103,7 +95,7 @@ def move_depth(o: Any, e: Any, sees_bottom: bool, dt: float) -> float:
         o.depth = e.bottom - o.altitude
     elif climb != 0.0:
         o.depth = e.p[2] + at_most(o.depth + climb * dt - e.p[2], _LEAD_M)
-    return climb
+    return float(climb)
 
 
 @compiled

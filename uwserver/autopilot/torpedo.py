@@ -23,7 +23,10 @@ from uwserver.autopilot.rows import (
     STABILISE,
     SURFACE,
     VELOCITY,
+    conjugate,
     four,
+    rotate,
+    rpy_from_quat,
     set_three,
     three,
 )
@@ -31,7 +34,6 @@ from uwserver.autopilot.state import NAN, Six
 from uwserver.autopilot.sticks import at_most, heading_of, move_depth, move_heading, within
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.deferred import compiled, separate
-from uwserver.sensors.bank import conjugate, rotate, rpy_from_quat
 
 _CRAB_S = 4.0
 """Time constant with which the drift across the heading is learnt, s; likewise that across the pitch."""
@@ -61,14 +63,19 @@ class Torpedo:
 
     def fill(self, craft: Any) -> None:
         """Write it into a CRAFT."""
-        craft["torpedo"], craft["inertia"], craft["reach"], craft["righting"] = 1, self.inertia, self.reach, self.righting
+        craft["torpedo"], craft["inertia"], craft["reach"], craft["righting"] = (
+            1,
+            self.inertia,
+            self.reach,
+            self.righting,
+        )
         self.shaft.fill(craft["shaft"])
 
 
 @compiled
 def speed_ahead(e: Any, m: Any, now: Any) -> float:
     """Ahead, m/s: measured, or as the propeller should have made it."""
-    return rotate(conjugate(four(e.q)), three(e.v))[0] if now.velocity else m.through
+    return float(rotate(conjugate(four(e.q)), three(e.v))[0] if now.velocity else m.through)
 
 
 @compiled
@@ -111,15 +118,15 @@ def _surge(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
     wanted = _wanted(e, o, c)
     if wanted != wanted:
         set_three(m.push, _STILL)
-        return o.stick[0] * abs(o.stick[0]) * c.reach[0] * g.stick
+        return float(o.stick[0] * abs(o.stick[0]) * c.reach[0] * g.stick)
     force = _thrust(c.shaft, wanted * g.shaft_per_speed, max(wanted, 0.0))
     if not now.velocity or wanted == 0.0:
         set_three(m.push, _STILL)
-        return force
+        return float(force)
     off = wanted - u
     push = m.push[0] + g.velocity_i * off * c.dt - g.unwind * c.dt * m.lack[0] / c.inertia[0]
     set_three(m.push, (push, 0.0, 0.0))
-    return force + c.inertia[0] * (g.velocity_p * off + push)
+    return float(force + c.inertia[0] * (g.velocity_p * off + push))
 
 
 @compiled
@@ -128,12 +135,12 @@ def _wanted(e: Any, o: Any, c: Any) -> float:
     g, mode, v = o.gains, o.mode, o.velocity
     if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):
         if o.frame == NO_FRAME:
-            return o.stick[0] * g.max_speed_mps
-        return v[0] if o.frame == IN_B else math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+            return float(o.stick[0] * g.max_speed_mps)
+        return float(v[0] if o.frame == IN_B else math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
     if mode == SURFACE:
-        return 0.0 if e.p[2] < c.up else g.cruise_mps
-    if mode == POSITION_HOLD or mode == GUIDED or mode == MISSION:
-        return g.cruise_mps if o.speed != o.speed else min(o.speed, g.max_speed_mps)
+        return float(0.0 if e.p[2] < c.up else g.cruise_mps)
+    if mode in (POSITION_HOLD, GUIDED, MISSION):
+        return float(g.cruise_mps if o.speed != o.speed else min(o.speed, g.max_speed_mps))
     return NAN
 
 
@@ -171,17 +178,17 @@ def _pitch(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
     """Pitch to hold, rad."""
     g, mode = o.gains, o.mode
     if o.attitude[0] == o.attitude[0]:
-        return rpy_from_quat(four(o.attitude))[1]
-    if mode == STABILISE or mode == HEADING_HOLD:
-        return o.stick[4] * g.max_tilt_rad
+        return float(rpy_from_quat(four(o.attitude))[1])
+    if mode in (STABILISE, HEADING_HOLD):
+        return float(o.stick[4] * g.max_tilt_rad)
     if not now.depth:
-        return g.max_tilt_rad if mode == SURFACE else 0.0
+        return float(g.max_tilt_rad if mode == SURFACE else 0.0)
     dive = move_depth(o, e, now.altitude, c.dt)
     if o.frame != NO_FRAME and o.velocity[2] != 0.0:
         dive = o.velocity[2]
         o.depth = e.p[2] + at_most(o.depth + dive * c.dt - e.p[2], 1.0)
     slope = g.depth_p * (o.depth - e.p[2]) + dive / max(u, SLOW_MPS)
-    return at_most(m.sag - slope, g.max_tilt_rad)
+    return float(at_most(m.sag - slope, g.max_tilt_rad))
 
 
 @compiled
@@ -192,9 +199,7 @@ def _course(e: Any, m: Any, o: Any, now: Any) -> None:
         o.heading = rpy_from_quat(four(o.attitude))[2]
     elif o.frame == IN_N and math.hypot(o.velocity[0], o.velocity[1]) > 1e-3:
         o.heading = within(math.atan2(o.velocity[1], o.velocity[0]) - m.crab)
-    elif (
-        o.frame == NO_FRAME and (mode == POSITION_HOLD or mode == GUIDED or mode == MISSION) and now.position
-    ):
+    elif o.frame == NO_FRAME and mode in (POSITION_HOLD, GUIDED, MISSION) and now.position:
         o.heading = within(_towards(e, o) - m.crab)
 
 
@@ -211,7 +216,7 @@ def _towards(e: Any, o: Any) -> float:
     if o.astray != 0:
         # Past it, and inside its own turning circle: first away from it.
         if away < 2.5 * orbit:
-            return within(bearing + math.pi)
+            return float(within(bearing + math.pi))
         o.astray = 0
         set_three(o.origin, three(e.p))
     lx, ly = o.place[0] - o.origin[0], o.place[1] - o.origin[1]

@@ -128,5 +128,3 @@ class Pilots(Part):
     def load(self, state: Any) -> None:
         """The time may be another."""
         self.next_tick = 0 if self._pilots else None
-
-

@@ -18,7 +18,6 @@ from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
 from uwserver.world.sensor_slot import SensorSlot
 
-
 _READ, _HEARD = 1, 2
 """As in `delivery`, for which numba would be imported."""
 
@@ -118,7 +117,7 @@ class Sensing(Part):
         gone = [slot for slot in self._there if slot not in there]
         self._lose({k for slot in gone for k in slot.stream_numbers})
         for slot in gone:
-            slot.leave()
+            slot.move_out()
         for slot in self._slots.values():
             if slot not in self._there:
                 slot.enter(self._instruments)
@@ -137,7 +136,7 @@ class Sensing(Part):
         self._wanted = ports
         self._mark()
 
-    def hear(self, ports: Collection[str], overheard: Collection[str], listen: Listen) -> None:
+    def set_listeners(self, ports: Collection[str], overheard: Collection[str], listen: Listen) -> None:
         """Parts of the world hear some ports; compiled code hears others, after each tick in which something is delivered that somebody wants."""
         self._heard, self._overheard, self._listen = ports, overheard, listen
         self._mark()

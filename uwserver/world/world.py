@@ -99,7 +99,13 @@ class World:
             self._commands, self._carry, lambda: (self._tick, self.t_ns),
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
-        for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._pilots, self._sensing):
+        for part in (
+            Bodies(hydro),
+            Flowing(water, self._seconds, self.set_current),
+            self._commands,
+            self._pilots,
+            self._sensing,
+        ):
             self.add(part)
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
@@ -177,7 +183,7 @@ class World:
             for port in part.hears:
                 self._ears.setdefault(port, []).append(part)
         self._pilots.settle(self.parts.values(), self._sensing.numbers)
-        self._sensing.hear(self._ears, self._pilots.ports, self._pilots.listen)
+        self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listen)
         self._sensing.schedule()
 
     def want(self, ports: Collection[str] | None) -> None:

@@ -141,6 +141,7 @@ def u_of(allocation, k, force):
 
 # -- thrust curves ---------------------------------------------------------------------------------------------------------------------
 
+
 def u_for(table, force):
     points, astern, ahead = curve_points(table)
     return command_for(points, 0, astern, ahead, force)

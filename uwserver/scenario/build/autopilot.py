@@ -250,8 +250,8 @@ class _Hands:
         self.shares.append(len(names))
         self.names += names
         self.rows += actuator.rows.values() if isinstance(actuator, Thrusters) else actuator.rows
-        for field in slot.port.fields:
-            self.full += (field.maximum or strongest,) * field.size
+        for given in slot.port.fields:
+            self.full += (given.maximum or strongest,) * given.size
 
 
 def _controls(
