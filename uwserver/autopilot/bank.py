@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from uwserver.autopilot.craft import Craft
+from uwserver.autopilot.flight import SHOWN
 from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, SOURCE, Beside, Live
 from uwserver.autopilot.state import Estimate, Memory, Orders
 from uwserver.physics.kernel import layout
@@ -28,6 +29,7 @@ class Seat:
         self.row: Any = np.zeros(1, PILOT)[0]
         self.devices: Any = craft.allocation.devices.copy()
         craft.fill(self.row["c"])
+        self._shown: FloatArray = np.zeros(SHOWN)
         outputs = Beside(lambda: tuple(self.devices["part"].tolist()), self._set_outputs)
         mission: dict[str, Any] = {"items": ()}
         items = Beside(lambda: mission["items"], lambda value: mission.update(items=value))
@@ -80,6 +82,11 @@ class Seat:
         """Take a valid sample of one of its ports into the estimate."""
         place, numbers = self.craft.hearing.numbers(port, values)
         self.bank.entries.hear_one(self.bank.table, self.bank.first_source(self) + place, numbers, t_ns, now_ns)
+
+    def show(self, t_ns: int) -> tuple[list[float], tuple[float, ...]]:
+        """What it believes and wants, as `flight.show` has it, and its outputs."""
+        self.bank.entries.show_one(self.bank.table, self.k, t_ns, self._shown)
+        return self._shown.tolist(), tuple(self.devices["part"].tolist())
 
     def go_on(self, world: IntArray, t_ns: int, stage: int) -> int:
         """Go on with a step from a stage; returns what it needs of Python. `world`: the table of the bodies' arrays."""

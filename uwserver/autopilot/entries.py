@@ -15,6 +15,7 @@ _sources, _beacons, _ears = array_at(FORMS, "sources"), array_at(FORMS, "beacons
 _thrusters, _servos = array_at(layout.WORLD, "thrusters"), array_at(layout.WORLD, "servos")
 _wrenches = array_at(layout.WORLD, "wrenches")
 _update, _fly, _stay = estimator.update.made(), flight.fly.made(), sticks.stay.made()
+_show = flight.show.made()
 
 
 @compiled
@@ -91,3 +92,9 @@ def stay_one(table: Array, k: int) -> None:
     """Put what no command has given where the vehicle is."""
     p = _pilots(table)[k]
     _stay(p.o, p.e)
+
+
+@entry
+def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
+    """See `flight.show`."""
+    _show(_pilots(table)[k], t_ns, out)

@@ -1,4 +1,4 @@
-"""One step of one autopilot: estimate, fail-safes, guidance, control, allocation.
+"""One step of one autopilot: estimate, fail-safes, guidance, control, allocation; and what it shows.
 
 Compiled code. What is rare is done in Python: the step stops there and says what it needs, and goes on from a later stage when that is done.
 """
@@ -13,8 +13,19 @@ from uwserver.autopilot.allocation import FINS, THRUSTERS, allocate_thrusters, a
 from uwserver.autopilot.estimator import go_on
 from uwserver.autopilot.fins import allocate_fins
 from uwserver.autopilot.hover import hover
-from uwserver.autopilot.rows import MISSION, THRUSTER, set_six
-from uwserver.autopilot.state import REASONS
+from uwserver.autopilot.rows import (
+    ACRO,
+    GUIDED,
+    HEADING_HOLD,
+    MANUAL,
+    MISSION,
+    NO_FRAME,
+    POSITION_HOLD,
+    STABILISE,
+    THRUSTER,
+    set_six,
+)
+from uwserver.autopilot.state import NAN, REASONS
 from uwserver.autopilot.sticks import heading_of, stay, within
 from uwserver.autopilot.torpedo import speed_ahead, torpedo
 from uwserver.physics.kernel.arrays import Array
@@ -157,3 +168,34 @@ def _control(p: Any, devices: Array, curves: Array, now: Any) -> None:
     for axis in range(6):
         m.lack[axis] = tau[axis] - made[axis] if c.axes[axis] != 0 else 0.0
     c.gives = 1
+
+
+@compiled
+def show(p: Any, t_ns: int, out: Array) -> None:
+    """Write what a PILOT believes and wants.
+
+    Args:
+        p: PILOT.
+        t_ns: simulation time.
+        out: (SHOWN) receives position, velocity, attitude, rates; depth and altitude, nan where unknown; place, depth and heading that are held,
+            nan where the mode holds none; the demanded wrench; mode, whether it is armed, position and velocity are known; item under way, items
+            done; reason of the fail-safe.
+    """
+    e, o = p.e, p.o
+    now = _known(e, o.gains, t_ns)
+    mode, holds_attitude = o.mode, o.attitude[0] == o.attitude[0]
+    out[0:3], out[3:6], out[6:10], out[10:13] = e.p, e.v, e.q, e.w
+    out[13] = e.p[2] if now.depth else NAN
+    out[14] = e.bottom - e.p[2] if now.altitude else NAN
+    holds_place = mode in (POSITION_HOLD, GUIDED, MISSION) and o.frame == NO_FRAME and not holds_attitude
+    for i in range(3):
+        out[15 + i] = o.place[i] if holds_place else NAN
+    out[18] = NAN if mode in (MANUAL, ACRO, STABILISE, HEADING_HOLD) else o.depth
+    out[19] = NAN if mode in (MANUAL, ACRO) or holds_attitude else o.heading
+    out[20:26] = p.m.tau
+    out[26], out[27], out[28], out[29] = mode, o.armed, now.position, now.velocity
+    out[30], out[31], out[32] = o.index, o.reached, o.failsafe
+
+
+SHOWN = 33
+"""Numbers that `show` writes."""

@@ -62,9 +62,14 @@ class Autopilot:
     # -- the step -------------------------------------------------------------------------------------------------------------------
 
     @property
+    def t_ns(self) -> int:
+        """Simulation time."""
+        return self._now()[1]
+
+    @property
     def known(self) -> Known:
         """What of the estimate can be trusted now."""
-        return known(self.estimate, self.orders.gains, self._now()[1])
+        return known(self.estimate, self.orders.gains, self.t_ns)
 
     def attend(self, need: int, world: IntArray, t_ns: int) -> None:
         """A step has stopped and needs this first (`flight`); then it goes on. `world`: the table of the bodies' arrays."""
@@ -94,7 +99,7 @@ class Autopilot:
         elif need == PROGRESS and self._errand is not None:
             self.seat.row["c"]["silence"] = 0.0
             away = route.distance(o, e)
-            self._errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self._now()[1])
+            self._errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self.t_ns)
         return CONTROL
 
     def _follow_item(self) -> None:

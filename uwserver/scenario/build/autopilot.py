@@ -31,10 +31,11 @@ from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.hover import Hover
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.ports import TEST_TIMEOUT_S, StateSensor, set_points
+from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
 from uwserver.autopilot.services import services
 from uwserver.autopilot.sources import FIELDS, Hearing, Source, Surroundings
 from uwserver.autopilot.state import Six
+from uwserver.autopilot.status import StateSensor
 from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
