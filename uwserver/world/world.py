@@ -99,13 +99,8 @@ class World:
             self._commands, self._carry, lambda: (self._tick, self.t_ns),
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
-        for part in (
-            Bodies(hydro),
-            Flowing(water, self._seconds, self.set_current),
-            self._commands,
-            self._pilots,
-            self._sensing,
-        ):
+        water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
+        for part in (*water_parts, self._commands, self._pilots, self._sensing):
             self.add(part)
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
