@@ -293,14 +293,12 @@ R = TypeVar("R", Estimate, Memory, Orders)
 class Live:
     """A typed record that lies in a row: reading a field gives what stands there now, setting it changes that."""
 
-    __slots__ = ("_beside", "_kind", "_names", "_row")
+    __slots__ = ("_beside", "_kind", "_row")
 
     def __init__(self, kind: type[Struct], beside: Mapping[str, Beside]) -> None:
         """Of a kind of records, some of whose fields lie beside the row."""
-        for name, value in (
-            ("_kind", kind), ("_beside", beside), ("_names", [name for name in kind.__struct_fields__ if name not in beside]),
-        ):  # fmt: skip
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "_kind", kind)
+        object.__setattr__(self, "_beside", beside)
 
     def lie(self, row: Any) -> None:
         """It lies there from now on."""
@@ -322,9 +320,11 @@ class Live:
 
     def read(self) -> Any:
         """A copy, as a record of its kind."""
-        plain = dict(zip(self._row.dtype.names, self._row.tolist(), strict=True))
-        values = {name: _value(name, plain[name]) for name in self._names}
-        return self._kind(**values, **{name: other.get() for name, other in self._beside.items()})
+        plain = map(_value, self._row.dtype.names, self._row.tolist())
+        values = dict(zip(self._row.dtype.names, plain, strict=True))
+        for name, other in self._beside.items():
+            values[name] = other.get()
+        return self._kind(**values)
 
     def write(self, record: Struct) -> None:
         """Put another one in its place."""
@@ -334,10 +334,12 @@ class Live:
 
 def _value(name: str, plain: Any) -> Any:
     """A number, vector or record of a row as a value; all that is no number is `NAN` itself, so that equal rows give equal records."""
-    if isinstance(plain, np.ndarray):
-        plain = plain.tolist()
-    if isinstance(plain, list):
-        plain = tuple([NAN if x != x else x for x in plain])
+    kind = type(plain)
+    if kind is np.ndarray:
+        plain, kind = plain.tolist(), list
+    if kind is list:
+        total = sum(plain)
+        plain = tuple(plain) if total == total else tuple([NAN if x != x else x for x in plain])
     elif plain != plain:
         plain = NAN
     form = _FORMS.get(name)

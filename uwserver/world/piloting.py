@@ -77,6 +77,7 @@ class Pilots(Part):
         self._hydro = hydro
         self._bank: Bank | None = None
         self._pilots: dict[int, Autopilot] = {}
+        self._streams: Mapping[str, int] = {}
         self._divisors: tuple[int, ...] = ()
         self._switches: list[_Switch] = []
         self._active: list[bool] = []
@@ -90,6 +91,9 @@ class Pilots(Part):
             streams: numbers of the streams of samples, by port.
         """
         pilots = [part.pilot for part in parts if isinstance(part, Piloting)]
+        if pilots == list(self._pilots.values()) and streams == self._streams:
+            return
+        self._streams = streams
         self._divisors = tuple({pilot.craft.divisor for pilot in pilots})
         self.next_tick = 0 if pilots else None
         self.ports = tuple([port for pilot in pilots for port in pilot.craft.hearing.ports if port in streams])
