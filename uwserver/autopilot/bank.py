@@ -6,9 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
+from msgspec import structs
 
 from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.flight import SHOWN
+from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, SOURCE, Beside, Live
 from uwserver.autopilot.state import Estimate, Memory, Orders
 from uwserver.physics.kernel import layout
@@ -29,15 +31,17 @@ class Seat:
         self.row: Any = np.zeros(1, PILOT)[0]
         self.devices: Any = craft.allocation.devices.copy()
         craft.fill(self.row["c"])
+        self._gains = craft.gains
         self._shown: FloatArray = np.zeros(SHOWN)
         outputs = Beside(lambda: tuple(self.devices["part"].tolist()), self._set_outputs)
+        gains = Beside(lambda: self._gains, self._set_gains)
         mission: dict[str, Any] = {"items": ()}
         items = Beside(lambda: mission["items"], lambda value: mission.update(items=value))
         test = Beside(self._test, self._set_test)
         self._live = (
             Live(Estimate, {}),
             Live(Memory, {"outputs": outputs}),
-            Live(Orders, {"items": items, "test": test}),
+            Live(Orders, {"gains": gains, "items": items, "test": test}),
         )
         self.estimate, self.memory, self.orders = cast("tuple[Estimate, Memory, Orders]", self._live)
         self.bank, self.k = Bank(), 0
@@ -64,6 +68,9 @@ class Seat:
     def forget(self) -> None:
         """What the controllers remember is that of the start."""
         self._live[1].write(Memory())
+
+    def _set_gains(self, gains: Gains) -> None:
+        self._gains, self.row["o"]["gains"] = gains, structs.astuple(gains)
 
     def _set_outputs(self, parts: Sequence[float]) -> None:
         self.devices["part"] = parts or 0.0

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Struct
 
 from uwserver import frames
 from uwserver.autopilot.gains import Gains
@@ -277,7 +277,6 @@ def _read_attitude(q: Quat) -> Quat | None:
 
 _TRUTH = Form(bool, int)
 _FORMS: Mapping[str, Form] = {
-    "gains": Form(lambda values: Gains(**dict(zip(GAINS.names or (), values, strict=True))), structs.astuple),
     "mode": _choice(MODES),
     "pilot": _choice(PILOTS),
     "frame": _choice(FRAMES),
@@ -321,7 +320,7 @@ class Live:
     def read(self) -> Any:
         """A copy, as a record of its kind."""
         plain = map(_value, self._row.dtype.names, self._row.tolist())
-        values = dict(zip(self._row.dtype.names, plain, strict=True))
+        values = dict(zip(self._row.dtype.names, plain, strict=True))  # of which those beside it are overwritten
         for name, other in self._beside.items():
             values[name] = other.get()
         return self._kind(**values)
