@@ -26,12 +26,16 @@ class ForceTorqueConfig(ActuatorTable, tag="force_torque", kw_only=True, frozen=
 
 
 class ForceTorque:
-    """Holds a wrench in B about the body origin; a field that is left out is zero."""
+    """Holds a wrench in B about the body origin; a field that is left out is zero.
+
+    Attributes:
+        rows: that of its wrench, for each component of its command.
+    """
 
     doc = "External force and moment about the body origin, in B; a field that is left out is zero."
 
     def __init__(self, body: Body, max_force: float, max_torque: float) -> None:
-        self._body = body
+        self._body, self.rows = body, [body.wrench] * 6
         self.fields = (
             _limited("force_B", "N", "force", max_force),
             _limited("torque_B", "N m", "moment about the body origin", max_torque),

@@ -45,7 +45,11 @@ class OneServo(ActuatorTable, kw_only=True, frozen=True):
 
 
 class Servos:
-    """Writes set points into servo rows."""
+    """Writes set points into servo rows.
+
+    Attributes:
+        rows: of the members.
+    """
 
     def __init__(self, body: Body, moved: Moved, members: tuple[str, ...], shape: tuple[int, ...]) -> None:
         """Find the rows.
@@ -67,8 +71,8 @@ class Servos:
             if member not in present:
                 raise ValueError(f'no {noun} "{member}" here, there are: {", ".join(present) or "none"}')
         self._hydro = body.hydro
-        self._rows = [present[member] for member in members]
-        rows = body.hydro.servos[self._rows]
+        self.rows = [present[member] for member in members]
+        rows = body.hydro.servos[self.rows]
         self._neutral = rows["command"].tolist()
         order = ", ".join(members)
         if shape:
@@ -81,8 +85,8 @@ class Servos:
         """Hold the set point, within each servo's limits; the field is required, so it is given."""
         (command,) = value
         if command is not None:
-            self._hydro.servos["command"][self._rows] = command
+            self._hydro.servos["command"][self.rows] = command
 
     def neutral(self) -> None:
         """Go back to the neutral of the vehicle file."""
-        self._hydro.servos["command"][self._rows] = self._neutral
+        self._hydro.servos["command"][self.rows] = self._neutral

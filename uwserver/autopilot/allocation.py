@@ -10,16 +10,16 @@ section 12.3.2), with a small damping lambda against axes that are almost out of
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import mul
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from uwserver.autopilot.rows import DEVICE, THRUSTER, WRENCH
 from uwserver.autopilot.state import Six
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import compiled, separate
 
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 IMPORTANCE = (HEAVE, YAW, SURGE, SWAY, ROLL, PITCH)
@@ -30,6 +30,7 @@ _OUT_OF_REACH = 0.05
 """An axis is out of reach whose wrench, in the best case, leaves this part of it to the axes that are controlled already."""
 
 Given = tuple[tuple[float, ...] | None, ...]
+THRUSTERS, FINS, WRENCHES = range(3)
 
 
 @dataclass(frozen=True)
@@ -46,18 +47,21 @@ class Thrust:
 
 
 class Allocation(Protocol):
-    """The actuators of a vehicle, seen as a wrench."""
+    """The actuators of a vehicle, seen as a wrench.
 
+    Attributes:
+        means: THRUSTERS, FINS or WRENCHES: which compiled function shares a wrench out among them.
+        axes: that can be controlled.
+        reach: largest wrench of each axis, N and N m.
+        devices: DEVICE rows of the components of the commands of the held actuators, in their order.
+        curves: (n, 2) of `command_for`, of all of them.
+    """
+
+    means: int
     axes: tuple[int, ...]
     reach: Six
-
-    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
-        """Commands of the held actuators, in their order, and the wrench that they will make.
-
-        Args:
-            tau: demanded (6), N and N m in B; what is demanded of axes out of reach is ignored.
-            speed: surge through the water, m/s.
-        """
+    devices: Any
+    curves: FloatArray
 
 
 def controllable(columns: FloatArray) -> tuple[int, ...]:
@@ -99,54 +103,64 @@ def inverse(columns: FloatArray, limits: FloatArray, axes: Sequence[int]) -> Flo
     return result
 
 
-def fitted(first: Sequence[float], rest: Sequence[float], low: Sequence[float], high: Sequence[float]) -> list[float]:
-    """The important forces, scaled down if they alone are too much, and as much of the rest as fits beside them (n each)."""
-    a = _share(first, None, low, high)
-    if a < 1.0:
-        first = [a * f for f in first]
-    b = _share(rest, first, low, high)
-    return [f + b * r for f, r in zip(first, rest, strict=True)]
+@compiled
+def share(devices: Array) -> None:
+    """The important forces (`first`), scaled down if they alone are too much, and as much of the others (`rest`) as fits beside them, as `force`."""
+    a, b = 1.0, 1.0
+    for d in devices:
+        a = _fitting(d.first, 0.0, d.low, d.high, a)
+    for d in devices:
+        b = _fitting(d.rest, a * d.first, d.low, d.high, b)
+    for d in devices:
+        d.force = a * d.first + b * d.rest
 
 
-def _share(wanted: Sequence[float], base: Sequence[float] | None, low: Sequence[float], high: Sequence[float]) -> float:
-    """The largest part s <= 1 of `wanted` for which base + s wanted keeps the limits."""
-    share = 1.0
-    for k, w in enumerate(wanted):
-        b = 0.0 if base is None else base[k]
-        if w > 0.0 and b + w > high[k]:
-            share = min(share, max(0.0, (high[k] - b) / w))
-        elif w < 0.0 and b + w < low[k]:
-            share = min(share, max(0.0, (low[k] - b) / w))
-    return share
+@compiled
+def _fitting(wanted: float, base: float, low: float, high: float, part: float) -> float:
+    """The largest part s <= `part` of a force for which base + s wanted keeps the limits."""
+    if wanted > 0.0 and base + wanted > high:
+        return min(part, max(0.0, (high - base) / wanted))
+    if wanted < 0.0 and base + wanted < low:
+        return min(part, max(0.0, (low - base) / wanted))
+    return part
 
 
-class Curve:
-    """A force table turned round: the least command that makes a force."""
+def curve_points(points: Sequence[tuple[float, float]]) -> tuple[FloatArray, int, int]:
+    """A force table turned round, for `command_for`: (n, 2) points (N, u), and how many of them are astern and ahead.
 
-    def __init__(self, points: Sequence[tuple[float, float]]) -> None:
-        """Of (u, N) points, ascending in both. Within the dead band the command is zero."""
-        forward = [(f, u) for u, f in points if f > 0.0]
-        astern = [(f, u) for u, f in points if f < 0.0]
-        # The edges of the dead band: the last points without force on either side.
-        edge = max((u for u, f in points if f == 0.0), default=0.0)
-        back = min((u for u, f in points if f == 0.0), default=0.0)
-        self._forward = [(0.0, edge), *forward]
-        self._astern = [*astern, (0.0, back)]
-        self._keys = [f for f, _ in self._forward]
-        self._back_keys = [f for f, _ in self._astern]
+    Args:
+        points: (u, N), ascending in both.
+    """
+    forward = [(f, u) for u, f in points if f > 0.0]
+    astern = [(f, u) for u, f in points if f < 0.0]
+    # The edges of the dead band: the last points without force on either side.
+    edge = max((u for u, f in points if f == 0.0), default=0.0)
+    back = min((u for u, f in points if f == 0.0), default=0.0)
+    return np.array([*astern, (0.0, back), (0.0, edge), *forward]), len(astern) + 1, len(forward) + 1
 
-    def command(self, force: float) -> float:
-        """u for a force (N)."""
-        if force == 0.0:
-            return 0.0
-        points, keys = (self._forward, self._keys) if force > 0.0 else (self._astern, self._back_keys)
-        k = bisect_right(keys, force)
-        if k == 0:
-            return points[0][1]
-        if k == len(points):
-            return points[-1][1]
-        (f0, u0), (f1, u1) = points[k - 1], points[k]
-        return u0 + (u1 - u0) * (force - f0) / (f1 - f0)
+
+def no_curves() -> FloatArray:
+    """Of devices that have none."""
+    return np.zeros((0, 2))
+
+
+@compiled
+def command_for(curves: Array, first: int, astern: int, ahead: int, force: float) -> float:
+    """The least command u that makes a force (N); within the dead band it is zero."""
+    if force == 0.0:
+        return 0.0
+    last = first + astern - 1
+    if force > 0.0:
+        first, last = first + astern, first + astern + ahead - 1
+    k = first
+    while k <= last and curves[k, 0] <= force:
+        k += 1
+    if k == first:
+        return float(curves[first, 1])
+    if k > last:
+        return float(curves[last, 1])
+    f0, u0, f1, u1 = curves[k - 1, 0], curves[k - 1, 1], curves[k, 0], curves[k, 1]
+    return float(u0 + (u1 - u0) * (force - f0) / (f1 - f0))
 
 
 def reaches(columns: FloatArray, low: FloatArray, high: FloatArray, into: FloatArray) -> Six:
@@ -170,7 +184,9 @@ def _largest(direction: FloatArray, low: FloatArray, high: FloatArray) -> float:
 
 
 class Thrusters:
-    """Thrusters of one or several actuators. At these sizes plain floats are faster than numpy."""
+    """Thrusters of one or several actuators."""
+
+    means = THRUSTERS
 
     def __init__(self, groups: Sequence[tuple[Sequence[Thrust], bool]]) -> None:
         """Of each actuator its thrusters, and whether it is commanded by force rather than u."""
@@ -181,44 +197,57 @@ class Thrusters:
         self.axes = controllable(columns)
         into = inverse(columns, np.minimum(-low, high), self.axes)
         self.reach = reaches(columns, low, high, into)
-        self._low, self._high = low.tolist(), high.tolist()
-        self._into = [tuple(row) for row in into.tolist()]
-        self._columns = [tuple(row) for row in columns.tolist()]
-        self._curves = [Curve(thrust.curve).command for thrust in thrusts]
-        # (first, last, by force) of each actuator.
-        self._slices: list[tuple[int, int, bool]] = []
-        start = 0
-        for group, by_force in groups:
-            self._slices.append((start, start + len(group), by_force))
-            start += len(group)
+        self.devices: Any = np.zeros(len(thrusts), DEVICE)
+        self.devices["kind"], self.devices["into"], self.devices["column"] = THRUSTER, into, columns.T
+        self.devices["low"], self.devices["high"] = low, high
+        self.devices["by_force"] = [by_force for group, by_force in groups for _ in group]
+        tables, first = [], 0
+        for row, thrust in zip(self.devices, thrusts, strict=True):
+            points, row["astern"], row["ahead"] = curve_points(thrust.curve)
+            row["curve_first"] = first
+            tables.append(points)
+            first += len(points)
+        self.curves = np.concatenate(tables)
 
-    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
-        """See `Allocation`."""
-        x, y, z, k, m, n = tau
-        # Heave, roll, pitch and yaw, which keep their share, then surge and sway.
-        first = [row[2] * z + row[3] * k + row[4] * m + row[5] * n for row in self._into]
-        rest = [row[0] * x + row[1] * y for row in self._into]
-        forces = fitted(first, rest, self._low, self._high)
-        a, b, c, d, e, f = [sum(map(mul, row, forces)) for row in self._columns]
-        given: list[Given] = []
-        for begin, end, by_force in self._slices:
-            part = forces[begin:end]
-            if not by_force:
-                part = [curve(force) for curve, force in zip(self._curves[begin:end], part, strict=True)]
-            given.append((tuple(part),))
-        return given, (a, b, c, d, e, f)
+
+@separate
+def allocate_thrusters(devices: Array, tau: Six) -> Six:
+    """Put forces (N) into the devices; returns the wrench that they will make. What is demanded of axes out of reach is ignored."""
+    x, y, z, k, m, n = tau
+    # Heave, roll, pitch and yaw, which keep their share, then surge and sway.
+    for d in devices:
+        i = d.into
+        d.first, d.rest = i[2] * z + i[3] * k + i[4] * m + i[5] * n, i[0] * x + i[1] * y
+    share(devices)
+    fx = fy = fz = tx = ty = tz = 0.0
+    for d in devices:
+        u, f = d.column, d.force
+        fx, fy, fz = fx + u[0] * f, fy + u[1] * f, fz + u[2] * f
+        tx, ty, tz = tx + u[3] * f, ty + u[4] * f, tz + u[5] * f
+    return fx, fy, fz, tx, ty, tz
 
 
 class Wrench:
     """A vehicle that is driven by a wrench."""
 
+    means = WRENCHES
     axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
 
     def __init__(self, limits: Six) -> None:
         """Within these limits of each axis, N and N m."""
         self.reach = limits
+        self.devices: Any = np.zeros(6, DEVICE)
+        self.devices["kind"], self.devices["component"] = WRENCH, range(6)
+        self.devices["high"], self.devices["low"] = limits, [-limit for limit in limits]
+        self.curves = no_curves()
 
-    def allocate(self, tau: Sequence[float], speed: float) -> tuple[list[Given], Six]:
-        """See `Allocation`."""
-        a, b, c, d, e, f = (min(max(t, -limit), limit) for t, limit in zip(tau, self.reach, strict=True))
-        return [((a, b, c), (d, e, f))], (a, b, c, d, e, f)
+
+@compiled
+def allocate_wrench(devices: Array, tau: Six) -> Six:
+    """Put the components into the devices, cut axis by axis; returns them."""
+    for k in range(6):
+        d = devices[k]
+        d.force = min(max(tau[k], d.low), d.high)
+    return (
+        devices[0].force, devices[1].force, devices[2].force, devices[3].force, devices[4].force, devices[5].force,
+    )  # fmt: skip

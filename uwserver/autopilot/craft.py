@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
-from uwserver.autopilot.allocation import Allocation, Given
-from uwserver.autopilot.estimator import Estimator, Known
+from uwserver.autopilot.allocation import Allocation
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.outputs import Outputs
-from uwserver.autopilot.state import Estimate, Memory, Mode, Orders, Six
+from uwserver.autopilot.sources import Hearing
+from uwserver.autopilot.state import Estimate, Mode
+from uwserver.autopilot.tracks import MEASURED, UNMEASURED
 from uwserver.ports import Items
 
 STOPS_M, PASSES_M = 0.15, 1.0
@@ -18,10 +18,7 @@ STOPS_M, PASSES_M = 0.15, 1.0
 
 
 class Hand(Protocol):
-    """What an actuator can be told."""
-
-    def apply(self, value: Given) -> None:
-        """Carry out a command."""
+    """What an actuator can be told, beside the commands that go straight into its rows."""
 
     def neutral(self) -> None:
         """Go to the safe state."""
@@ -42,11 +39,8 @@ class Held(Protocol):
 class Helm(Protocol):
     """A way to control a kind of vehicle."""
 
-    def speed(self, e: Estimate, m: Memory, known: Known) -> float:
-        """Ahead, m/s."""
-
-    def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
-        """The wrench (N, N m in B) that carries out the orders."""
+    def fill(self, craft: Any) -> None:
+        """Write what it knows of the vehicle into a CRAFT."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +49,11 @@ class Craft:
 
     Attributes:
         path: ``<vehicle>/autopilot``.
-        estimator, allocation, helm: its parts.
-        held: the actuators, in the order of the allocation's commands.
+        hearing, allocation, helm: its parts.
+        held: the actuators, in the order of the allocation's devices.
+        shares: how many devices each has.
+        names: of the devices, ``thrusters.t1``.
         blocked: others on the same devices.
-        outputs: commands of `held` as parts of full ones.
         gains: at the start.
         divisor: ticks of a step.
         dt: of a step, s.
@@ -69,12 +64,13 @@ class Craft:
     """
 
     path: str
-    estimator: Estimator
+    hearing: Hearing
     allocation: Allocation
     helm: Helm
     held: Sequence[Held]
+    shares: Sequence[int]
+    names: tuple[str, ...]
     blocked: Sequence[Held]
-    outputs: Outputs
     gains: Gains
     divisor: int
     dt: float
@@ -89,3 +85,19 @@ class Craft:
     def arrival_m(self) -> float:
         """Distance at which a place counts as reached where nothing else is said, m."""
         return STOPS_M if not self.flies and 1 in self.allocation.axes else PASSES_M
+
+    def fill(self, craft: Any) -> None:
+        """Write it into a CRAFT."""
+        hearing, place = self.hearing, self.hearing.place
+        craft["divisor"], craft["dt"], craft["up"] = self.divisor, self.dt, self.up
+        craft["means"] = self.allocation.means
+        craft["axes"][list(self.allocation.axes)] = 1
+        craft["has_imu"], craft["has_attitude"] = "imu" in hearing.kinds, "attitude" in hearing.kinds
+        craft["restlessness"] = MEASURED if "imu" in hearing.kinds else UNMEASURED
+        craft["gravity"], craft["latitude"], craft["longitude"] = place.gravity, place.latitude, place.longitude
+        self.helm.fill(craft)
+
+    def begin(self) -> Estimate:
+        """What is believed before the first sample."""
+        start = self.hearing.place.start
+        return Estimate() if start is None else Estimate(p=start, flat=(1.0, 0.0, 0.0, 1.0, 0.0, 0.01))

@@ -1,15 +1,40 @@
-"""Control of a vehicle that can hover: cascades from position to velocity to force, and from attitude to rate to moment."""
+"""Control of a vehicle that can hover: cascades from position to velocity to force, and from attitude to rate to moment.
+
+Compiled code: `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, `now` what is `known`.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
-from uwserver.autopilot import route
-from uwserver.autopilot.estimator import Known
-from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
-from uwserver.autopilot.sticks import CENTRED, clamped, heading_of, move_depth, move_heading, move_place, wrapped
-from uwserver.frames import Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
+from uwserver.autopilot.rows import (
+    ACRO,
+    GUIDED,
+    HEADING_HOLD,
+    IN_B,
+    IN_N,
+    MANUAL,
+    MISSION,
+    NO_FRAME,
+    POSITION_HOLD,
+    STABILISE,
+    SURFACE,
+    VELOCITY,
+    conjugate,
+    four,
+    multiply,
+    quat_from_rpy,
+    rotate,
+    rpy_from_quat,
+    set_three,
+    three,
+)
+from uwserver.autopilot.state import NAN, Six
+from uwserver.autopilot.sticks import CENTRED, at_most, heading_of, move_depth, move_heading, move_place, within
+from uwserver.frames import Quat, Vec3
+from uwserver.physics.kernel.deferred import compiled, separate
 
 _RISE = 0.4
 """Part of the power upwards that brings a vehicle up which does not know its depth."""
@@ -22,217 +47,251 @@ _UNTURNED_RAD, _UNTURNED = 0.8, 0.3
 """A vehicle that looks where it goes goes with this part of its speed while it has farther to turn."""
 _FORGET_S = 5.0
 """Time constant with which a learnt current is forgotten while nobody holds against it, s."""
+_SHORT_M = 0.5
+"""Places nearer together than this have no line: the vehicle goes there straight."""
+_STILL: Vec3 = (0.0, 0.0, 0.0)
+_FREE: Vec3 = (NAN, NAN, NAN)
+_NO_ATTITUDE: Quat = (NAN, NAN, NAN, NAN)
 
 
-class Wish(NamedTuple):
-    """What the outer loops want.
+@dataclass(frozen=True)
+class Hover:
+    """What the cascades know of one vehicle.
 
     Attributes:
-        force: from the sticks, N in B; moment: likewise, N m.
-        v: velocity in N that is to be reached, m/s; nan where the sticks act on forces: x and y go together.
-        q: attitude that is to be reached; None for none.
-        rates: beside it, or alone, rad/s in B; None for none.
+        inertia: with added mass, kg and kg m2, of each axis.
+        linear, quadratic: damping of each axis, N s/m and N s2/m2.
+        reach: largest wrench of each axis, N and N m.
     """
 
-    force: Vec3
-    moment: Vec3
-    v: Vec3
-    q: Quat | None
-    rates: Vec3 | None
+    inertia: Six
+    linear: Six
+    quadratic: Six
+    reach: Six
+
+    def fill(self, craft: Any) -> None:
+        """Write it into a CRAFT."""
+        craft["torpedo"], craft["inertia"], craft["reach"] = 0, self.inertia, self.reach
+        craft["linear"], craft["quadratic"] = self.linear, self.quadratic
 
 
-class Hover:
-    """The cascades of one vehicle; stateless."""
+@compiled
+def hover(e: Any, m: Any, o: Any, c: Any, now: Any) -> Six:
+    """The wrench (B) that carries out the orders; moves set points by the sticks."""
+    force, moment, v, q, rates = _wish(e, o, c, now)
+    _unwind(e, m, o, c)
+    fx, fy, fz = _force(e, m, o, c, force, v)
+    tx, ty, tz = _moment(e, m, o, c, moment, q, rates)
+    return fx, fy, fz, tx, ty, tz
 
-    def __init__(self, inertia: Six, drag: tuple[Six, Six], reach: Six, axes: tuple[int, ...], dt: float) -> None:
-        """For a vehicle.
 
-        Args:
-            inertia: with added mass, kg and kg m2, of each axis.
-            drag: linear and quadratic damping of each axis, N s/m and N s2/m2.
-            reach: largest wrench of each axis, N and N m.
-            axes: that can be controlled.
-            dt: of a step, s.
-        """
-        self._inertia, self._reach, self._dt = inertia, reach, dt
-        self._drag = [(linear, quadratic) for linear, quadratic in zip(*drag, strict=True)]
-        self._turns = tuple(1.0 if axis in axes else 0.0 for axis in (3, 4, 5))
-        self._upright = 3 in axes and 4 in axes
-        self._sideways = 1 in axes
+# -- what is wanted -------------------------------------------------------------------------------------------------------------------------
 
-    def speed(self, e: Estimate, m: Memory, known: Known) -> float:
-        """Ahead, m/s; thrusters are taken to give the same at any."""
-        return 0.0
 
-    def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
-        """The wrench (B) that carries out the orders; moves set points by the sticks."""
-        wish = self._wish(e, o, known)
-        self._unwind(e, m, o)
-        return (*self._force(e, m, o, wish), *self._moment(e, m, o, wish))
-
-    # -- what is wanted -------------------------------------------------------------------------------------------------------------
-
-    def _wish(self, e: Estimate, o: Orders, known: Known) -> Wish:
-        g, mode = o.gains, o.mode
-        fx, fy, fz, tx, ty, tz = (s * r * g.stick for s, r in zip(o.stick, self._reach, strict=True))
-        if mode == "manual":
-            return Wish((fx, fy, fz), (tx, ty, tz), (NAN,) * 3, None, None)
-        if mode == "acro":
-            rates = (o.stick[3] * g.max_rate_radps, o.stick[4] * g.max_rate_radps, o.stick[5] * g.max_yaw_rate_radps)
-            return Wish((fx, fy, fz), STILL, (NAN,) * 3, None, rates)
-        slow = self._caution(e)
-        vx, vy, vz = (slow * v for v in self._wanted(e, o, known))
-        force = (fx if vx != vx else 0.0, fy if vx != vx else 0.0, fz if vz != vz else 0.0)
-        if mode == "surface" and not known.depth:
-            force = (fx, fy, -_RISE * self._reach[2])
-        if o.attitude is not None:
-            return Wish(force, STILL, (vx, vy, vz), o.attitude, None)
-        turn = move_heading(o, e, self._dt)
-        # Where nothing can be done about a tilt it must not be seen as an error of heading either.
-        roll, pitch, _ = rpy_from_quat(e.q)
-        roll = o.stick[3] * g.max_tilt_rad if self._turns[0] else roll
-        pitch = o.stick[4] * g.max_tilt_rad if self._turns[1] else pitch
-        q = quat_from_rpy(roll, pitch, o.heading)
-        return Wish(force, STILL, (vx, vy, vz), q, (0.0, 0.0, turn))
-
-    def _caution(self, e: Estimate) -> float:
-        """By how much to slow down because of a tilt that nothing holds."""
-        if self._upright:
-            return 1.0
-        up = rotate(conjugate(e.q), (0.0, 0.0, 1.0))
-        tilt = math.acos(clamped(up[2], 1.0))
-        return max(_CRAWL, 1.0 - max(0.0, tilt - _LEANING_RAD) / (_LEANT_RAD - _LEANING_RAD))
-
-    def _wanted(self, e: Estimate, o: Orders, known: Known) -> Vec3:
-        """Velocity in N, m/s; nan where the sticks act on forces."""
-        goes = o.mode in ("guided", "mission") and known.position and not o.frame and o.attitude is None
-        leg = route.leg(o, e) if goes and max(map(abs, o.stick[:3])) <= CENTRED else None
-        if leg is not None:
-            return self._follow(e, o, leg)
-        return (*self._drive(e, o, known), self._climb(e, o, known))
-
-    def _follow(self, e: Estimate, o: Orders, leg: route.Leg) -> Vec3:
-        """Along the line to the place, and back to it: straight to the place a current would carry it on an arc, and each corner would be cut."""
-        g, (ux, uy, uz), (bx, by, bz) = o.gains, leg.towards, leg.beside
-        speed = g.max_speed_mps if o.speed != o.speed else o.speed
-        back = g.position_p * math.hypot(bx, by)
-        share = g.position_p * (min(1.0, _SIDEWAYS * speed / back) if back > 0.0 else 1.0)
-        back = min(back, _SIDEWAYS * speed)
-        along = math.sqrt(speed * speed - back * back)
-        flat = math.hypot(ux, uy)
-        looks = (o.looks or not self._sideways) and flat * leg.left > 2.0 * o.radius
-        if looks:
-            # Without a thruster to the side the bow alone brings it back to the line.
-            x, y = (0.0, 0.0) if self._sideways else (share * bx, share * by)
-            o.heading = math.atan2(along * uy + y, along * ux + x)
-            if abs(wrapped(o.heading - heading_of(e))) > _UNTURNED_RAD:
-                along *= _UNTURNED
-        along = clamped(g.position_p * leg.left, min(along, g.max_climb_mps / max(abs(uz), 1e-9)))
-        climb = clamped(uz * along + g.depth_p * bz, g.max_climb_mps)
-        return along * ux + share * bx, along * uy + share * by, climb
-
-    def _climb(self, e: Estimate, o: Orders, known: Known) -> float:
-        """Vertical speed, m/s down; nan where the stick acts on the force."""
-        g, mode = o.gains, o.mode
-        if mode in ("stabilise", "heading_hold") or not known.depth:
-            return NAN
-        fast = g.surface_mps if mode == "surface" else g.max_climb_mps
-        if o.attitude is not None:
-            wanted = clamped(o.heave, 1.0) * g.max_climb_mps
-        elif o.frame == "N":
-            wanted = o.velocity[2]
-        elif o.frame == "B":
-            wanted = rotate(quat_from_rpy(0.0, 0.0, heading_of(e)), o.velocity)[2]
-        else:
-            wanted = move_depth(o, e, known, self._dt)
-        if (o.attitude is not None or o.frame) and wanted:
-            o.depth = e.p[2] + clamped(o.depth + wanted * self._dt - e.p[2], 1.0)
-        return clamped(wanted + g.depth_p * (o.depth - e.p[2]), max(fast, abs(wanted)))
-
-    def _drive(self, e: Estimate, o: Orders, known: Known) -> tuple[float, float]:
-        """Velocity north and east, m/s; nan where the sticks act on forces."""
-        g, mode = o.gains, o.mode
-        if mode == "velocity" or (mode == "guided" and o.frame):
-            return self._velocity(e, o)
-        if mode not in ("position_hold", "guided", "mission") or not known.position or o.attitude is not None:
-            return NAN, NAN
-        vx, vy = move_place(o, e, self._dt)
-        dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
-        distance = math.hypot(dx, dy)
-        speed = g.max_speed_mps if o.speed != o.speed else o.speed
-        # Without a thruster to the side it gets to a place only bow first, whatever heading was asked for.
-        looks = (o.looks or not self._sideways) and distance > 2.0 * o.radius
-        if looks:
-            o.heading = math.atan2(dy, dx)
-        # Not yet turned there: go slowly, as the vehicle is made to go ahead.
-        if looks and abs(wrapped(o.heading - heading_of(e))) > _UNTURNED_RAD:
-            speed *= _UNTURNED
-        fast = min(speed, g.position_p * distance)
-        scale = fast / distance if distance > 1e-9 else 0.0
-        return vx + scale * dx, vy + scale * dy
-
-    def _velocity(self, e: Estimate, o: Orders) -> tuple[float, float]:
-        v = o.velocity if o.frame else STILL
-        if o.frame != "N":
-            surge, sway = o.stick[0] * o.gains.max_speed_mps, o.stick[1] * o.gains.max_speed_mps
-            level = quat_from_rpy(0.0, 0.0, heading_of(e))
-            v = rotate(level, (v[0] + surge, v[1] + sway, 0.0))
-        return v[0], v[1]
-
-    # -- how it is done -------------------------------------------------------------------------------------------------------------
-
-    def _unwind(self, e: Estimate, m: Memory, o: Orders) -> None:
-        """What the actuators could not give must not be asked for by the integrals: they give way."""
-        if not any(m.lack):
-            return
-        k = o.gains.unwind * self._dt
-        a, b, c, d, f, g = (k * lack / inertia for lack, inertia in zip(m.lack, self._inertia, strict=True))
-        x, y, z = rotate(e.q, (a, b, c))
-        m.push = (m.push[0] - x, m.push[1] - y, m.push[2] - z)
-        m.twist = (m.twist[0] - d, m.twist[1] - f, m.twist[2] - g)
-
-    def _force(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Vec3:
-        g, dt = o.gains, self._dt
-        (vx, vy, vz), (px, py, pz) = wish.v, m.push
-        ax = ay = az = 0.0
+@separate
+def _wish(e: Any, o: Any, c: Any, now: Any) -> tuple[Vec3, Vec3, Vec3, Quat, Vec3]:
+    """What the outer loops want: force (N) and moment (N m) in B from the sticks; velocity in N, nan where the sticks act on forces (x and y go
+    together); attitude, nan for none; rates beside it or alone in B, nan for none."""
+    g, mode, s, r = o.gains, o.mode, o.stick, c.reach
+    k = g.stick
+    fx, fy, fz = s[0] * r[0] * k, s[1] * r[1] * k, s[2] * r[2] * k
+    if mode == MANUAL:
+        return (fx, fy, fz), (s[3] * r[3] * k, s[4] * r[4] * k, s[5] * r[5] * k), _FREE, _NO_ATTITUDE, _FREE
+    if mode == ACRO:
+        rates = (s[3] * g.max_rate_radps, s[4] * g.max_rate_radps, s[5] * g.max_yaw_rate_radps)
+        return (fx, fy, fz), _STILL, _FREE, _NO_ATTITUDE, rates
+    slow = _caution(e, c)
+    vx, vy, vz = _wanted(e, o, c, now)
+    vx, vy, vz = slow * vx, slow * vy, slow * vz
+    if mode == SURFACE and not now.depth:
+        fz = -_RISE * r[2]
+    else:
+        fz = fz if vz != vz else 0.0
         if vx == vx:
-            dx, dy = vx - e.v[0], vy - e.v[1]
-            ax, ay = g.velocity_p * dx + px, g.velocity_p * dy + py
-            px, py = px + g.velocity_i * dx * dt, py + g.velocity_i * dy * dt
-        else:
-            px, py = px - px * dt / _FORGET_S, py - py * dt / _FORGET_S
-        if vz == vz:
-            dz = vz - e.v[2]
-            az = g.climb_p * dz + pz
-            pz += g.climb_i * dz * dt
-        m.push = (px, py, pz)
-        # A vehicle that cannot choose its tilt would drive one axis by another's tilt, and tilt by that the more.
-        back = conjugate(e.q if self._upright else quat_from_rpy(0.0, 0.0, heading_of(e)))
-        a, b, c = rotate(back, (ax, ay, az))
-        # What the water takes at the wanted speed: the integrals need not learn it on the way, and forget it at the end.
-        u, v, w = rotate(back, (0.0 if vx != vx else vx, 0.0 if vx != vx else vy, 0.0 if vz != vz else vz))
-        i, force = self._inertia, wish.force
-        (lu, qu), (lv, qv), (lw, qw) = self._drag[:3]
-        return (
-            a * i[0] + (lu + qu * abs(u)) * u + force[0],
-            b * i[1] + (lv + qv * abs(v)) * v + force[1],
-            c * i[2] + (lw + qw * abs(w)) * w + force[2],
-        )
+            fx = fy = 0.0
+    if o.attitude[0] == o.attitude[0]:
+        return (fx, fy, fz), _STILL, (vx, vy, vz), four(o.attitude), _STILL
+    turn = move_heading(o, e, c.dt)
+    # Where nothing can be done about a tilt it must not be seen as an error of heading either.
+    roll, pitch, _ = rpy_from_quat(four(e.q))
+    if c.axes[3] != 0:
+        roll = s[3] * g.max_tilt_rad
+    if c.axes[4] != 0:
+        pitch = s[4] * g.max_tilt_rad
+    return (fx, fy, fz), _STILL, (vx, vy, vz), quat_from_rpy(roll, pitch, o.heading), (0.0, 0.0, turn)
 
-    def _moment(self, e: Estimate, m: Memory, o: Orders, wish: Wish) -> Vec3:
-        if wish.q is None and wish.rates is None:
-            m.twist = STILL
-            return wish.moment
-        g, dt, i = o.gains, self._dt, self._inertia
-        x, y, z = wish.rates or STILL
-        if wish.q is not None:
-            w, a, b, c = multiply(conjugate(e.q), wish.q)
-            two = math.copysign(2.0, w)
-            x += clamped(g.attitude_p * two * a, g.max_rate_radps)
-            y += clamped(g.attitude_p * two * b, g.max_rate_radps)
-            z += clamped(g.heading_p * two * c, min(g.max_yaw_rate_radps, o.turn_limit))
-        tx, ty, tz = self._turns
-        dx, dy, dz = tx * (x - e.w[0]), ty * (y - e.w[1]), tz * (z - e.w[2])
-        kx, ky, kz = m.twist
-        m.twist = (kx + g.rate_i * dx * dt, ky + g.rate_i * dy * dt, kz + g.yaw_rate_i * dz * dt)
-        return (i[3] * (g.rate_p * dx + kx), i[4] * (g.rate_p * dy + ky), i[5] * (g.yaw_rate_p * dz + kz))
+
+@compiled
+def _caution(e: Any, c: Any) -> float:
+    """By how much to slow down because of a tilt that nothing holds."""
+    if _holds_tilt(c):
+        return 1.0
+    up = rotate(conjugate(four(e.q)), (0.0, 0.0, 1.0))
+    tilt = math.acos(at_most(up[2], 1.0))
+    return max(_CRAWL, 1.0 - max(0.0, tilt - _LEANING_RAD) / (_LEANT_RAD - _LEANING_RAD))
+
+
+@compiled
+def _holds_tilt(c: Any) -> bool:
+    return bool(c.axes[3] != 0 and c.axes[4] != 0)
+
+
+@compiled
+def _wanted(e: Any, o: Any, c: Any, now: Any) -> Vec3:
+    """Velocity in N, m/s; nan where the sticks act on forces."""
+    free = o.frame == NO_FRAME and o.attitude[0] != o.attitude[0]
+    goes = (o.mode == GUIDED or o.mode == MISSION) and now.position and free
+    if goes and max(abs(o.stick[0]), abs(o.stick[1]), abs(o.stick[2])) <= CENTRED:
+        a, b = o.origin, o.place
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        length = math.sqrt(ux * ux + uy * uy + uz * uz)
+        # There is no line where nothing began, or another depth was told on the way.
+        if length > _SHORT_M and o.depth == b[2]:
+            vx, vy, vz = _follow(e, o, c, (ux / length, uy / length, uz / length))
+            return vx, vy, vz
+    vx, vy = _drive(e, o, c, now)
+    return vx, vy, _climb(e, o, c, now)
+
+
+@compiled
+def _follow(e: Any, o: Any, c: Any, towards: Vec3) -> Vec3:
+    """Along the line to the place, and back to it: straight to the place a current would carry it on an arc, and each corner would be cut."""
+    g, (ux, uy, uz) = o.gains, towards
+    dx, dy, dz = o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
+    left = dx * ux + dy * uy + dz * uz  # along the line; negative past the place
+    bx, by, bz = dx - left * ux, dy - left * uy, dz - left * uz  # to its nearest point
+    speed = g.max_speed_mps if o.speed != o.speed else o.speed
+    back = g.position_p * math.hypot(bx, by)
+    share = g.position_p * (min(1.0, _SIDEWAYS * speed / back) if back > 0.0 else 1.0)
+    back = min(back, _SIDEWAYS * speed)
+    along = math.sqrt(speed * speed - back * back)
+    if (o.looks != 0 or c.axes[1] == 0) and math.hypot(ux, uy) * left > 2.0 * o.radius:
+        # Without a thruster to the side the bow alone brings it back to the line.
+        x, y = (0.0, 0.0) if c.axes[1] != 0 else (share * bx, share * by)
+        o.heading = math.atan2(along * uy + y, along * ux + x)
+        if abs(within(o.heading - heading_of(e))) > _UNTURNED_RAD:
+            along *= _UNTURNED
+    along = at_most(g.position_p * left, min(along, g.max_climb_mps / max(abs(uz), 1e-9)))
+    climb = at_most(uz * along + g.depth_p * bz, g.max_climb_mps)
+    return along * ux + share * bx, along * uy + share * by, climb
+
+
+@compiled
+def _climb(e: Any, o: Any, c: Any, now: Any) -> float:
+    """Vertical speed, m/s down; nan where the stick acts on the force."""
+    g, mode, holds_attitude = o.gains, o.mode, o.attitude[0] == o.attitude[0]
+    if mode in (STABILISE, HEADING_HOLD) or not now.depth:
+        return NAN
+    fast = g.surface_mps if mode == SURFACE else g.max_climb_mps
+    if holds_attitude:
+        wanted = at_most(o.heave, 1.0) * g.max_climb_mps
+    elif o.frame == IN_N or o.frame == IN_B:  # B counts as level: down is the same
+        wanted = o.velocity[2]
+    else:
+        wanted = move_depth(o, e, now.altitude, c.dt)
+    if (holds_attitude or o.frame != NO_FRAME) and wanted != 0.0:
+        o.depth = e.p[2] + at_most(o.depth + wanted * c.dt - e.p[2], 1.0)
+    return float(at_most(wanted + g.depth_p * (o.depth - e.p[2]), max(fast, abs(wanted))))
+
+
+@compiled
+def _drive(e: Any, o: Any, c: Any, now: Any) -> tuple[float, float]:
+    """Velocity north and east, m/s; nan where the sticks act on forces."""
+    g, mode = o.gains, o.mode
+    if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):
+        vx, vy = _velocity(e, o)
+        return vx, vy
+    holds_place = mode in (POSITION_HOLD, GUIDED, MISSION)
+    if not holds_place or not now.position or o.attitude[0] == o.attitude[0]:
+        return NAN, NAN
+    vx, vy = move_place(o, e, c.dt)
+    dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
+    distance = math.hypot(dx, dy)
+    speed = g.max_speed_mps if o.speed != o.speed else o.speed
+    # Without a thruster to the side it gets to a place only bow first, whatever heading was asked for.
+    if (o.looks != 0 or c.axes[1] == 0) and distance > 2.0 * o.radius:
+        o.heading = math.atan2(dy, dx)
+        # Not yet turned there: go slowly, as the vehicle is made to go ahead.
+        if abs(within(o.heading - heading_of(e))) > _UNTURNED_RAD:
+            speed *= _UNTURNED
+    fast = min(speed, g.position_p * distance)
+    scale = fast / distance if distance > 1e-9 else 0.0
+    return vx + scale * dx, vy + scale * dy
+
+
+@compiled
+def _velocity(e: Any, o: Any) -> tuple[float, float]:
+    v = three(o.velocity) if o.frame != NO_FRAME else _STILL
+    if o.frame != IN_N:
+        surge, sway = o.stick[0] * o.gains.max_speed_mps, o.stick[1] * o.gains.max_speed_mps
+        v = rotate(quat_from_rpy(0.0, 0.0, heading_of(e)), (v[0] + surge, v[1] + sway, 0.0))
+    return v[0], v[1]
+
+
+# -- how it is done -------------------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def _unwind(e: Any, m: Any, o: Any, c: Any) -> None:
+    """What the actuators could not give must not be asked for by the integrals: they give way."""
+    k, lack, i = o.gains.unwind * c.dt, m.lack, c.inertia
+    back = rotate(four(e.q), (k * lack[0] / i[0], k * lack[1] / i[1], k * lack[2] / i[2]))
+    for n in range(3):
+        m.push[n] -= back[n]
+        m.twist[n] -= k * lack[3 + n] / i[3 + n]
+
+
+@compiled
+def _force(e: Any, m: Any, o: Any, c: Any, force: Vec3, v: Vec3) -> Vec3:
+    g, dt, (vx, vy, vz), (px, py, pz) = o.gains, c.dt, v, three(m.push)
+    ax = ay = az = 0.0
+    if vx == vx:
+        dx, dy = vx - e.v[0], vy - e.v[1]
+        ax, ay = g.velocity_p * dx + px, g.velocity_p * dy + py
+        px, py = px + g.velocity_i * dx * dt, py + g.velocity_i * dy * dt
+    else:
+        px, py = px - px * dt / _FORGET_S, py - py * dt / _FORGET_S
+        vx = vy = 0.0
+    if vz == vz:
+        dz = vz - e.v[2]
+        az = g.climb_p * dz + pz
+        pz += g.climb_i * dz * dt
+    else:
+        vz = 0.0
+    set_three(m.push, (px, py, pz))
+    # A vehicle that cannot choose its tilt would drive one axis by another's tilt, and tilt by that the more.
+    back = conjugate(four(e.q) if _holds_tilt(c) else quat_from_rpy(0.0, 0.0, heading_of(e)))
+    a = rotate(back, (ax, ay, az))
+    # What the water takes at the wanted speed: the integrals need not learn it on the way, and forget it at the end.
+    u = rotate(back, (vx, vy, vz))
+    i, linear, square = c.inertia, c.linear, c.quadratic
+    return (
+        a[0] * i[0] + (linear[0] + square[0] * abs(u[0])) * u[0] + force[0],
+        a[1] * i[1] + (linear[1] + square[1] * abs(u[1])) * u[1] + force[1],
+        a[2] * i[2] + (linear[2] + square[2] * abs(u[2])) * u[2] + force[2],
+    )
+
+
+@compiled
+def _moment(e: Any, m: Any, o: Any, c: Any, moment: Vec3, wanted: Quat, rates: Vec3) -> Vec3:
+    g, dt, i, k = o.gains, c.dt, c.inertia, m.twist
+    x, y, z = rates
+    if x != x:
+        set_three(k, _STILL)
+        return moment
+    if wanted[0] == wanted[0]:
+        q = multiply(conjugate(four(e.q)), wanted)
+        two = math.copysign(2.0, q[0])
+        x += at_most(g.attitude_p * two * q[1], g.max_rate_radps)
+        y += at_most(g.attitude_p * two * q[2], g.max_rate_radps)
+        z += at_most(g.heading_p * two * q[3], min(g.max_yaw_rate_radps, o.turn_limit))
+    dx, dy, dz = c.axes[3] * (x - e.w[0]), c.axes[4] * (y - e.w[1]), c.axes[5] * (z - e.w[2])
+    made = (
+        i[3] * (g.rate_p * dx + k[0]),
+        i[4] * (g.rate_p * dy + k[1]),
+        i[5] * (g.yaw_rate_p * dz + k[2]),
+    )
+    k[0] += g.rate_i * dx * dt
+    k[1] += g.rate_i * dy * dt
+    k[2] += g.yaw_rate_i * dz * dt
+    return made

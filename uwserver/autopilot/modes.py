@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import get_args
+from typing import NamedTuple
 
-from uwserver.autopilot.estimator import Known
-from uwserver.autopilot.state import Mode
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.rows import MODES
+from uwserver.autopilot.state import Estimate, Mode
+from uwserver.units import NANOSECONDS
 
-MODES: tuple[Mode, ...] = get_args(Mode)
+CERTAIN_MPS = 0.3
+"""A velocity from positions alone counts where its standard deviation is less."""
 
 NEEDS: Mapping[Mode, tuple[str, ...]] = {
     "manual": (),
@@ -55,6 +59,38 @@ REMEDY: Mapping[str, str] = {
     "position": "no position: it needs a dvl with bottom lock, or valid gps, usbl, lbl or motion_capture, and a heading",
     "altitude": "no altitude: it needs an altimeter or a dvl that hears the bottom",
 }
+
+
+class Known(NamedTuple):
+    """What of an estimate can be trusted at an instant; `motion`: anything tells of the horizontal one."""
+
+    attitude: bool
+    heading: bool
+    depth: bool
+    velocity: bool
+    position: bool
+    altitude: bool
+    motion: bool
+
+
+NEEDED = tuple([tuple([name in NEEDS[mode] for name in Known._fields]) for mode in MODES])
+"""`NEEDS` as truths, in the order of `MODES` and of `Known`, for compiled code."""
+
+
+def known(e: Estimate, gains: Gains, now_ns: int) -> Known:
+    """What was heard within its time-out. For records; compiled, for rows."""
+    ns = NANOSECONDS
+    velocity = now_ns - e.velocity_ns <= gains.velocity_timeout_s * ns
+    fixed = now_ns - e.fix_ns <= gains.position_timeout_s * ns
+    motion = velocity or fixed
+    if fixed and not velocity:
+        velocity = e.flat[3] < CERTAIN_MPS**2
+    attitude = now_ns - e.attitude_ns <= gains.attitude_timeout_s * ns
+    heading = now_ns - e.heading_ns <= gains.attitude_timeout_s * ns
+    depth = now_ns - e.depth_ns <= gains.depth_timeout_s * ns
+    bottom = now_ns - e.altitude_ns <= gains.altitude_timeout_s * ns
+    position = (velocity or fixed) and heading
+    return Known(attitude, heading, depth, velocity and heading, position, bottom and not math.isnan(e.bottom), motion)
 
 
 def missing(mode: Mode, known: Known) -> str:

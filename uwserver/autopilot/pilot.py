@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from msgspec import Struct, structs
 
 from uwserver.autopilot import route
-from uwserver.autopilot.allocation import Given
+from uwserver.autopilot.bank import Seat
 from uwserver.autopilot.craft import Craft, Held
-from uwserver.autopilot.estimator import Known, known
+from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
 from uwserver.autopilot.mission import Item
-from uwserver.autopilot.modes import FOLLOWS, REMEDY, missing, refuge
-from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders
-from uwserver.autopilot.sticks import enter, stay
-from uwserver.ports import Fault, Json, Refused, Sample
+from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
+from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders, Reason
+from uwserver.autopilot.sticks import enter
+from uwserver.physics.kernel.arrays import IntArray
+from uwserver.ports import Fault, Json, Refused
 from uwserver.ports.crossing import Answers, Later
 
-_PROGRESS_S = 0.5
+_LOST: Mapping[str, Reason] = {
+    "attitude": "sensor attitude", "heading": "sensor heading", "depth": "sensor depth", "velocity": "sensor velocity",
+    "position": "sensor position", "altitude": "sensor altitude",
+}  # fmt: skip
 
 
 class Autopilot:
-    """Runs on the simulation thread. What it remembers is `estimate`, `memory` and `orders`, and one call that waits for its end.
+    """What is rare of flying, on the simulation thread: orders, modes, fail-safes, what is told. The steps themselves run in compiled code (`bank`).
+
+    What it remembers is `estimate`, `memory` and `orders`, which lie in its seat, and one call that waits for its end.
 
     Attributes:
+        craft: its vehicle.
+        seat: its rows.
         set_points: slots of its own ports, by name, which take commands in some modes only.
     """
 
@@ -39,15 +47,11 @@ class Autopilot:
             say: tells all clients.
             answers: takes what callers that wait are to be told.
         """
-        self.craft = craft
-        self.divisor = craft.divisor
-        self.estimate = craft.estimator.begin()
-        self.memory = Memory()
-        self.orders = Orders(gains=craft.gains, mode=craft.mode)
+        self.craft, self.seat = craft, Seat(craft)
+        self.estimate, self.memory, self.orders = self.seat.estimate, self.seat.memory, self.seat.orders
         self.set_points: dict[str, Held] = {}
         self._now, self._say = now, say
         self._errand: Later | None = None
-        self._told = 0.0
         self._answers = answers
 
     def begin(self) -> None:
@@ -58,70 +62,64 @@ class Autopilot:
     # -- the step -------------------------------------------------------------------------------------------------------------------
 
     @property
+    def t_ns(self) -> int:
+        """Simulation time."""
+        return self._now()[1]
+
+    @property
     def known(self) -> Known:
         """What of the estimate can be trusted now."""
-        return known(self.estimate, self.orders.gains, self._now()[1])
+        return known(self.estimate, self.orders.gains, self.t_ns)
 
-    def take(self, sample: Sample, now_ns: int) -> None:
-        """A sample of one of its sensors was delivered."""
-        self.craft.estimator.update(self.estimate, sample, now_ns)
+    def attend(self, need: int, world: IntArray, t_ns: int) -> None:
+        """A step has stopped and needs this first (`flight`); then it goes on. `world`: the table of the bodies' arrays."""
+        while need != NOTHING:
+            stage = self._meet(need)
+            need = NOTHING if stage is None else self.seat.go_on(world, t_ns, stage)
 
-    def step(self, t_ns: int) -> None:
-        """One step: estimate, fail-safes, guidance, control, allocation, commands."""
-        e, o, craft = self.estimate, self.orders, self.craft
-        now = known(e, o.gains, t_ns)
-        craft.estimator.step(e, not now.motion, not now.depth)
-        if o.waits and not missing(o.mode, now):
+    def _meet(self, need: int) -> int | None:
+        """Do what a step needs; returns the stage from which on it goes on, None where it ends."""
+        o, e, craft = self.orders, self.estimate, self.craft
+        if need == READY:
             o.waits = False
             self._open_ports()
-        if not o.armed or o.waits:
-            stay(o, e)
-            return
-        self._watch(now)
-        if not o.armed:  # a fail-safe has ended a test
-            return
-        if o.test:
-            self._command(craft.outputs.commands(o.test))
-            return
-        if o.mode == "mission":
-            told = route.advance(o, e, craft.dt, craft.flies, craft.up, craft.arrival_m)
-            if told:
-                self._say(f'"{craft.path}" {told}')
-        elif self._errand is not None:
-            self._follow_errand()
-        self._command(self._control(now))
+            return WATCH
+        if need == FAILSAFE:
+            self._watch(self.known)
+            return STEER if o.armed else None  # a fail-safe may have ended a test
+        if need == BEGIN:
+            route.begin(o, e, craft.arrival_m)
+            self._follow_item()
+            return STEER
+        if need == DONE:
+            self._say(f'"{craft.path}" {route.end(o)}')
+        elif need == ARRIVED:
+            o.settled = True
+            self._end(None)
+        elif need == PROGRESS and self._errand is not None:
+            self.seat.row["c"]["silence"] = 0.0
+            away = route.distance(o, e)
+            self._errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self.t_ns)
+        return CONTROL
 
-    def _control(self, now: Known) -> list[Given]:
-        e, m, craft = self.estimate, self.memory, self.craft
-        tau = craft.helm.demand(e, m, self.orders, now)
-        commands, made = craft.allocation.allocate(tau, craft.helm.speed(e, m, now))
-        m.tau = tau
-        a, b, c, d, f, g = (
-            wanted - got if axis in craft.allocation.axes else 0.0
-            for axis, (wanted, got) in enumerate(zip(tau, made, strict=True))
-        )
-        m.lack = (a, b, c, d, f, g)
-        return commands
-
-    def _command(self, commands: list[Given]) -> None:
-        self.memory.outputs = self.craft.outputs.parts(commands)
-        for slot, command in zip(self.craft.held, commands, strict=True):
-            if slot.active:
-                slot.actuator.apply(command)
+    def _follow_item(self) -> None:
+        """Compiled code knows of the item under way when it is done."""
+        o, c = self.orders, self.seat.row["c"]
+        c["item"], c["lasts"] = route.kind_of(o.items[o.index]) if o.index >= 0 else (0, 0.0)
 
     def _watch(self, now: Known) -> None:
         e, o, craft = self.estimate, self.orders, self.craft
         lost = missing(o.mode, now)
         if lost:
             mode = refuge(o.mode, now)
-            self._fail(f"sensor {lost}", mode, f"{REMEDY[lost]}: {o.mode} -> {mode}")
+            self._fail(_LOST[lost], mode, f"{REMEDY[lost]}: {o.mode} -> {mode}")
         if e.leak and o.failsafe != "leak":
             self._fail("leak", "surface" if craft.on_leak == "surface" else o.mode, "leak")
         if e.charge < o.gains.battery_low and o.failsafe not in ("leak", "battery"):
             mode = "surface" if craft.on_low_battery == "surface" else o.mode
             self._fail("battery", mode, f"battery at {100.0 * e.charge:.0f} %")
 
-    def _fail(self, reason: str, mode: Mode, text: str) -> None:
+    def _fail(self, reason: Reason, mode: Mode, text: str) -> None:
         o = self.orders
         if o.failsafe not in ("leak", "battery") or reason in ("leak", "battery"):
             o.failsafe = reason
@@ -157,7 +155,8 @@ class Autopilot:
     def _enter(self, mode: Mode, why: str) -> None:
         before = self.orders.mode
         self.preempt(why)
-        enter(self.orders, self.estimate, self.memory, mode)
+        enter(self.orders, self.memory, mode)
+        self.seat.stay()
         self.end_test()
         self._open_ports()
         if before != mode:
@@ -177,9 +176,9 @@ class Autopilot:
             raise Refused("denied", "there is water in the hull; arm with force = true if you must", "force")
         if self.orders.armed:
             return
-        self.memory = Memory()
+        self.seat.forget()
         self.orders.armed, self.orders.waits = True, False
-        stay(self.orders, self.estimate)
+        self.seat.stay()
         self._take_hold()
         self._say(f'"{self.craft.path}" armed in mode {self.orders.mode}')
 
@@ -192,7 +191,7 @@ class Autopilot:
         o.armed, o.failsafe, o.pilot, o.test = False, "", "", ()
         for slot in self.craft.held:
             slot.actuator.neutral()
-        self.memory = Memory()
+        self.seat.forget()
         self._take_hold()
         self._say(f'"{self.craft.path}" disarmed')
 
@@ -228,7 +227,8 @@ class Autopilot:
 
     def hold(self) -> None:
         """Stop following, and hold what the mode holds where the vehicle is now."""
-        enter(self.orders, self.estimate, self.memory, self.orders.mode)
+        enter(self.orders, self.memory, self.orders.mode)
+        self.seat.stay()
 
     def _take_hold(self) -> None:
         path = self.craft.path
@@ -275,7 +275,7 @@ class Autopilot:
 
     def moved(self) -> None:
         """The dead reckoning was corrected: what no command has given stays where the vehicle is."""
-        stay(self.orders, self.estimate)
+        self.seat.stay()
 
     # -- a call that waits ----------------------------------------------------------------------------------------------------------
 
@@ -296,21 +296,9 @@ class Autopilot:
         o, e = self.orders, self.estimate
         route.set_course(o, e, place, heading, speed, self.craft.arrival_m if radius is None else radius)
         o.length = max(route.distance(o, e), 1e-9)
-        self._errand, self._told = Later(self._answers), 0.0
+        self._errand = Later(self._answers)
+        self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0
         return self._errand
-
-    def _follow_errand(self) -> None:
-        o, e, errand = self.orders, self.estimate, self._errand
-        assert errand is not None
-        away = route.distance(o, e)
-        if away <= o.radius:
-            o.settled = True
-            self._end(None)
-            return
-        self._told += self.craft.dt
-        if self._told >= _PROGRESS_S:
-            self._told = 0.0
-            errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self._now()[1])
 
     def preempt(self, why: str) -> None:
         """End the errand under way, if there is one."""
@@ -319,6 +307,7 @@ class Autopilot:
 
     def _end(self, fault: Fault | None) -> None:
         errand, self._errand = self._errand, None
+        self.seat.row["c"]["errand"] = 0
         assert errand is not None
         tick, t_ns = self._now()
         away = route.distance(self.orders, self.estimate)
@@ -338,7 +327,7 @@ class Autopilot:
                 raise ValueError(f'"{self.craft.path}" has an attitude that is no rotation')
         if not -1 <= orders.index < len(orders.items) or not 0 <= orders.reached <= len(orders.items):
             raise ValueError(f'"{self.craft.path}" is at an item that its mission does not have')
-        if any(len(parts) not in (0, len(self.craft.outputs.names)) for parts in (memory.outputs, orders.test)):
+        if any(len(parts) not in (0, len(self.craft.names)) for parts in (memory.outputs, orders.test)):
             raise ValueError(f'"{self.craft.path}" commands other actuators')
         limited = structs.replace(orders, turn_limit=0.0 if orders.turn_limit == math.inf else orders.turn_limit)
         if not all(math.isnan(x) or abs(x) < 1e12 for part in (estimate, memory, limited) for x in _floats(part)):
@@ -347,9 +336,10 @@ class Autopilot:
     def load(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
         """Go on from there; a call that waits ends."""
         self.preempt("the world was reset or restored")
-        before, self.orders = self.orders, orders
-        self.estimate, self.memory = estimate, memory
-        if (before.mode, before.armed, before.waits) != (orders.mode, orders.armed, orders.waits):
+        before = self.orders.mode, self.orders.armed, self.orders.waits
+        self.seat.write(estimate, memory, orders)
+        self._follow_item()
+        if before != (orders.mode, orders.armed, orders.waits):
             self._take_hold()
 
 

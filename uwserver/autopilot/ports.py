@@ -1,4 +1,4 @@
-"""The autopilot's own ports: set points that it takes, and the state that it shows."""
+"""The set points that an autopilot takes by ports of its own."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.state import NAN, NOWHERE, STILL, Orders
+from uwserver.autopilot.state import NAN, STILL, SetPointName
 from uwserver.autopilot.sticks import wrapped
-from uwserver.frames import Vec3
-from uwserver.ports import Field, Value
-from uwserver.sensors.base import IdealSensor, Scope
+from uwserver.ports import Field
 
 TEST_TIMEOUT_S = 0.5
 """Without a command a test of the actuators ends; that of ArduSub too."""
@@ -43,7 +41,7 @@ def set_points(pilot: Autopilot) -> Iterator[tuple[str, SetPoint]]:
     yield "test", _test(pilot)
 
 
-def _given(pilot: Autopilot, *names: str) -> None:
+def _given(pilot: Autopilot, *names: SetPointName) -> None:
     pilot.orders.given = tuple(sorted({*pilot.orders.given, *names}))
 
 
@@ -199,64 +197,8 @@ def _test(pilot: Autopilot) -> SetPoint:
 
     doc = (
         "Tests the actuators that the autopilot holds, instead of controlling the vehicle; half a second without a command disarms it. "
-        f"Order: {', '.join(pilot.craft.outputs.names)}."
+        f"Order: {', '.join(pilot.craft.names)}."
     )
-    size = len(pilot.craft.outputs.names)
+    size = len(pilot.craft.names)
     field = Field("outputs", "1", "parts of the full commands", "", (size,), minimum=-1.0, maximum=1.0)
     return SetPoint((field,), doc, apply, pilot.end_test)
-
-
-_STATE = (
-    Field("mode", "1", "manual, stabilise, depth_hold ...", type="str"),
-    Field("armed", "1", "it holds the actuators", type="bool"),
-    Field("p_N", "m", "position of the body origin, estimated", "N", (3,)),
-    Field("position_valid", "1", "the position is known or dead-reckoned", type="bool"),
-    Field("v_N", "m/s", "velocity over ground, estimated", "N", (3,)),
-    Field("velocity_valid", "1", "the velocity is measured", type="bool"),
-    Field("q_NB", "1", "attitude, estimated, w x y z", "NB", (4,)),
-    Field("w_B", "rad/s", "angular rate, measured", "B", (3,)),
-    Field("depth", "m", "below the surface, estimated; nan when unknown"),
-    Field("altitude", "m", "above the bottom, estimated; nan when unknown"),
-    Field("p_ref_N", "m", "place to go to; nan when none", "N", (3,)),
-    Field("depth_ref", "m", "depth to hold; nan when none"),
-    Field("heading_ref", "rad", "heading to hold; nan when none"),
-    Field("mission_index", "1", "item of the mission under way; -1 for none", type="int"),
-    Field("mission_count", "1", "items of the mission", type="int"),
-    Field("reached", "1", "items done since the mission was started", type="int"),
-    Field("tau", "N, N m", "demanded force and moment about the body origin, in B", "", (6,)),
-    Field("failsafe", "1", "why it does not do what it was told; empty when it does", type="str"),
-)
-
-
-class StateSensor(IdealSensor):
-    """What the autopilot believes and wants, as a sensor's port."""
-
-    doc = "What the autopilot believes, from its sensors, and what it wants."
-
-    def __init__(self, pilot: Autopilot) -> None:
-        self._pilot = pilot
-        names = pilot.craft.outputs.names
-        self._idle = (0.0,) * len(names)
-        doc = f"what its actuators were told, parts of their full commands: {', '.join(names)}"
-        self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
-
-    def measure(self, scope: Scope | None) -> tuple[bool, list[Value]]:
-        """Always valid: each part tells by itself whether it is."""
-        pilot = self._pilot
-        e, o, now = pilot.estimate, pilot.orders, pilot.known
-        place, depth, heading = _references(o)
-        return True, [
-            o.mode, o.armed, e.p, now.position, e.v, now.velocity, e.q, e.w,
-            e.p[2] if now.depth else NAN, e.bottom - e.p[2] if now.altitude else NAN,
-            place, depth, heading, o.index, len(o.items), o.reached, pilot.memory.tau, o.failsafe,
-            pilot.memory.outputs or self._idle,
-        ]  # fmt: skip
-
-
-def _references(o: Orders) -> tuple[Vec3, float, float]:
-    """Place (p_N), depth and heading that are held now; nan where the mode holds none."""
-    mode, free = o.mode, o.frame or o.attitude is not None
-    place = o.place if mode in ("position_hold", "guided", "mission") and not free else NOWHERE
-    depth = NAN if mode in ("manual", "acro", "stabilise", "heading_hold") else o.depth
-    heading = NAN if mode in ("manual", "acro") or o.attitude is not None else o.heading
-    return place, depth, heading

@@ -11,8 +11,8 @@ from msgspec import structs
 from uwserver.autopilot.estimator import place_at
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import read_items, shown_items
-from uwserver.autopilot.modes import MODES
 from uwserver.autopilot.pilot import Autopilot
+from uwserver.autopilot.rows import MODES
 from uwserver.autopilot.state import Mode
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3

@@ -1,9 +1,9 @@
-"""What an autopilot remembers. Each part holds immutable values only, so that a shallow copy of it is a snapshot."""
+"""What an autopilot remembers, as typed records; they lie in rows (`rows`)."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from msgspec import Meta, Struct
 
@@ -21,6 +21,17 @@ Mode = Literal[
     "manual", "stabilise", "acro", "depth_hold", "altitude_hold", "heading_hold", "position_hold", "velocity", "guided",
     "mission", "surface",
 ]  # fmt: skip
+
+SetPointName = Literal["altitude", "depth", "heading", "place"]
+GIVEN: tuple[SetPointName, ...] = get_args(SetPointName)
+"""Set points that a command can set."""
+
+Reason = Literal[
+    "", "pilot", "leak", "battery", "sensor attitude", "sensor heading", "sensor depth", "sensor velocity", "sensor position",
+    "sensor altitude",
+]  # fmt: skip
+"""Why an autopilot does not do what it was told."""
+REASONS: tuple[Reason, ...] = get_args(Reason)
 
 Six = tuple[float, float, float, float, float, float]
 Parts = Annotated[tuple[float, ...], Meta(max_length=1024)]
@@ -127,7 +138,7 @@ class Orders(Struct):
     place: Vec3 = NOWHERE
     turn: float = NAN
     turn_limit: float = math.inf
-    given: Annotated[tuple[str, ...], Meta(max_length=64)] = ()
+    given: Annotated[tuple[SetPointName, ...], Meta(max_length=4)] = ()
     attitude: Quat | None = None
     heave: float = 0.0
     velocity: Vec3 = STILL
@@ -147,4 +158,4 @@ class Orders(Struct):
     entered: bool = False
     waited: float = 0.0
     test: Parts = ()
-    failsafe: Annotated[str, Meta(max_length=64)] = ""
+    failsafe: Reason = ""

@@ -1,22 +1,31 @@
-"""Set points, and the sticks that move them."""
+"""Set points, and the sticks that move them.
+
+Compiled code: `e` is the ESTIMATE of a vehicle, `o` its ORDERS.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from uwserver.autopilot.estimator import Known
-from uwserver.autopilot.state import NAN, NOWHERE, STILL, Estimate, Memory, Mode, Orders
-from uwserver.frames import rpy_from_quat
+import numpy as np
+
+from uwserver.autopilot.rows import ALTITUDE_HOLD, SURFACE, four, set_three, three
+from uwserver.autopilot.rows import rpy_from_quat as rpy
+from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Mode, Orders
+from uwserver.physics.kernel.deferred import compiled
 
 CENTRED = 0.02
 """A stick within this counts as released."""
 _LEAD_RAD, _LEAD_M = 0.4, 1.0
 """A stick moves its set point no farther ahead of the vehicle than this."""
+_ALTITUDE, _DEPTH, _HEADING, _PLACE = (1 << GIVEN.index(name) for name in ("altitude", "depth", "heading", "place"))
+_TURN = 2.0 * math.pi
 
 
 def wrapped(angle: float) -> float:
     """The angle within -pi..pi."""
-    return math.remainder(angle, 2.0 * math.pi)
+    return float(angle - _TURN * np.rint(angle / _TURN))
 
 
 def clamped(value: float, limit: float) -> float:
@@ -24,13 +33,19 @@ def clamped(value: float, limit: float) -> float:
     return -limit if value < -limit else limit if value > limit else value
 
 
-def heading_of(e: Estimate) -> float:
+within, at_most = compiled(wrapped), compiled(clamped)
+"""`wrapped` and `clamped` for compiled code."""
+
+
+@compiled
+def heading_of(e: Any) -> float:
     """Yaw, rad."""
-    return rpy_from_quat(e.q)[2]
+    return float(rpy(four(e.q))[2])
 
 
-def enter(o: Orders, e: Estimate, m: Memory, mode: Mode) -> None:
-    """Begin a mode: every set point is where the vehicle is, so that nothing jumps. What was learnt of buoyancy and current is kept."""
+def enter(o: Orders, m: Memory, mode: Mode) -> None:
+    """Begin a mode: nothing is given yet, and every set point is to be where the vehicle is (`stay`), so that nothing jumps. What was learnt of
+    buoyancy and current is kept."""
     o.mode = mode
     o.given = ()
     o.attitude, o.frame, o.velocity, o.heave = None, "", STILL, 0.0
@@ -39,50 +54,52 @@ def enter(o: Orders, e: Estimate, m: Memory, mode: Mode) -> None:
     o.settled = o.astray = False
     o.entered, o.waited = False, 0.0
     m.twist = STILL
-    stay(o, e)
 
 
-def stay(o: Orders, e: Estimate) -> None:
+@compiled
+def stay(o: Any, e: Any) -> None:
     """Set points that no command has given are where the vehicle is."""
-    if "depth" not in o.given:
-        o.depth = 0.0 if o.mode == "surface" else e.p[2]
-    if "altitude" not in o.given:
+    if o.given & _DEPTH == 0:
+        o.depth = 0.0 if o.mode == SURFACE else e.p[2]
+    if o.given & _ALTITUDE == 0:
         o.altitude = e.bottom - e.p[2]
-    if "heading" not in o.given:
+    if o.given & _HEADING == 0:
         o.heading = heading_of(e)
-    if "place" not in o.given:
-        o.place = e.p
+    if o.given & _PLACE == 0:
+        set_three(o.place, three(e.p))
 
 
-def move_heading(o: Orders, e: Estimate, dt: float) -> float:
+@compiled
+def move_heading(o: Any, e: Any, dt: float) -> float:
     """Move the heading's set point by the stick or a commanded turn; returns the yaw rate that is wanted anyhow, rad/s."""
-    stick = o.stick[5]
-    if abs(stick) > CENTRED:
-        rate = stick * o.gains.max_yaw_rate_radps
+    rate, most = 0.0, o.gains.max_yaw_rate_radps
+    if abs(o.stick[5]) > CENTRED:
+        rate = o.stick[5] * most
     elif o.turn == o.turn:
-        rate = clamped(o.turn, o.gains.max_yaw_rate_radps)
+        rate = at_most(o.turn, most)
     else:
         return 0.0
     now = heading_of(e)
-    o.heading = wrapped(now + clamped(wrapped(o.heading + rate * dt - now), _LEAD_RAD))
-    return rate
+    o.heading = within(now + at_most(within(o.heading + rate * dt - now), _LEAD_RAD))
+    return float(rate)
 
 
-def move_depth(o: Orders, e: Estimate, known: Known, dt: float) -> float:
+@compiled
+def move_depth(o: Any, e: Any, sees_bottom: bool, dt: float) -> float:
     """Move the set point of depth or altitude by the heave stick; returns the vertical speed that is wanted anyhow, m/s down."""
-    stick = o.stick[2]
-    climb = stick * o.gains.max_climb_mps if abs(stick) > CENTRED else 0.0
-    if o.mode == "altitude_hold" and known.altitude:
-        if climb:
+    climb = o.stick[2] * o.gains.max_climb_mps if abs(o.stick[2]) > CENTRED else 0.0
+    if o.mode == ALTITUDE_HOLD and sees_bottom:
+        if climb != 0.0:
             above = e.bottom - e.p[2]
-            o.altitude = above + clamped(o.altitude - climb * dt - above, _LEAD_M)
+            o.altitude = above + at_most(o.altitude - climb * dt - above, _LEAD_M)
         o.depth = e.bottom - o.altitude
-    elif climb:
-        o.depth = e.p[2] + clamped(o.depth + climb * dt - e.p[2], _LEAD_M)
-    return climb
+    elif climb != 0.0:
+        o.depth = e.p[2] + at_most(o.depth + climb * dt - e.p[2], _LEAD_M)
+    return float(climb)
 
 
-def move_place(o: Orders, e: Estimate, dt: float) -> tuple[float, float]:
+@compiled
+def move_place(o: Any, e: Any, dt: float) -> tuple[float, float]:
     """Move the place by the surge and sway sticks; returns the velocity north and east that is wanted anyhow, m/s."""
     surge, sway = o.stick[0], o.stick[1]
     if abs(surge) <= CENTRED and abs(sway) <= CENTRED:
@@ -90,8 +107,7 @@ def move_place(o: Orders, e: Estimate, dt: float) -> tuple[float, float]:
     yaw, speed = heading_of(e), o.gains.max_speed_mps
     c, s = math.cos(yaw), math.sin(yaw)
     vx, vy = speed * (c * surge - s * sway), speed * (s * surge + c * sway)
-    x, y, z = o.place
-    dx, dy = x + vx * dt - e.p[0], y + vy * dt - e.p[1]
+    dx, dy = o.place[0] + vx * dt - e.p[0], o.place[1] + vy * dt - e.p[1]
     shrink = min(1.0, _LEAD_M / max(math.hypot(dx, dy), 1e-9))
-    o.place = (e.p[0] + shrink * dx, e.p[1] + shrink * dy, z)
+    o.place[0], o.place[1] = e.p[0] + shrink * dx, e.p[1] + shrink * dy
     return vx, vy

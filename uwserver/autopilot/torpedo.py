@@ -1,14 +1,39 @@
-"""Control of a torpedo: speed by the propeller, depth by pitch by the stern planes, heading by the rudder, lines by looking ahead."""
+"""Control of a torpedo: speed by the propeller, depth by pitch by the stern planes, heading by the rudder, lines by looking ahead.
+
+Compiled code: `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, `now` what is `known`.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
-from uwserver.autopilot.estimator import Known
-from uwserver.autopilot.fins import SLOW_MPS, Shaft
-from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
-from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, wrapped
-from uwserver.frames import conjugate, rotate, rpy_from_quat
+from uwserver.autopilot.fins import SLOW_MPS, Shaft, speed_for, thrust_at
+from uwserver.autopilot.rows import (
+    ACRO,
+    GUIDED,
+    HEADING_HOLD,
+    IN_B,
+    IN_N,
+    MANUAL,
+    MISSION,
+    NO_FRAME,
+    POSITION_HOLD,
+    STABILISE,
+    SURFACE,
+    VELOCITY,
+    conjugate,
+    four,
+    rotate,
+    rpy_from_quat,
+    set_three,
+    three,
+)
+from uwserver.autopilot.state import NAN, Six
+from uwserver.autopilot.sticks import at_most, heading_of, move_depth, move_heading, within
+from uwserver.frames import Vec3
+from uwserver.physics.kernel.deferred import compiled, separate
 
 _CRAB_S = 4.0
 """Time constant with which the drift across the heading is learnt, s; likewise that across the pitch."""
@@ -16,167 +41,190 @@ _LEVEL = 0.03
 """Slope of the way (rad) up to which the latter is learnt: on a steep way a current along it looks like drift."""
 _START_S = 3.0
 """Time constant of the speed while it is not measured, s."""
+_STILL: Vec3 = (0.0, 0.0, 0.0)
+_thrust, _speed = thrust_at, speed_for
 
 
+@dataclass(frozen=True)
 class Torpedo:
-    """The cascades of one vehicle; stateless."""
+    """What the cascades know of one vehicle.
 
-    def __init__(self, inertia: Six, righting: float, reach: Six, shaft: Shaft, up: float, dt: float) -> None:
-        """For a vehicle.
+    Attributes:
+        inertia: with added mass, kg and kg m2, of each axis.
+        righting: moment over the sine of roll or pitch, by weight and buoyancy, N m.
+        reach: of the propeller at rest (N), of the fins at 1 m/s (N m).
+        shaft: the propeller.
+    """
 
-        Args:
-            inertia: with added mass, kg and kg m2, of each axis.
-            righting: moment over the sine of roll or pitch, by weight and buoyancy, N m.
-            reach: of the propeller at rest (N), of the fins at 1 m/s (N m).
-            shaft: the propeller.
-            up: depth of the origin from which on it has come up, m.
-            dt: of a step, s.
-        """
-        self._inertia, self._righting, self._reach, self._shaft, self._up, self._dt = (
-            inertia,
-            righting,
-            reach,
-            shaft,
-            up,
-            dt,
+    inertia: Six
+    righting: float
+    reach: Six
+    shaft: Shaft
+
+    def fill(self, craft: Any) -> None:
+        """Write it into a CRAFT."""
+        craft["torpedo"], craft["inertia"], craft["reach"], craft["righting"] = (
+            1,
+            self.inertia,
+            self.reach,
+            self.righting,
         )
+        self.shaft.fill(craft["shaft"])
 
-    def speed(self, e: Estimate, m: Memory, known: Known) -> float:
-        """Ahead, m/s: measured, or as the propeller should have made it."""
-        return rotate(conjugate(e.q), e.v)[0] if known.velocity else m.through
 
-    def demand(self, e: Estimate, m: Memory, o: Orders, known: Known) -> Six:
-        """The wrench (B) that carries out the orders; moves set points by the sticks."""
-        u = self.speed(e, m, known)
-        self._learn(e, m, o, u, known)
-        pressure = max(u, SLOW_MPS) ** 2
-        surge = self._surge(e, m, o, u, known)
-        turned = surge if surge == surge else 0.0
-        goal = self._shaft.speed(turned, u) / o.gains.shaft_per_speed if o.gains.shaft_per_speed else 0.0
-        m.through += (goal - m.through) * self._dt / _START_S
-        if o.mode == "manual":
-            turning = zip(o.stick[3:], self._reach[3:], strict=True)
-            roll, pitch, yaw = (s * r * pressure * o.gains.stick for s, r in turning)
-            m.twist = STILL
-            return (surge, 0.0, 0.0, roll, pitch, yaw)
-        return (surge, 0.0, 0.0, *self._moment(e, m, o, u, known))
+@compiled
+def speed_ahead(e: Any, m: Any, now: Any) -> float:
+    """Ahead, m/s: measured, or as the propeller should have made it."""
+    return float(rotate(conjugate(four(e.q)), three(e.v))[0] if now.velocity else m.through)
 
-    def _learn(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> None:
-        if known.velocity and u > SLOW_MPS:
-            crab = wrapped(math.atan2(e.v[1], e.v[0]) - heading_of(e))
-            m.crab += (clamped(crab, 0.5) - m.crab) * self._dt / _CRAB_S
-        if known.depth and u > SLOW_MPS:
-            _, pitch, _ = rpy_from_quat(e.q)
-            slope = clamped(e.v[2] / u, 0.5)
-            weight = 1.0 / (1.0 + (slope / _LEVEL) ** 2)
-            m.sag += weight * (clamped(slope + pitch, o.gains.max_tilt_rad) - m.sag) * self._dt / _CRAB_S
 
-    # -- ahead ----------------------------------------------------------------------------------------------------------------------
+@compiled
+def torpedo(e: Any, m: Any, o: Any, c: Any, now: Any) -> Six:
+    """The wrench (B) that carries out the orders; moves set points by the sticks."""
+    u = speed_ahead(e, m, now)
+    _learn(e, m, o, c, u, now)
+    surge = _surge(e, m, o, c, u, now)
+    per_speed = o.gains.shaft_per_speed
+    goal = _speed(c.shaft, surge if surge == surge else 0.0, u) / per_speed if per_speed != 0.0 else 0.0
+    m.through += (goal - m.through) * c.dt / _START_S
+    if o.mode == MANUAL:
+        k = max(u, SLOW_MPS) ** 2 * o.gains.stick
+        set_three(m.twist, _STILL)
+        s, r = o.stick, c.reach
+        return surge, 0.0, 0.0, s[3] * r[3] * k, s[4] * r[4] * k, s[5] * r[5] * k
+    tx, ty, tz = _moment(e, m, o, c, u, now)
+    return surge, 0.0, 0.0, tx, ty, tz
 
-    def _surge(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> float:
-        """Force ahead, N."""
-        g = o.gains
-        wanted = self._wanted(e, o)
-        if wanted != wanted:
-            m.push = STILL
-            return o.stick[0] * abs(o.stick[0]) * self._reach[0] * g.stick
-        force = self._shaft.thrust(wanted * g.shaft_per_speed, max(wanted, 0.0))
-        if not known.velocity or wanted == 0.0:
-            m.push = STILL
-            return force
-        off = wanted - u
-        push = m.push[0] + g.velocity_i * off * self._dt - g.unwind * self._dt * m.lack[0] / self._inertia[0]
-        m.push = (push, 0.0, 0.0)
-        return force + self._inertia[0] * (g.velocity_p * off + push)
 
-    def _wanted(self, e: Estimate, o: Orders) -> float:
-        """Speed ahead, m/s; nan where the stick acts on the propeller."""
-        g, mode = o.gains, o.mode
-        if mode == "velocity" or (mode == "guided" and o.frame):
-            if not o.frame:
-                return o.stick[0] * g.max_speed_mps
-            return o.velocity[0] if o.frame == "B" else math.hypot(*o.velocity)
-        if mode == "surface":
-            return 0.0 if e.p[2] < self._up else g.cruise_mps
-        if mode in ("position_hold", "guided", "mission"):
-            return g.cruise_mps if o.speed != o.speed else min(o.speed, g.max_speed_mps)
-        return NAN
+@compiled
+def _learn(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> None:
+    if now.velocity and u > SLOW_MPS:
+        crab = within(math.atan2(e.v[1], e.v[0]) - heading_of(e))
+        m.crab += (at_most(crab, 0.5) - m.crab) * c.dt / _CRAB_S
+    if now.depth and u > SLOW_MPS:
+        _, pitch, _ = rpy_from_quat(four(e.q))
+        slope = at_most(e.v[2] / u, 0.5)
+        weight = 1.0 / (1.0 + (slope / _LEVEL) ** 2)
+        m.sag += weight * (at_most(slope + pitch, o.gains.max_tilt_rad) - m.sag) * c.dt / _CRAB_S
 
-    # -- up, down and round ---------------------------------------------------------------------------------------------------------
 
-    def _moment(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> tuple[float, float, float]:
-        g, dt, i = o.gains, self._dt, self._inertia
-        roll, pitch, _ = rpy_from_quat(e.q)
-        held = 0.0
-        if o.mode == "acro":
-            p, q, r = (o.stick[3] * g.max_rate_radps, o.stick[4] * g.max_rate_radps, o.stick[5] * g.max_yaw_rate_radps)
-        else:
-            target = self._pitch(e, m, o, u, known)
-            held = self._righting * math.sin(target)
-            self._course(e, m, o, known)
-            turn = move_heading(o, e, dt)
-            p = g.attitude_p * clamped(-roll, 0.5)
-            q = clamped(g.attitude_p * (target - pitch), g.max_rate_radps)
-            limit = min(g.max_yaw_rate_radps, o.turn_limit)
-            r = clamped(turn + g.heading_p * wrapped(o.heading - heading_of(e)), limit)
-        dp, dq, dr = p - e.w[0], q - e.w[1], r - e.w[2]
-        unwind = g.unwind * dt
-        _, b, c = m.twist
-        if u > SLOW_MPS:  # slower, the fins do nothing that could be learnt from
-            b += g.rate_i * dq * dt - unwind * m.lack[4] / i[4]
-            c += g.yaw_rate_i * dr * dt - unwind * m.lack[5] / i[5]
-        m.twist = (0.0, b, c)
-        return i[3] * g.rate_p * dp, i[4] * (g.rate_p * dq + b) + held, i[5] * (g.yaw_rate_p * dr + c)
+# -- ahead ----------------------------------------------------------------------------------------------------------------------------------
 
-    def _pitch(self, e: Estimate, m: Memory, o: Orders, u: float, known: Known) -> float:
-        """Pitch to hold, rad."""
-        g, mode = o.gains, o.mode
-        if o.attitude is not None:
-            return rpy_from_quat(o.attitude)[1]
-        if mode in ("stabilise", "heading_hold"):
-            return o.stick[4] * g.max_tilt_rad
-        if not known.depth:
-            return g.max_tilt_rad if mode == "surface" else 0.0
-        dive = move_depth(o, e, known, self._dt)
-        if o.frame and o.velocity[2]:
-            dive = o.velocity[2]
-            o.depth = e.p[2] + clamped(o.depth + dive * self._dt - e.p[2], 1.0)
-        off = o.depth - e.p[2]
-        slope = g.depth_p * off + dive / max(u, SLOW_MPS)
-        return clamped(m.sag - slope, g.max_tilt_rad)
 
-    def _course(self, e: Estimate, m: Memory, o: Orders, known: Known) -> None:
-        """Set the heading so that the vehicle follows its line, its circle, or its velocity."""
-        if o.attitude is not None:
-            o.heading = rpy_from_quat(o.attitude)[2]
-            return
-        if o.frame == "N" and math.hypot(o.velocity[0], o.velocity[1]) > 1e-3:
-            o.heading = wrapped(math.atan2(o.velocity[1], o.velocity[0]) - m.crab)
-            return
-        if o.frame or o.mode not in ("position_hold", "guided", "mission") or not known.position:
-            return
-        o.heading = wrapped(self._towards(e, o) - m.crab)
+@compiled
+def _surge(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
+    """Force ahead, N."""
+    g = o.gains
+    wanted = _wanted(e, o, c)
+    if wanted != wanted:
+        set_three(m.push, _STILL)
+        return float(o.stick[0] * abs(o.stick[0]) * c.reach[0] * g.stick)
+    force = _thrust(c.shaft, wanted * g.shaft_per_speed, max(wanted, 0.0))
+    if not now.velocity or wanted == 0.0:
+        set_three(m.push, _STILL)
+        return float(force)
+    off = wanted - u
+    push = m.push[0] + g.velocity_i * off * c.dt - g.unwind * c.dt * m.lack[0] / c.inertia[0]
+    set_three(m.push, (push, 0.0, 0.0))
+    return float(force + c.inertia[0] * (g.velocity_p * off + push))
 
-    def _towards(self, e: Estimate, o: Orders) -> float:
-        """Course over ground to the place, rad."""
-        dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
-        away, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
-        if o.mode != "mission" and math.dist(e.p, o.place) <= o.radius:
-            o.settled = True
-        if o.origin[0] != o.origin[0] or o.settled:
-            # Clockwise round the place: towards it from afar, square to it on the circle.
-            return bearing - 0.5 * math.pi + math.atan2(away - o.gains.orbit_m, 0.5 * o.gains.orbit_m)
-        if o.astray:
-            # Past it, and inside its own turning circle: first away from it.
-            if away < 2.5 * o.gains.orbit_m:
-                return wrapped(bearing + math.pi)
-            o.astray, o.origin = False, e.p
-        lx, ly = o.place[0] - o.origin[0], o.place[1] - o.origin[1]
-        length = math.hypot(lx, ly)
-        if length < 1e-6:
-            return bearing
-        along, across = (lx * dx + ly * dy) / length, (lx * dy - ly * dx) / length
-        if along < -o.radius:
-            o.astray = True
-        ahead = min(o.gains.look_ahead_m, max(along, 0.5 * o.gains.look_ahead_m))
-        return math.atan2(ly, lx) + math.atan2(across, ahead)
+
+@compiled
+def _wanted(e: Any, o: Any, c: Any) -> float:
+    """Speed ahead, m/s; nan where the stick acts on the propeller."""
+    g, mode, v = o.gains, o.mode, o.velocity
+    if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):
+        if o.frame == NO_FRAME:
+            return float(o.stick[0] * g.max_speed_mps)
+        return float(v[0] if o.frame == IN_B else math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
+    if mode == SURFACE:
+        return float(0.0 if e.p[2] < c.up else g.cruise_mps)
+    if mode in (POSITION_HOLD, GUIDED, MISSION):
+        return float(g.cruise_mps if o.speed != o.speed else min(o.speed, g.max_speed_mps))
+    return NAN
+
+
+# -- up, down and round ---------------------------------------------------------------------------------------------------------------------
+
+
+@separate
+def _moment(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> Vec3:
+    g, dt, i, s = o.gains, c.dt, c.inertia, o.stick
+    roll, pitch, _ = rpy_from_quat(four(e.q))
+    held = 0.0
+    if o.mode == ACRO:
+        p, q, r = s[3] * g.max_rate_radps, s[4] * g.max_rate_radps, s[5] * g.max_yaw_rate_radps
+    else:
+        target = _pitch(e, m, o, c, u, now)
+        held = c.righting * math.sin(target)
+        _course(e, m, o, now)
+        turn = move_heading(o, e, dt)
+        p = g.attitude_p * at_most(-roll, 0.5)
+        q = at_most(g.attitude_p * (target - pitch), g.max_rate_radps)
+        limit = min(g.max_yaw_rate_radps, o.turn_limit)
+        r = at_most(turn + g.heading_p * within(o.heading - heading_of(e)), limit)
+    dp, dq, dr = p - e.w[0], q - e.w[1], r - e.w[2]
+    unwind = g.unwind * dt
+    b, k = m.twist[1], m.twist[2]
+    if u > SLOW_MPS:  # slower, the fins do nothing that could be learnt from
+        b += g.rate_i * dq * dt - unwind * m.lack[4] / i[4]
+        k += g.yaw_rate_i * dr * dt - unwind * m.lack[5] / i[5]
+    set_three(m.twist, (0.0, b, k))
+    return i[3] * g.rate_p * dp, i[4] * (g.rate_p * dq + b) + held, i[5] * (g.yaw_rate_p * dr + k)
+
+
+@compiled
+def _pitch(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
+    """Pitch to hold, rad."""
+    g, mode = o.gains, o.mode
+    if o.attitude[0] == o.attitude[0]:
+        return float(rpy_from_quat(four(o.attitude))[1])
+    if mode in (STABILISE, HEADING_HOLD):
+        return float(o.stick[4] * g.max_tilt_rad)
+    if not now.depth:
+        return float(g.max_tilt_rad if mode == SURFACE else 0.0)
+    dive = move_depth(o, e, now.altitude, c.dt)
+    if o.frame != NO_FRAME and o.velocity[2] != 0.0:
+        dive = o.velocity[2]
+        o.depth = e.p[2] + at_most(o.depth + dive * c.dt - e.p[2], 1.0)
+    slope = g.depth_p * (o.depth - e.p[2]) + dive / max(u, SLOW_MPS)
+    return float(at_most(m.sag - slope, g.max_tilt_rad))
+
+
+@compiled
+def _course(e: Any, m: Any, o: Any, now: Any) -> None:
+    """Set the heading so that the vehicle follows its line, its circle, or its velocity."""
+    mode = o.mode
+    if o.attitude[0] == o.attitude[0]:
+        o.heading = rpy_from_quat(four(o.attitude))[2]
+    elif o.frame == IN_N and math.hypot(o.velocity[0], o.velocity[1]) > 1e-3:
+        o.heading = within(math.atan2(o.velocity[1], o.velocity[0]) - m.crab)
+    elif o.frame == NO_FRAME and mode in (POSITION_HOLD, GUIDED, MISSION) and now.position:
+        o.heading = within(_towards(e, o) - m.crab)
+
+
+@compiled
+def _towards(e: Any, o: Any) -> float:
+    """Course over ground to the place, rad."""
+    orbit, dx, dy, dz = o.gains.orbit_m, o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
+    away, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
+    if o.mode != MISSION and math.sqrt(dx * dx + dy * dy + dz * dz) <= o.radius:
+        o.settled = 1
+    if o.origin[0] != o.origin[0] or o.settled != 0:
+        # Clockwise round the place: towards it from afar, square to it on the circle.
+        return bearing - 0.5 * math.pi + math.atan2(away - orbit, 0.5 * orbit)
+    if o.astray != 0:
+        # Past it, and inside its own turning circle: first away from it.
+        if away < 2.5 * orbit:
+            return float(within(bearing + math.pi))
+        o.astray = 0
+        set_three(o.origin, three(e.p))
+    lx, ly = o.place[0] - o.origin[0], o.place[1] - o.origin[1]
+    length = math.hypot(lx, ly)
+    if length < 1e-6:
+        return bearing
+    along, across = (lx * dx + ly * dy) / length, (lx * dy - ly * dx) / length
+    if along < -o.radius:
+        o.astray = 1
+    ahead = min(o.gains.look_ahead_m, max(along, 0.5 * o.gains.look_ahead_m))
+    return math.atan2(ly, lx) + math.atan2(across, ahead)

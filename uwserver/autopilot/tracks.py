@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from uwserver.autopilot.state import Six
+from uwserver.physics.kernel.deferred import compiled
 
 MEASURED = 0.01
 """Density of the error of a measured acceleration, m2/s3."""
@@ -20,6 +21,7 @@ SPREAD = 1e-4
 """Growth of the variance of p that the model does not see: errors of scale and of heading, m2/s."""
 
 
+@compiled
 def predict(c: Six, dt: float, density: float) -> Six:
     """The covariance dt (s) later; `density` as `MEASURED`."""
     pp, pv, pb, vv, vb, bb = c
@@ -37,6 +39,7 @@ def predict(c: Six, dt: float, density: float) -> Six:
     )
 
 
+@compiled
 def measure_position(c: Six, variance: float) -> tuple[float, float, float, Six]:
     """What an innovation of the position moves p, v and b by, and the covariance after it. `variance` in m2."""
     pp, pv, pb, vv, vb, bb = c
@@ -46,6 +49,7 @@ def measure_position(c: Six, variance: float) -> tuple[float, float, float, Six]
     return k, m, n, (rest * pp, rest * pv, rest * pb, vv - m * pv, vb - m * pb, bb - n * pb)
 
 
+@compiled
 def measure_velocity(c: Six, variance: float) -> tuple[float, float, float, Six]:
     """The same for an innovation of the velocity; `variance` in m2/s2."""
     pp, pv, pb, vv, vb, bb = c
@@ -55,13 +59,18 @@ def measure_velocity(c: Six, variance: float) -> tuple[float, float, float, Six]
     return k, m, n, (pp - k * pv, rest * pv, pb - k * vb, rest * vv, rest * vb, bb - n * vb)
 
 
+@compiled
 def measure_bearing(c: Six, variance: float) -> tuple[float, float, float, Six]:
     """The same for a distance along one horizontal direction: of the shared covariance it takes half of what a whole fix would."""
-    k, m, n, after = measure_position(c, variance)
-    pp, pv, pb, vv, vb, bb = (0.5 * (old + new) for old, new in zip(c, after, strict=True))
-    return k, m, n, (pp, pv, pb, vv, vb, bb)
+    k, m, n, d = measure_position(c, variance)
+    half = (
+        0.5 * (c[0] + d[0]), 0.5 * (c[1] + d[1]), 0.5 * (c[2] + d[2]),
+        0.5 * (c[3] + d[3]), 0.5 * (c[4] + d[4]), 0.5 * (c[5] + d[5]),
+    )  # fmt: skip
+    return k, m, n, half
 
 
+@compiled
 def is_likely(innovation: float, c: Six, variance: float) -> bool:
     """Whether a position so far off (m) is within six standard deviations."""
     return abs(innovation) <= 6.0 * math.sqrt(c[0] + variance)

@@ -26,7 +26,7 @@ STREAM = np.dtype(
         ("newest_first", "i8"),  # place of the newest delivered sample among those
         ("dt", "f8"),
         ("frozen", "i8"),  # 1: a fault makes it repeat itself
-        ("wanted", "i8"),  # 1: somebody reads its samples
+        ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does
         ("reading", READING),
         ("held", "i8"),  # 1: there was a reading
         ("held_valid", "i8"),
@@ -53,8 +53,11 @@ ENTRY = np.dtype(
 )
 """A sample on its way, or delivered."""
 
-COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8")])
-"""How many samples are on their way and were delivered to somebody, how many were on their way before, and when the next one arrives."""
+COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8"), ("read", "i8")])
+"""How many samples are on their way and were delivered to somebody, how many were on their way before, when the next one arrives, and how many of
+those delivered are read."""
+
+READ, HEARD = 1, 2
 
 NEVER = np.iinfo(np.int64).max
 
@@ -135,6 +138,8 @@ def _tell(
         for i in range(stream.width):
             told_values[counts.told, i] = values[first + i]
         counts.told += 1
+        if stream.wanted == READ:
+            counts.read += 1
 
 
 @compiled
@@ -218,7 +223,7 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
     heads, streams, counts = _heads(table), _streams(table), _counts(table)[0]
     work = np.empty(values.shape[1])
     if begins:
-        counts.told = 0
+        counts.told = counts.read = 0
         _arrive(table, values, told_values, t_ns)
     for k in due:
         head = heads[k]

@@ -48,6 +48,7 @@ class Instruments:
         heads, streams, operations, numbers: of all sensors (`sensors.bank`, `world.delivery`, `modifiers.operations`).
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
+        read_count: how many of the samples of this tick somebody reads in Python.
     """
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
@@ -63,7 +64,7 @@ class Instruments:
         self._pending, self._told = np.zeros(_SLOTS, delivery.ENTRY), np.zeros(_SLOTS, delivery.ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, delivery.COUNTS)
         self._values, self._told_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
-        self.next_ns, self._counted = delivery.NEVER, (0, 0)
+        self.next_ns, self.read_count, self._counted = delivery.NEVER, 0, (0, 0)
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
@@ -176,9 +177,14 @@ class Instruments:
         on_their_way, told = self._counted
         self._make_room(on_their_way + most + (0 if begins else told))
         self._delivery.deliver(self.table, due, t_ns, begins, self._values, self._told_values)
-        on_their_way, told, _, self.next_ns = self._counts.tolist()[0]
+        on_their_way, told, _, self.next_ns, self.read_count = self._counts.tolist()[0]
         self._counted = on_their_way, told
         return int(told)
+
+    @property
+    def delivered(self) -> tuple[Any, FloatArray]:
+        """Where samples of this tick stand that somebody reads or hears: entries, and their numbers."""
+        return self._told, self._told_values
 
     def told(self, first: int, count: int) -> list[Delivered]:
         """Samples of this tick that somebody reads, from one on."""

@@ -1,12 +1,16 @@
-"""An autopilot as a part of its world: it hears its sensors, and acts before the bodies move."""
+"""Autopilots as parts of their world: one that steps them all in one call before the bodies move, and one each for what it remembers."""
 
 from __future__ import annotations
 
-from copy import copy
-from typing import Any, ClassVar
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar, NamedTuple
 
+from uwserver.autopilot.bank import Bank, Seat
+from uwserver.autopilot.craft import Held
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Estimate, Memory, Orders
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample
 from uwserver.world.part import Part, Stage, State
 
@@ -20,31 +24,23 @@ class PilotState(State, frozen=True):
 
 
 class Piloting(Part):
-    """One autopilot; it steps with its divisor."""
+    """One autopilot. Compiled code hears its sensors but for those that speak in words, which come as samples."""
 
     state_type = PilotState
-    stage: ClassVar[Stage] = Stage.PILOTS
 
     def __init__(self, pilot: Autopilot) -> None:
         self.pilot = pilot
-        self.hears = tuple(pilot.craft.estimator.sources)
-        self.next_tick = 0
+        self.hears = pilot.craft.hearing.in_words
 
     @property
     def path(self) -> str:
         """``<vehicle>/autopilot``."""
         return self.pilot.craft.path
 
-    def before(self, tick: int, t_ns: int) -> None:
-        """Fly, when it is due."""
-        divisor = self.pilot.divisor
-        if tick % divisor == 0:
-            self.pilot.step(t_ns)
-        self.next_tick = tick - tick % divisor + divisor
-
     def hear(self, sample: Sample, t_ns: int) -> None:
         """Take the sample into the estimate."""
-        self.pilot.take(sample, t_ns)
+        if sample.valid:
+            self.pilot.seat.hear(sample.port, sample.value, sample.t_ns, t_ns)
 
     def leave(self, why: str) -> None:
         """Answer who waits for the end of a way."""
@@ -52,8 +48,7 @@ class Piloting(Part):
 
     def save(self) -> PilotState:
         """All that it remembers; the call that waits is not part of it."""
-        pilot = self.pilot
-        return PilotState(copy(pilot.estimate), copy(pilot.memory), copy(pilot.orders))
+        return PilotState(*self.pilot.seat.read())
 
     def check(self, state: Any) -> None:
         """They are of this vehicle."""
@@ -61,5 +56,79 @@ class Piloting(Part):
 
     def load(self, state: PilotState) -> None:
         """Go on from there."""
-        self.pilot.load(copy(state.estimate), copy(state.memory), copy(state.orders))
-        self.next_tick = 0
+        self.pilot.load(state.estimate, state.memory, state.orders)
+
+
+class _Switch(NamedTuple):
+    """An actuator that somebody may switch off, and whose autopilot has to know."""
+
+    slot: Held
+    seat: Seat
+
+
+class Pilots(Part):
+    """A part that stands for all autopilots: each steps with its divisor."""
+
+    path = "world/autopilots"
+    state_type = State
+    stage: ClassVar[Stage] = Stage.PILOTS
+
+    def __init__(self, hydro: Hydrodynamics) -> None:
+        self._hydro = hydro
+        self._bank: Bank | None = None
+        self._pilots: dict[int, Autopilot] = {}
+        self._streams: Mapping[str, int] = {}
+        self._divisors: tuple[int, ...] = ()
+        self._switches: list[_Switch] = []
+        self._active: list[bool] = []
+        self.ports: tuple[str, ...] = ()
+
+    def settle(self, parts: Iterable[Part], streams: Mapping[str, int]) -> None:
+        """Parts came or went: the autopilots among them lie here from now on.
+
+        Args:
+            parts: all of the world.
+            streams: numbers of the streams of samples, by port.
+        """
+        pilots = [part.pilot for part in parts if isinstance(part, Piloting)]
+        if pilots == list(self._pilots.values()) and streams == self._streams:
+            return
+        self._streams = streams
+        self._divisors = tuple({pilot.craft.divisor for pilot in pilots})
+        self.next_tick = 0 if pilots else None
+        self.ports = tuple([port for pilot in pilots for port in pilot.craft.hearing.ports if port in streams])
+        self._pilots = dict(enumerate(pilots))
+        self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.craft.held]
+        self._active = []
+        if pilots or self._bank is not None:
+            self._bank = self._bank or Bank()
+            self._bank.gather([pilot.seat for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
+
+    def before(self, tick: int, t_ns: int) -> None:
+        """Fly those that are due."""
+        bank, world = self._bank, self._hydro.table
+        assert bank is not None
+        self._follow_switches()
+        for k, need in bank.step(world, tick, t_ns):
+            self._pilots[k].attend(need, world, t_ns)
+        self.next_tick = min([tick - tick % divisor + divisor for divisor in self._divisors])
+
+    def _follow_switches(self) -> None:
+        active = [switch.slot.active for switch in self._switches]
+        if active != self._active:
+            self._active = active
+            for switch in self._switches:
+                switch.seat.switch()
+
+    def listen(self, told: Any, values: FloatArray, count: int, t_ns: int) -> None:
+        """Delivered samples: see `uwserver.autopilot.entries.hear_all`."""
+        if self._bank is not None:
+            self._bank.hear(told, values, count, t_ns)
+
+    def save(self) -> State:
+        """Nothing: each keeps its own."""
+        return State()
+
+    def load(self, state: Any) -> None:
+        """The time may be another."""
+        self.next_tick = 0 if self._pilots else None

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from msgspec import Meta
 
-from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Sample, Value
 from uwserver.ports.checks import check_values
 from uwserver.sensors import Scope
@@ -17,6 +17,12 @@ from uwserver.world.components import Count, SensorStream
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
 from uwserver.world.sensor_slot import SensorSlot
+
+_READ, _HEARD = 1, 2
+"""As in `delivery`, for which numba would be imported."""
+
+Listen = Callable[[Any, FloatArray, int, int], None]
+"""Takes entries and numbers of delivered samples, how many, and the time (ns)."""
 
 
 class OnTheirWay(State, frozen=True):
@@ -100,6 +106,9 @@ class Sensing(Part):
         self._there: set[SensorSlot] = set()
         self._wanted: Collection[str] | None = None
         self._heard: Collection[str] = ()
+        self._overheard: Collection[str] = ()
+        self._listen: Listen | None = None
+        self._unread: Set[int] = frozenset()
         self._streams: dict[int, SensorStream] = {}
 
     def settle(self) -> None:
@@ -108,7 +117,7 @@ class Sensing(Part):
         gone = [slot for slot in self._there if slot not in there]
         self._lose({k for slot in gone for k in slot.stream_numbers})
         for slot in gone:
-            slot.leave()
+            slot.move_out()
         for slot in self._slots.values():
             if slot not in self._there:
                 slot.enter(self._instruments)
@@ -127,16 +136,27 @@ class Sensing(Part):
         self._wanted = ports
         self._mark()
 
-    def hear(self, ports: Collection[str]) -> None:
-        """Parts of the world hear these ports."""
-        self._heard = ports
+    def set_listeners(self, ports: Collection[str], overheard: Collection[str], listen: Listen) -> None:
+        """Parts of the world hear some ports; compiled code hears others, after each tick in which something is delivered that somebody wants."""
+        self._heard, self._overheard, self._listen = ports, overheard, listen
         self._mark()
 
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Numbers of the streams, by port."""
+        return {stream.port.path: k for k, stream in self._streams.items()}
+
     def _mark(self) -> None:
-        rows, wanted = self._instruments.streams.rows["wanted"], self._wanted
+        rows, wanted, unread = self._instruments.streams.rows["wanted"], self._wanted, set()
         for k, stream in self._streams.items():
             path = stream.port.path
-            rows[k] = wanted is None or path in wanted or path in self._heard or bool(stream.columns.loose)
+            if wanted is None or path in wanted or path in self._heard:
+                rows[k] = _READ
+                continue
+            unread.add(k)
+            # Values that are no numbers wait in Python for the sample that they belong to.
+            rows[k] = _READ if stream.columns.loose else _HEARD if path in self._overheard else 0
+        self._unread = unread
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
@@ -173,7 +193,9 @@ class Sensing(Part):
         for group in self._repeating:
             if tick % group.divisor == 0:
                 told = self._measure(group, now, t_ns, False)
-        if told:
+        if told and self._listen is not None:
+            self._listen(*self._instruments.delivered, told, t_ns)
+        if told and self._instruments.read_count:
             self._tell(told, samples)
 
     def _plan(self, mask: int) -> _Due:
@@ -205,6 +227,8 @@ class Sensing(Part):
         for k, seq, t_ns, t_sent_ns, valid, numbers in self._instruments.told(0, told):
             stream = self._streams[k]
             loose = stream.coming.pop(seq, ()) if stream.columns.loose else ()
+            if k in self._unread:
+                continue
             values = stream.columns.unpack(numbers[: stream.columns.width], loose)
             samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid, values))
 
@@ -240,7 +264,7 @@ class Sensing(Part):
 
     def load(self, state: OnTheirWay) -> None:
         """Put them on their way again."""
-        numbers = {stream.port.path: k for k, stream in self._streams.items()}
+        numbers = self.numbers
         for stream in self._streams.values():
             stream.coming.clear()
         entries = []

@@ -145,7 +145,7 @@ class SensorSlot(Part):
         self._memories.append(memories)
         return first
 
-    def leave(self) -> None:
+    def move_out(self) -> None:
         """Give the places back; what it remembers stays with it."""
         instruments, self._rest = self._here, self.save()
         for memories in self._memories:

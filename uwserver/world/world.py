@@ -22,6 +22,7 @@ from uwserver.world.diverged import Diverged, report
 from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population
 from uwserver.world.part import Carry, Part, Stage, takes_part
+from uwserver.world.piloting import Pilots
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
@@ -92,12 +93,14 @@ class World:
         self._ears: dict[str, list[Part]] = {}
         self.instruments = Instruments(hydro, water, lambda: Around(self.earth, self.geometry, self.lambert))
         self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
+        self._pilots = Pilots(hydro)
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(
             self._commands, self._carry, lambda: (self._tick, self.t_ns),
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
-        for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
+        water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
+        for part in (*water_parts, self._commands, self._pilots, self._sensing):
             self.add(part)
 
     # -- set-up ---------------------------------------------------------------------------------------------------------------------
@@ -174,7 +177,8 @@ class World:
         for part in everybody:
             for port in part.hears:
                 self._ears.setdefault(port, []).append(part)
-        self._sensing.hear(self._ears)
+        self._pilots.settle(self.parts.values(), self._sensing.numbers)
+        self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listen)
         self._sensing.schedule()
 
     def want(self, ports: Collection[str] | None) -> None:

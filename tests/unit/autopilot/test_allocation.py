@@ -7,8 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.autopilot.allocation import Curve, Thrust, Thrusters, Wrench, controllable
-from uwserver.autopilot.fins import SLOW_MPS, FinEffect, FinsAndShaft, Shaft
+from uwserver.autopilot.allocation import (
+    Thrust,
+    Thrusters,
+    Wrench,
+    allocate_thrusters,
+    allocate_wrench,
+    command_for,
+    controllable,
+    curve_points,
+)
+from uwserver.autopilot.fins import SLOW_MPS, FinEffect, FinsAndShaft, Shaft, allocate_fins, shaft_speed, shaft_thrust
+from uwserver.autopilot.rows import CRAFT
 
 LINEAR = ((-1.0, -20.0), (0.0, 0.0), (1.0, 20.0))
 """20 N at full command, either way."""
@@ -32,9 +42,9 @@ def vectored(z=0.0):
 
 
 def forces(allocation, tau):
-    """Newtons of each thruster (the curve is linear), and the wrench made."""
-    given, made = allocation.allocate(tau, 0.0)
-    return [20.0 * u for group in given for u in group[0]], made
+    """Newtons of each thruster, and the wrench made."""
+    made = allocate_thrusters(allocation.devices, tuple(map(float, tau)))
+    return allocation.devices["force"].tolist(), made
 
 
 def test_surge_is_shared_by_the_four_and_signed_by_their_axes():
@@ -78,9 +88,9 @@ def test_the_cheapest_of_all_forces_is_chosen():
 def test_a_stronger_thruster_takes_more():
     twice = ((-1.0, -40.0), (0.0, 0.0), (1.0, 40.0))
     pair = [thrust((0, 0, 0), (1, 0, 0)), thrust((0, 0, 0), (1, 0, 0), twice)]
-    given, _ = Thrusters([(pair, False)]).allocate((15.0, 0, 0, 0, 0, 0), 0.0)
+    found, _ = forces(Thrusters([(pair, False)]), (15.0, 0, 0, 0, 0, 0))
     # The least sum of (f / limit)^2: forces as 1 to 4.
-    assert (20.0 * given[0][0][0], 40.0 * given[0][0][1]) == pytest.approx((3.0, 12.0), abs=1e-4)
+    assert found == pytest.approx((3.0, 12.0), abs=1e-4)
 
 
 def test_at_the_limit_heave_and_attitude_keep_their_share():
@@ -106,11 +116,16 @@ def test_reach_is_what_one_axis_can_have_alone():
     assert allocation.reach[4] == 0.0
 
 
-def test_several_actuators_get_their_own_part_by_force_if_they_want_it():
+def test_devices_stand_in_the_order_of_the_actuators_that_say_what_they_take():
     four, two = vectored()[:4], vectored()[4:]
-    given, _ = Thrusters([(four, False), (two, True)]).allocate((0, 0, 8.0, 0, 0, 0), 0.0)
-    assert given[0][0] == pytest.approx((0, 0, 0, 0), abs=1e-5)
-    assert given[1][0] == pytest.approx((4.0, 4.0), abs=1e-4)
+    allocation = Thrusters([(four, False), (two, True)])
+    found, _ = forces(allocation, (0, 0, 8.0, 0, 0, 0))
+    assert found == pytest.approx((0, 0, 0, 0, 4.0, 4.0), abs=1e-4)
+    assert allocation.devices["by_force"].tolist() == [0, 0, 0, 0, 1, 1]
+    steep = ((-1.0, -40.0), (0.0, 0.0), (0.5, 10.0), (1.0, 40.0))
+    allocation = Thrusters([([thrust((0, 0, 0), (1, 0, 0)), thrust((0, 0, 0), (1, 0, 0), steep)], False)])
+    assert [u_of(allocation, k, 10.0) for k in range(2)] == [0.5, 0.5]
+    assert [u_of(allocation, k, -20.0) for k in range(2)] == [-1.0, -0.5]
 
 
 def test_axes_of_shapes():
@@ -118,33 +133,45 @@ def test_axes_of_shapes():
     assert controllable(np.eye(6)) == (0, 1, 2, 3, 4, 5)
 
 
+def u_of(allocation, k, force):
+    """The command by which a device makes a force."""
+    d = allocation.devices[k]
+    return command_for(allocation.curves, d["curve_first"], d["astern"], d["ahead"], force)
+
+
 # -- thrust curves ---------------------------------------------------------------------------------------------------------------------
+
+
+def u_for(table, force):
+    points, astern, ahead = curve_points(table)
+    return command_for(points, 0, astern, ahead, force)
+
 
 DEAD = ((-1.0, -30.0), (-0.5, -10.0), (-0.1, 0.0), (0.1, 0.0), (0.6, 15.0), (1.0, 40.0))
 
 
 @pytest.mark.parametrize("force", [-30.0, -17.0, -10.0, -0.5, 0.7, 15.0, 33.0, 40.0])
 def test_a_curve_turned_round_gives_the_force_again(force):
-    u = Curve(DEAD).command(force)
+    u = u_for(DEAD, force)
     us, fs = zip(*DEAD, strict=True)
     assert np.interp(u, us, fs) == pytest.approx(force)
 
 
 def test_a_curve_at_its_ends():
-    curve = Curve(DEAD)
-    assert curve.command(0.0) == 0.0
-    assert curve.command(100.0) == 1.0
-    assert curve.command(-100.0) == -1.0
-    assert 0.1 < curve.command(1e-3) < 0.11
-    assert -0.11 < curve.command(-1e-3) < -0.1
+    assert u_for(DEAD, 0.0) == 0.0
+    assert u_for(DEAD, 100.0) == 1.0
+    assert u_for(DEAD, -100.0) == -1.0
+    assert 0.1 < u_for(DEAD, 1e-3) < 0.11
+    assert -0.11 < u_for(DEAD, -1e-3) < -0.1
 
 
 # -- wrench, fins and shaft --------------------------------------------------------------------------------------------------------------
 
 
 def test_a_wrench_is_cut_axis_by_axis():
-    given, made = Wrench((10.0, 10.0, 10.0, 1.0, 1.0, 1.0)).allocate((20.0, -5.0, -20.0, 0.5, -2.0, 0.0), 0.0)
-    assert given == [((10.0, -5.0, -10.0), (0.5, -1.0, 0.0))]
+    allocation = Wrench((10.0, 10.0, 10.0, 1.0, 1.0, 1.0))
+    made = allocate_wrench(allocation.devices, (20.0, -5.0, -20.0, 0.5, -2.0, 0.0))
+    assert allocation.devices["force"].tolist() == [10.0, -5.0, -10.0, 0.5, -1.0, 0.0]
     assert made == (10.0, -5.0, -10.0, 0.5, -1.0, 0.0)
 
 
@@ -154,39 +181,47 @@ SHAFT = Shaft(a=0.45, b=0.4, strength=0.4, advance=0.9, diameter=0.14, astern=0.
 @pytest.mark.parametrize("u", [0.0, 1.0, 2.0])
 @pytest.mark.parametrize("force", [-20.0, 0.5, 5.0, 40.0])
 def test_a_shaft_turned_round_gives_the_thrust_again(force, u):
-    assert SHAFT.thrust(SHAFT.speed(force, u), u) == pytest.approx(force)
+    assert shaft_thrust(SHAFT, shaft_speed(SHAFT, force, u), u) == pytest.approx(force)
 
 
 def test_a_shaft_stands_still_without_demand_and_has_a_limit():
-    assert SHAFT.speed(0.0, 2.0) == 0.0
-    assert SHAFT.speed(1e6, 0.0) == 160.0
-    assert SHAFT.speed(-1e6, 0.0) == -160.0
+    assert shaft_speed(SHAFT, 0.0, 2.0) == 0.0
+    assert shaft_speed(SHAFT, 1e6, 0.0) == 160.0
+    assert shaft_speed(SHAFT, -1e6, 0.0) == -160.0
+
+
+def angles(allocation, tau, speed):
+    """Fins' angles and shafts' speeds, and the wrench made."""
+    craft = np.zeros(1, CRAFT)[0]
+    allocation.shaft.fill(craft["shaft"])
+    made = allocate_fins(craft, allocation.devices, tuple(map(float, tau)), speed)
+    return allocation.devices["force"].tolist(), made
 
 
 def fins(limit=0.25):
     plane = FinEffect((0, 0, -5.0, 0, -4.0, 0), limit)
     rudder = FinEffect((0, -3.5, 0, 0, 0, 2.8), limit)
-    return FinsAndShaft([[rudder], [plane]], SHAFT)
+    return FinsAndShaft([rudder, plane], SHAFT)
 
 
 @pytest.mark.parametrize("u", [0.5, 1.0, 2.0])
 def test_fins_turn_by_moment_over_effect_and_speed_squared(u):
-    given, made = fins().allocate((0, 0, 0, 0, 0.2 * u * u, 0.1 * u * u), u)
-    assert given[0][0][0] == pytest.approx(0.1 / 2.8, rel=1e-4)
-    assert given[1][0][0] == pytest.approx(-0.2 / 4.0, rel=1e-4)
+    given, made = angles(fins(), (0, 0, 0, 0, 0.2 * u * u, 0.1 * u * u), u)
+    assert given[0] == pytest.approx(0.1 / 2.8, rel=1e-4)
+    assert given[1] == pytest.approx(-0.2 / 4.0, rel=1e-4)
     assert made[4:] == pytest.approx((0.2 * u * u, 0.1 * u * u), rel=1e-4)
 
 
 def test_fins_keep_their_limits_and_pitch_goes_first():
-    given, made = fins().allocate((0, 0, 0, 0, 100.0, 0.5), 1.0)
-    assert given[1][0][0] == pytest.approx(-0.25)
+    given, made = angles(fins(), (0, 0, 0, 0, 100.0, 0.5), 1.0)
+    assert given[1] == pytest.approx(-0.25)
     assert made[4] == pytest.approx(1.0)
-    assert abs(given[0][0][0]) <= 0.25
+    assert abs(given[0]) <= 0.25
 
 
 def test_slow_fins_are_not_thrown_about():
-    at_rest, _ = fins().allocate((0, 0, 0, 0, 0.01, 0.0), 0.0)
-    slow, _ = fins().allocate((0, 0, 0, 0, 0.01, 0.0), SLOW_MPS)
+    at_rest, _ = angles(fins(), (0, 0, 0, 0, 0.01, 0.0), 0.0)
+    slow, _ = angles(fins(), (0, 0, 0, 0, 0.01, 0.0), SLOW_MPS)
     assert at_rest == slow
 
 
@@ -197,8 +232,8 @@ def test_a_cross_of_four_fins_controls_roll_too():
         FinEffect((0, 0, -2.0, 0.08, -0.8, 0), 0.5),
         FinEffect((0, 0, -2.0, -0.08, -0.8, 0), 0.5),
     ]
-    allocation = FinsAndShaft([cross], SHAFT)
+    allocation = FinsAndShaft(cross, SHAFT)
     assert allocation.axes == (0, 3, 4, 5)
-    given, made = allocation.allocate((0, 0, 0, 0.016, 0, 0), 1.0)
+    given, made = angles(allocation, (0, 0, 0, 0.016, 0, 0), 1.0)
     assert made[3:] == pytest.approx((0.016, 0, 0), abs=1e-4)
-    assert given[0][0] == pytest.approx((0.05, -0.05, 0.05, -0.05), rel=1e-3)
+    assert given[:4] == pytest.approx((0.05, -0.05, 0.05, -0.05), rel=1e-3)

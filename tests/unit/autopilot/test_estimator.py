@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from uwserver.autopilot.estimator import STUBBORN, Estimator, Source, Surroundings, known, place_at
+from uwserver.autopilot.allocation import Wrench
+from uwserver.autopilot.bank import Bank, Seat
+from uwserver.autopilot.craft import Craft
+from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.hover import Hover
+from uwserver.autopilot.modes import known
+from uwserver.autopilot.sources import Hearing, Source, Surroundings
+from uwserver.autopilot.state import NEVER
 from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
-from uwserver.ports import Field, Sample
+from uwserver.physics.kernel import layout
+from uwserver.ports import Field
 from uwserver.sensors import (
     AltimeterConfig,
     AttitudeConfig,
@@ -49,29 +58,39 @@ def source(kind, **keys):
     return Source(kind, PressureConfig(rate_hz=1).build(Pose()).fields if absolute else FIELDS[kind], **keys)
 
 
+ONES = (1.0,) * 6
+NO_BODIES = np.zeros((len(layout.WORLD), 2), np.int64)
+
+
+def seat(place=None, **sources):
+    """An autopilot alone, disarmed."""
+    hearing = Hearing({f"rov/{name}": source for name, source in sources.items()}, place or Surroundings())
+    helm, allocation = Hover(ONES, ONES, ONES, ONES), Wrench(ONES)
+    return Seat(
+        Craft(
+            path="rov/autopilot", hearing=hearing, allocation=allocation, helm=helm, held=(), shares=(), names=("x",) * 6, blocked=(),
+            gains=GAINS, divisor=1, dt=1.0 / RATE,
+        )
+    )  # fmt: skip
+
+
 class Bench:
     """An estimator with a clock of its own."""
 
     def __init__(self, place=None, **sources):
-        self.estimator = Estimator(
-            {f"rov/{name}": source for name, source in sources.items()}, place or Surroundings(), RATE
-        )
-        self.e = self.estimator.begin()
+        self.seat, self.sources = seat(place, **sources), sources
+        self.e = self.seat.estimate
         self.t_ns = 0
-        self._seq = 0
 
-    def hear(self, name, *value, valid=True, late_s=0.0):
-        self._seq += 1
-        t_ns = self.t_ns - round(late_s * 1e9)
-        sample = Sample(f"rov/{name}", self._seq, t_ns, self.t_ns, valid, value)
-        self.estimator.update(self.e, sample, self.t_ns)
+    def hear(self, name, *value, late_s=0.0):
+        missing = (None,) * (len(self.sources[name].fields) - len(value))
+        self.seat.hear(f"rov/{name}", value + missing, self.t_ns - round(late_s * 1e9), self.t_ns)
 
     def run(self, seconds, **every_step):
         for _ in range(round(seconds * RATE)):
             for name, value in every_step.items():
                 self.hear(name, *value)
-            now = self.known
-            self.estimator.step(self.e, not now.motion, not now.depth)
+            assert self.seat.bank.step(NO_BODIES, 0, self.t_ns) == ()
             self.t_ns += round(1e9 / RATE)
 
     @property
@@ -295,16 +314,41 @@ def test_everything_is_lost_after_its_time_out():
         assert not getattr(known(bench.e, GAINS, since + round(timeout * 1e9) + 1), name)
 
 
-def test_an_invalid_sample_keeps_nothing_alive():
-    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"))
-    bench.run(1.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.1, 0.0, 0.0), 8.0, 0.01))
-    for _ in range(150):
-        bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
-        bench.hear("dvl", (None,) * 3, None, None, valid=False)
-        bench.run(1.0 / RATE)
-    assert bench.known.attitude
-    assert not bench.known.velocity
-    assert not bench.known.position
+TOLD = np.dtype([("stream", "i8"), ("t_ns", "i8"), ("valid", "i8")])
+
+
+def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
+    """Two vehicles in one bank; streams 3 and 1 are their depths, 0 is nobody's."""
+    first, second = seat(depth=source("pressure")), seat(Surroundings(start=(0.0, 0.0, 4.0)), depth=source("pressure"))
+    second.craft.hearing.ports = ("other/depth",)
+    bank = Bank()
+    bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
+    assert second.estimate.p == (0.0, 0.0, 4.0)
+    told = np.array([(3, 5, 1), (1, 6, 0), (0, 7, 1)], TOLD)
+    bank.hear(told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
+    assert first.estimate.p[2] == pytest.approx(2.0, abs=1e-3)
+    assert (first.estimate.depth_ns, second.estimate.p, second.estimate.depth_ns) == (5, (0.0, 0.0, 4.0), NEVER)
+    told["valid"] = 1
+    bank.hear(told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
+    assert second.estimate.depth_ns == 6
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e12])
+def test_a_sample_that_no_sensor_gives_tells_nothing(value):
+    bench = Bench(
+        ahrs=source("attitude"), imu=source("imu"), depth=source("pressure"), dvl=source("dvl"), mocap=source("motion_capture"),
+        lbl=source("lbl"), battery=source("battery"), place=Surroundings(beacons={"b": (20.0, 0.0, 5.0)}),
+    )  # fmt: skip
+    before = bench.seat.read()
+    bench.hear("ahrs", (value, 0.0, 0.0, 0.0), 0.0)
+    bench.hear("imu", (value, 0.0, 0.0), (0.0,) * 3, 10.0)
+    bench.hear("imu", (0.0, 0.0, -G), (value, 0.0, 0.0), 10.0)
+    bench.hear("depth", value, 8.0)
+    bench.hear("dvl", (value, 0.0, 0.0), 8.0, 0.01)
+    bench.hear("mocap", (value, 0.0, 0.0), quat_from_rpy(0, 0, 0))
+    bench.hear("lbl", "b", None, 0.1)
+    bench.hear("battery", 14.0, 2.0, 28.0, 0.0, None)
+    assert repr(bench.seat.read()) == repr(before)
 
 
 def test_a_motion_that_nothing_tells_of_dies_away():

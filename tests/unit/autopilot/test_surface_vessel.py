@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from uwserver.frames import rpy_from_quat
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
@@ -31,11 +32,13 @@ def test_it_holds_speed_and_heading_across_a_current(fly):
     f.call("set_mode", mode="velocity")
     order = {"v_B": [2.0, 0.0, 0.0], "heading": 1.0}
     f.run(30.0, velocity=order)
-    worst = 0.0
+    worst = believed = 0.0
     for _ in range(10):
         f.run(1.0, velocity=order)
         worst = max(worst, f.off_heading(1.0))
-    assert worst < 2.0
+        believed = max(believed, abs(math.degrees(rpy_from_quat(f.state["q_NB"])[2] - 1.0)))
+    assert believed < 1.0
+    assert worst < 6.0  # three standard deviations of its compass
     assert f.vehicle.nu[0] == pytest.approx(2.0, abs=0.1)
     assert abs(f.vehicle.p_NB[2]) < 0.05
 

@@ -31,7 +31,8 @@ def test_speed_depth_and_heading(fly, model):
         f.run(1.0, velocity=order)
         off = max(off, abs(f.vehicle.p_NB[2] - 13.0))
         worst = max(worst, f.off_heading(0.8))
-    assert off < 0.1
+    # That of five tonnes stands off by 18 m for each radian of error of the AHRS's pitch: three times its 0.3 degrees.
+    assert off < (0.3 if model in LARGE else 0.1)
     assert worst < 2.0
     assert f.vehicle.nu[0] == pytest.approx(SPEEDS[model], abs=0.05)
 

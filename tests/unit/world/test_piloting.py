@@ -9,7 +9,10 @@ from msgspec import structs
 
 import uwserver
 from uwserver.ports import Call, Reply
-from uwserver.world.piloting import Piloting
+from uwserver.scenario.build.world import build
+from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.load.scenario import load
+from uwserver.world.piloting import Piloting, Pilots
 from uwserver.world.world import World
 
 
@@ -28,27 +31,64 @@ def pilot_of(world: World) -> Any:
     return part
 
 
-def test_it_flies_with_its_divisor_and_after_a_jump_at_the_next_of_its_ticks(flown: World) -> None:
-    part, flights = pilot_of(flown), list[int]()
-    divisor, original = part.pilot.divisor, part.pilot.step
-    part.pilot.step = flights.append
-    try:
-        for tick in (0, 1, divisor, divisor + 1, 2 * divisor):
-            part.before(tick, tick)
-        assert flights == [0, divisor, 2 * divisor]
-        part.before(2 * divisor + 1, 0)
-        assert part.next_tick == 3 * divisor
-        part.load(part.save())
-        assert part.next_tick == 0
-    finally:
-        part.pilot.step = original
+def test_each_flies_with_its_divisor_and_after_a_jump_at_the_next_of_its_ticks() -> None:
+    """With each step the variance of the bias grows, and with nothing else."""
+    builder = ScenarioBuilder("two", rate_hz=240, adapters={})
+    for name, rate in (("a", 60), ("b", 40)):
+        builder.vehicle(name, "bluerov2", position_ned_m=(0.0, 0.0, 3.0), autopilot={"rate_hz": rate})
+    world = build(load(builder.build(), adapters={}))
+    pilots = {name: world.parts[f"{name}/autopilot"].pilot for name in "ab"}  # type: ignore[attr-defined]  # a Piloting
+    stepped: dict[str, list[int]] = {"a": [], "b": []}
+
+    def fly(ticks: int) -> None:
+        for _ in range(ticks):
+            tick = world.tick
+            for pilot in pilots.values():
+                pilot.estimate.flat = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            world.step()
+            for name, pilot in pilots.items():
+                if pilot.estimate.flat[5] > 0.0:
+                    stepped[name].append(tick)
+
+    fly(13)
+    assert stepped == {"a": [0, 4, 8, 12], "b": [0, 6, 12]}
+    assert world.parts["world/autopilots"].next_tick == 16
+    world.call("world/reset")
+    stepped["a"].clear()
+    fly(5)
+    assert stepped["a"] == [0, 4]
 
 
-def test_it_hears_the_sensors_of_its_estimate(flown: World) -> None:
-    part = pilot_of(flown)
-    assert set(part.hears) == set(part.pilot.craft.estimator.sources)
-    assert set(part.hears) <= set(flown.ports)
+def test_compiled_code_hears_the_sensors_of_its_estimate(flown: World) -> None:
+    pilots, part = flown.parts["world/autopilots"], pilot_of(flown)
+    assert isinstance(pilots, Pilots)
+    assert set(pilots.ports) == set(part.pilot.craft.hearing.ports)
+    assert set(pilots.ports) <= set(flown.ports)
+    assert part.hears == ()
     assert part.pilot.estimate.depth_ns > 0
+
+
+@pytest.mark.parametrize("wanted", [None, (), ("rov/depth", "rov/autopilot/state")])
+def test_it_hears_the_same_whoever_else_reads(wanted: Any) -> None:
+    world = uwserver.load("rov_autopilot")
+    world.want(wanted)
+    read = {sample.port for sample in world.step(240)}
+    assert read == set(wanted) if wanted is not None else read > {"rov/ahrs", "rov/depth"}
+    estimate = pilot_of(world).save().estimate
+    other = uwserver.load("rov_autopilot")
+    other.step(240)
+    assert estimate == pilot_of(other).save().estimate
+
+
+def test_a_switched_off_actuator_gets_no_commands(flown: World) -> None:
+    flown.call("rov/autopilot/set_mode", mode="depth_hold")
+    flown.call("rov/thrusters/deactivate")
+    flown.step(8)
+    assert not flown.hydro.thrusters["command"].any()
+    assert any(pilot_of(flown).pilot.memory.outputs)
+    flown.call("rov/thrusters/activate")
+    flown.step(8)
+    assert flown.hydro.thrusters["command"].any()
 
 
 def test_its_state_stays_as_it_was_and_it_goes_on_from_there(flown: World) -> None:

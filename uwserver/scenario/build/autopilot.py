@@ -18,20 +18,24 @@ from uwserver.actuators import (
     ForceTorqueConfig,
     PropellerConfig,
     ThrusterConfig,
+    Thrusters,
     ThrustersConfig,
 )
-from uwserver.autopilot.allocation import Allocation, Thrust, Thrusters, Wrench
+from uwserver.actuators.force_torque import ForceTorque
+from uwserver.actuators.servo import Servos
+from uwserver.autopilot.allocation import Allocation, Thrust, Wrench
+from uwserver.autopilot.allocation import Thrusters as ThrusterAllocation
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.craft import Craft, Held, Helm
-from uwserver.autopilot.estimator import Estimator, Source, Surroundings
 from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.hover import Hover
-from uwserver.autopilot.outputs import Hold, Outputs
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.ports import TEST_TIMEOUT_S, StateSensor, set_points
+from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
 from uwserver.autopilot.services import services
+from uwserver.autopilot.sources import FIELDS, Hearing, Source, Surroundings
 from uwserver.autopilot.state import Six
+from uwserver.autopilot.status import StateSensor
 from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
@@ -94,15 +98,17 @@ def build_autopilot(
     divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
     dt = float(divisor / world.rate_hz)
     hands = _Hands()
-    allocation, helm = _controls(file, params, actuators, hands, dt)
+    allocation, helm = _controls(file, params, actuators, hands)
+    allocation.devices["row"], allocation.devices["full"] = hands.rows, hands.full
     craft = Craft(
         path=path,
-        estimator=Estimator(_sources(world, file, name, mounts, ports), _surroundings(world, file, config), 1.0 / dt),
+        hearing=Hearing(_sources(world, file, name, mounts, ports), _surroundings(world, file, config)),
         allocation=allocation,
         helm=helm,
         held=hands.held,
+        shares=hands.shares,
+        names=tuple(hands.names),
         blocked=hands.blocked,
-        outputs=Outputs(hands.holds),
         gains=gains,
         divisor=divisor,
         dt=dt,
@@ -178,7 +184,7 @@ def _sources(
     taken: set[str] = set()
     for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
         kind = str(sensor.__struct_config__.tag)
-        if kind not in Estimator.UPDATES or (kind in _ONLY_ONE and kind in taken):
+        if kind not in FIELDS or (kind in _ONLY_ONE and kind in taken):
             continue
         taken.add(kind)
         mount = mounts[key]
@@ -222,28 +228,42 @@ def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> S
 
 @dataclass
 class _Hands:
-    """Actuators that are commanded, in the allocation's order, and others on the same devices, which are only kept from commanding them."""
+    """Actuators that are commanded, in the allocation's order, and others on the same devices, which are only kept from commanding them.
+
+    Attributes:
+        held, blocked: these.
+        shares: devices of each held one.
+        names, rows, full: of the devices: what they are called, where the bodies' arrays have them, and their full commands.
+    """
 
     held: list[Held] = field(default_factory=list)
-    holds: list[Hold] = field(default_factory=list)
     blocked: list[Held] = field(default_factory=list)
+    shares: list[int] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    rows: list[int] = field(default_factory=list)
+    full: list[float] = field(default_factory=list)
 
     def hold(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
         """Hold an actuator. A field without a largest value has `strongest` as its full command."""
-        full = tuple((field.maximum or strongest,) * field.size for field in slot.port.fields)
+        actuator = slot.actuator
+        assert isinstance(actuator, Thrusters | Servos | ForceTorque)  # those that `_controls` looks for
         self.held.append(slot)
-        self.holds.append(Hold(tuple(names), full))
+        self.shares.append(len(names))
+        self.names += names
+        self.rows += actuator.rows.values() if isinstance(actuator, Thrusters) else actuator.rows
+        for given in slot.port.fields:
+            self.full += (given.maximum or strongest,) * given.size
 
 
 def _controls(
-    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands, dt: float
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
 ) -> tuple[Allocation, Helm]:
     inertia = _six(np.diag(params.M_RB + params.M_A))
     kinds = {type(config) for config in file.actuators.values()}
     if PropellerConfig in kinds and kinds & {FinConfig, FinsConfig}:
         fins = _fins(file, params, actuators, hands)
         weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
-        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft, _up(params), dt)
+        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft)
     allocation: Allocation
     if kinds & {ThrusterConfig, ThrustersConfig}:
         allocation = _thrusters(file, params, actuators, hands)
@@ -251,8 +271,7 @@ def _controls(
         key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
         hands.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
         allocation = Wrench(_wrench_limits(file, params))
-    drag = (_six(np.diag(params.D_L)), _six(np.diag(params.D_Q)))
-    return allocation, Hover(inertia, drag, allocation.reach, allocation.axes, dt)
+    return allocation, Hover(inertia, _six(np.diag(params.D_L)), _six(np.diag(params.D_Q)), allocation.reach)
 
 
 def _devices(
@@ -287,11 +306,11 @@ def _six(values: FloatArray) -> Six:
 
 def _thrusters(
     file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
-) -> Thrusters:
+) -> ThrusterAllocation:
     by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
     strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
     kinds = (ThrusterConfig, ThrustersConfig)
-    return Thrusters([
+    return ThrusterAllocation([
         ([by_name[name] for name in names], getattr(config, "input", "u") == "force")
         for config, names in _devices(file, kinds, "thrusters", tuple(by_name), actuators, hands, strongest)
     ])  # fmt: skip
@@ -313,16 +332,17 @@ def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
 
 
 def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands) -> FinsAndShaft:
-    groups = [
-        [_fin(params, f"fins.{name}") for name in names]
+    fins = [
+        _fin(params, f"fins.{name}")
         for _, names in _devices(file, (FinConfig, FinsConfig), "fins", tuple(file.fins), actuators, hands)
+        for name in names
     ]
     propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
     for key, member in propellers.items():
         hands.hold(actuators[key], (f"propellers.{member}",))
     shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
-    return FinsAndShaft(groups, shaft, len(propellers))
+    return FinsAndShaft(fins, shaft, len(propellers))
 
 
 def _fin(params: BodyParams, servo: str) -> FinEffect:

@@ -12,8 +12,8 @@ from msgspec import UNSET
 from msgspec.structs import replace
 
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.estimator import Estimator
 from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.sources import FIELDS
 from uwserver.scenario.build.autopilot import divisor_of, gains_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of
@@ -40,7 +40,7 @@ def built() -> Built:
 
 
 def test_the_estimator_listens_to_shipped_kinds_only() -> None:
-    assert set(Estimator.UPDATES) <= kinds_of(SensorConfig).keys()
+    assert set(FIELDS) <= kinds_of(SensorConfig).keys()
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,183 @@
+"""Autopilots in one bank: each is what it is alone, whoever lies beside it, comes or goes; its rows read as typed records."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from msgspec import structs
+
+from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
+from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Orders
+from uwserver.scenario.build.world import build
+from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.load.scenario import load
+from uwserver.world.piloting import Piloting
+
+STARTS = {
+    "rov": ("bluerov2_heavy", (0.0, 0.0, 3.0)),
+    "auv": ("remus100", (50.0, 0.0, 10.0)),
+    "big": ("rexrov", (0.0, 60.0, 5.0)),
+    "pro": ("videoray_pro4", (0.0, -60.0, 5.0)),
+}
+
+
+def world_of(*names, seed=5):
+    builder = ScenarioBuilder("bank", seed=seed, rate_hz=240, adapters={})
+    builder.current(velocity_ned_mps=(0.1, 0.0, 0.0))
+    for name in names:
+        model, start = STARTS[name]
+        builder.vehicle(name, model, position_ned_m=start, autopilot={"start_position_ned_m": start})
+        builder.sensor(name, "ahrs", "attitude", rate_hz=40, noise_deg=0.05, heading_sigma_deg=0.3)
+    return build(load(builder.build(), adapters={}))
+
+
+def pilot_of(world, name):
+    part = world.parts[f"{name}/autopilot"]
+    assert isinstance(part, Piloting)
+    return part.pilot
+
+
+def flown(world, *names):
+    """After two seconds of depth_hold on the way to another depth and heading."""
+    world.step(240)
+    for name in names:
+        world.call(f"{name}/autopilot/set_mode", mode="depth_hold")
+        world.call(f"{name}/autopilot/arm")
+        world.command(f"{name}/autopilot/depth", depth=STARTS[name][1][2] + 1.0)
+        world.command(f"{name}/autopilot/heading", heading=0.5)
+    world.step(480)
+    return world
+
+
+@pytest.fixture(scope="module")
+def together():
+    return flown(world_of(*STARTS), *STARTS)
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_each_flies_as_it_does_alone_bit_for_bit(together, name):
+    alone = flown(world_of(name), name)
+    assert pilot_of(together, name).seat.read() == pilot_of(alone, name).seat.read()
+    assert any(pilot_of(alone, name).memory.outputs)
+    assert together.vehicles[name].p_NB == alone.vehicles[name].p_NB
+
+
+def test_one_that_goes_takes_its_rows_and_leaves_the_others_theirs():
+    world = flown(world_of("auv", "rov"), "auv", "rov")
+    gone, kept = pilot_of(world, "auv"), pilot_of(world, "rov").seat.read()
+    before = gone.seat.read()
+    world.dismiss("auv")
+    assert pilot_of(world, "rov").seat.read() == kept
+    assert gone.seat.read() == before
+    flew = world.hydro.thrusters["command"].copy()
+    world.step(120)
+    assert pilot_of(world, "rov").seat.read() != kept
+    assert gone.seat.read() == before
+    assert not (world.hydro.thrusters["command"] == flew).all()
+
+
+# -- rows as records -----------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def seat():
+    return pilot_of(world_of("rov"), "rov").seat
+
+
+def test_records_come_out_of_a_row_as_they_went_in(seat):
+    estimate = Estimate(p=(1.0, 2.0, 3.0), leak=True, refused=3, imu_ns=7, flat=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    memory = Memory(push=(1.0, 2.0, 3.0), crab=0.1, outputs=tuple(0.1 * k for k in range(8)))
+    orders = Orders(
+        gains=Gains(depth_p=0.7), mode="guided", armed=True, pilot="lost", given=("depth", "place"), frame="N", attitude=(1.0, 0.0, 0.0, 0.0),
+        looks=True, test=(0.5,) * 8, failsafe="sensor depth", turn_limit=math.inf, index=-1,
+    )  # fmt: skip
+    seat.write(estimate, memory, orders)
+    assert seat.read() == (estimate, memory, orders)
+    assert (seat.orders.mode, seat.orders.given, seat.orders.armed) == ("guided", ("depth", "place"), True)
+    seat.orders.attitude, seat.orders.test = None, ()
+    assert seat.read()[2] == structs.replace(orders, attitude=None, test=())
+    # What is no number is the same everywhere, so that records can be compared.
+    assert seat.orders.place is not NOWHERE
+    assert seat.orders.place == NOWHERE
+    assert seat.orders.speed is NAN
+
+
+def test_a_field_that_a_record_has_not_is_no_attribute(seat):
+    with pytest.raises(AttributeError, match="Orders has no depht"):
+        _ = seat.orders.depht
+
+
+# -- what a step needs of python --------------------------------------------------------------------------------------------------------------
+
+
+def needs_of(monkeypatch, world, name):
+    """What the autopilot is asked to do, as it goes on."""
+    pilot, needs = pilot_of(world, name), []
+    meet = pilot._meet
+    monkeypatch.setattr(pilot, "_meet", lambda need: needs.append(need) or meet(need))
+    return needs
+
+
+def test_a_step_stops_for_what_is_rare_and_for_nothing_else(monkeypatch):
+    world = world_of("rov")
+    needs = needs_of(monkeypatch, world, "rov")
+    world.step(240)
+    assert needs == []
+    world.call(
+        "rov/autopilot/set_mission", items=[{"kind": "hold", "time_s": 0.5}, {"kind": "heading", "heading_deg": 0}]
+    )
+    pilot_of(world, "rov").orders.mode = "mission"
+    world.call("rov/autopilot/arm", force=True)
+    world.step(8)
+    assert needs == [FAILSAFE]  # there is no position: depth_hold is the refuge
+    assert pilot_of(world, "rov").orders.failsafe == "sensor position"
+    needs.clear()
+    world.step(240)
+    assert needs == []
+
+
+def test_items_of_a_mission_begin_and_end_in_python(monkeypatch, fly):
+    world = fly("bluerov2").world
+    needs = needs_of(monkeypatch, world, "v")
+    items = [{"kind": "speed", "speed_mps": 0.3}, {"kind": "hold", "time_s": 0.49}]
+    world.call("v/autopilot/arm")
+    world.call("v/autopilot/set_mission", items=items)
+    world.call("v/autopilot/start_mission")
+    world.step(4)
+    assert needs == [BEGIN, DONE]
+    world.step(4)
+    assert needs == [BEGIN, DONE, BEGIN]
+    assert pilot_of(world, "v").orders.waited == pytest.approx(1.0 / 60.0)
+    # A mission that was restored in the middle of an item goes on with it.
+    kept = world.parts["v/autopilot"].save()
+    world.call("v/autopilot/set_mission", items=[{"kind": "waypoint", "position_ned_m": [50, 0, 3]}])
+    world.call("v/autopilot/start_mission")
+    world.step(4)
+    world.parts["v/autopilot"].load(kept)
+    needs.clear()
+    world.step(28 * 4)
+    assert needs == []
+    world.step(4)
+    assert needs == [DONE]
+
+
+def test_a_way_is_told_of_twice_a_second(monkeypatch, fly):
+    f = fly("bluerov2")
+    needs = needs_of(monkeypatch, f.world, "v")
+    f.call("arm")
+    answers = f.post("goto", position_ned_m=[5.0, 0.0, 3.0])
+    f.run(2.2)
+    assert needs == [PROGRESS] * 4
+    assert len(answers) == 4
+
+
+def test_one_that_waits_for_its_sensors_is_told_when_they_have_spoken(monkeypatch):
+    builder = ScenarioBuilder("waits", rate_hz=240, adapters={})
+    builder.vehicle("rov", "bluerov2", position_ned_m=(0, 0, 3), autopilot={"armed": True, "mode": "stabilise"})
+    builder.sensor("rov", "ahrs", "attitude", rate_hz=40)
+    world = build(load(builder.build(), adapters={}))
+    needs = needs_of(monkeypatch, world, "rov")
+    world.step(24)
+    assert needs == [READY]

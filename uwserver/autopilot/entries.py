@@ -1,0 +1,100 @@
+"""What Python asks of compiled autopilots: to hear, to step, to go on with a step. Imports numba, so it is imported when there is an autopilot."""
+
+from __future__ import annotations
+
+from uwserver.autopilot import estimator, flight, sticks
+from uwserver.autopilot.flight import NOTHING, START
+from uwserver.autopilot.rows import FORMS, THRUSTER, WRENCH
+from uwserver.physics.kernel import layout
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.handles import array_at
+
+_pilots, _devices, _curves = array_at(FORMS, "pilots"), array_at(FORMS, "devices"), array_at(FORMS, "curves")
+_sources, _beacons, _ears = array_at(FORMS, "sources"), array_at(FORMS, "beacons"), array_at(FORMS, "ears")
+_thrusters, _servos = array_at(layout.WORLD, "thrusters"), array_at(layout.WORLD, "servos")
+_wrenches = array_at(layout.WORLD, "wrenches")
+_update, _fly, _stay = estimator.update.made(), flight.fly.made(), sticks.stay.made()
+_show = flight.show.made()
+
+
+@compiled
+def _step(table: Array, world: Array, k: int, t_ns: int, stage: int) -> int:
+    """Step, and command the actuators."""
+    p = _pilots(table)[k]
+    c = p.c
+    devices = _devices(table)[c.device_first : c.device_first + c.device_count]
+    need = _fly(p, devices, _curves(table), t_ns, stage)
+    if c.gives != 0:
+        for d in devices:
+            d.part = d.force / d.full
+            if d.active == 0:
+                continue
+            if d.kind == THRUSTER:
+                thruster = _thrusters(world)[d.row]
+                thruster.command, thruster.by_force, thruster.fresh = d.force, d.by_force, 1
+            elif d.kind == WRENCH:
+                _wrenches(world)[d.row].bias[d.component] = d.force
+            else:
+                _servos(world)[d.row].command = d.force
+    return int(need)
+
+
+@entry
+def step_all(table: Array, world: Array, tick: int, t_ns: int) -> int:
+    """Step all whose divisor divides the tick; returns how many need Python, as `need` of their rows says."""
+    pilots, waiting = _pilots(table), 0
+    for k in range(len(pilots)):
+        c = pilots[k].c
+        c.need = NOTHING
+        if tick % c.divisor == 0:
+            c.need = _step(table, world, k, t_ns, START)
+            if c.need != NOTHING:
+                waiting += 1
+    return waiting
+
+
+@entry
+def step_on(table: Array, world: Array, k: int, t_ns: int, stage: int) -> int:
+    """Let one go on with its step; returns what it needs of Python."""
+    return _step(table, world, k, t_ns, stage)
+
+
+@entry
+def hear_all(table: Array, told: Array, values: Array, count: int, now_ns: int) -> None:
+    """Take delivered samples into the estimates of who hears them.
+
+    Args:
+        table: of the autopilots.
+        told: records with `stream`, `t_ns` and `valid` of each sample.
+        values: (n, w) their numbers.
+        count: of samples.
+        now_ns: simulation time.
+    """
+    pilots, sources, beacons, ears = _pilots(table), _sources(table), _beacons(table), _ears(table)
+    for i in range(count):
+        sample = told[i]
+        ear = ears[sample.stream]
+        if ear >= 0 and sample.valid != 0:
+            source = sources[ear]
+            _update(pilots[source.pilot], source, beacons, values[i], sample.t_ns, now_ns)
+
+
+@entry
+def hear_one(table: Array, ear: int, values: Array, t_ns: int, now_ns: int) -> None:
+    """Take one sample in, of a SOURCE."""
+    source = _sources(table)[ear]
+    _update(_pilots(table)[source.pilot], source, _beacons(table), values, t_ns, now_ns)
+
+
+@entry
+def stay_one(table: Array, k: int) -> None:
+    """Put what no command has given where the vehicle is."""
+    p = _pilots(table)[k]
+    _stay(p.o, p.e)
+
+
+@entry
+def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
+    """See `flight.show`."""
+    _show(_pilots(table)[k], t_ns, out)
