@@ -20,6 +20,8 @@ LOCK = ROOT / "requirements.lock"
 PROJECTS = (ROOT / "pyproject.toml", ROOT / "clients" / "python" / "pyproject.toml")
 NOT_FOR_SERVING = ("dev", "docs", "site")
 """Extras of which the image needs nothing."""
+ONLY = {"embreex": "platform_machine == 'x86_64'"}
+"""Where there is a wheel of what comes in no other form; elsewhere the image is built without it, and solid scenarios say what they miss."""
 
 
 def name_of(requirement: str) -> str:
@@ -40,7 +42,12 @@ def requirements() -> list[str]:
         extras = project.get("optional-dependencies", {})
         wanted.update(tables["build-system"]["requires"], project["dependencies"])
         wanted.update(each for extra, needs in extras.items() if extra not in NOT_FOR_SERVING for each in needs)
-    return sorted(each for each in wanted if name_of(each) not in own)
+    return sorted(_where_it_is(each) for each in wanted if name_of(each) not in own)
+
+
+def _where_it_is(requirement: str) -> str:
+    marker = ONLY.get(name_of(requirement))
+    return requirement if marker is None or ";" in requirement else f"{requirement}; {marker}"
 
 
 def main() -> None:

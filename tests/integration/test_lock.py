@@ -20,14 +20,14 @@ IMAGE = {
 }  # fmt: skip
 
 
-def locked() -> dict[str, Version]:
-    """Version by name, of the lines that hold for the image."""
-    versions = {}
+def locked(machine: str = "x86_64") -> dict[str, Version]:
+    """Version by name, of the lines that hold for the image on a machine."""
+    versions, environment = {}, {**IMAGE, "platform_machine": machine}
     for entry in (ROOT / "requirements.lock").read_text().replace("\\\n", "").splitlines():
         if entry.strip() and not entry.lstrip().startswith("#"):
             requirement = Requirement(entry.partition("--hash")[0])
             assert re.search(r"--hash=sha256:[0-9a-f]{64}", entry), f"{requirement} has no hash: make lock"
-            if requirement.marker is None or requirement.marker.evaluate(IMAGE):
+            if requirement.marker is None or requirement.marker.evaluate(environment):
                 (pin,) = requirement.specifier
                 assert pin.operator == "=="
                 versions[TOOL["name_of"](requirement.name)] = Version(pin.version)
@@ -63,6 +63,10 @@ def test_holds_all_that_the_image_needs_in_versions_that_fit() -> None:
             except importlib.metadata.PackageNotFoundError:
                 continue  # of an extra that is not installed here; its own line was looked at
     assert len(seen) > 25
+
+
+def test_leaves_out_on_arm_what_has_no_wheel_there() -> None:
+    assert locked().keys() - locked("aarch64").keys() == TOOL["ONLY"].keys()
 
 
 @pytest.mark.parametrize(("requirement", "name"), [("Msg_Pack[a]>=1", "msg-pack"), ("h5py>=3.8", "h5py")])
