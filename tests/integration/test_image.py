@@ -12,8 +12,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,7 @@ class Image:
         *arguments: str,
         environment: dict[str, str] | None = None,
         first: bool = False,
-        records: Path | None = None,
+        volumes: Mapping[str, Path] | None = None,
     ) -> list[str]:
         """Runs `arguments` in the image as its user, on a read-only disk without /tmp and without HOME, with its own loopback only.
 
@@ -110,14 +111,17 @@ class Image:
             arguments: command and its arguments.
             environment: more variables than those of the image.
             first: as process 1 of a name space, to which no signal comes that it does not handle.
-            records: a folder that is mounted at /records, and may be written.
+            volumes: folders that are mounted and may be written, by their places in the image.
         """
         variables = [*self.config["Env"], *(f"{k}={v}" for k, v in (environment or {}).items())]
         inside = ["chroot", f"--userspec={self.config['User']}", str(self.root)]
         inside += ["env", "-i", f"--chdir={self.config['WorkingDir']}", *variables, *arguments]
-        volume = f' && mount --bind {shlex.quote(str(records))} "$0/records"' if records else ""
+        mounted = "".join(
+            f' && mkdir -p "$0{place}" && mount --bind {shlex.quote(str(folder))} "$0{place}"'
+            for place, folder in (volumes or {}).items()
+        )
         script = (
-            f'mount --bind "$0" "$0" && mount --bind /dev "$0/dev" && mount --bind /proc "$0/proc"{volume} && mount -o remount,ro,bind "$0"'
+            f'mount --bind "$0" "$0" && mount --bind /dev "$0/dev" && mount --bind /proc "$0/proc"{mounted} && mount -o remount,ro,bind "$0"'
             ' && mount -t tmpfs -o ro none "$0/tmp" && ip link set lo up && exec "$@"'
         )
         spaces = ["--mount", "--net", *(["--pid", "--fork", "--kill-child"] if first else [])]
@@ -187,9 +191,15 @@ class Served:
         return self.log.read_text()
 
 
-def served(image: Image, log: Path, environment: dict[str, str], arguments: Sequence[str] = ()) -> Iterator[Served]:
+def served(
+    image: Image,
+    log: Path,
+    environment: dict[str, str],
+    arguments: Sequence[str] = (),
+    volumes: Mapping[str, Path] | None = None,
+) -> Iterator[Served]:
     inside = [*image.config["Entrypoint"], *(arguments or image.config["Cmd"])]
-    command = image.command(*inside, environment=environment)
+    command = image.command(*inside, environment=environment, volumes=volumes)
     with log.open("w") as out, subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True) as process:
         try:
             yield Served(process, log)
@@ -369,14 +379,22 @@ port = 0
 
 def test_reads_netcdf_and_serves_by_uvloop(image: Image, tmp_path: Path) -> None:
     tmp_path.chmod(0o777)
-    run(*image.command("python", "-c", SEABED, records=tmp_path))
+    run(*image.command("python", "-c", SEABED, volumes={"/records": tmp_path}))
     (tmp_path / "it.toml").write_text(NETCDF_SCENARIO)
-    run(*image.command("uwserver", "run", "/records/it.toml", "--until", "0.5", "--mode", "freerun", records=tmp_path))
+    run(
+        *image.command(
+            "uwserver", "run", "/records/it.toml", "--until", "0.5", "--mode", "freerun", volumes={"/records": tmp_path}
+        )
+    )
 
 
 def test_draws_a_picture(image: Image, tmp_path: Path) -> None:
     tmp_path.chmod(0o777)
-    run(*image.command("uwserver", "plot", "vehicle", "bluerov2", "-o", "/records/rov.png", records=tmp_path))
+    run(
+        *image.command(
+            "uwserver", "plot", "vehicle", "bluerov2", "-o", "/records/rov.png", volumes={"/records": tmp_path}
+        )
+    )
     assert (tmp_path / "rov.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -387,7 +405,9 @@ def test_replays_what_was_recorded_outside_bit_for_bit(image: Image, tmp_path: P
     outside = (sys.executable, "-m", "uwserver", "run", "push_the_crate", "--port", "0", "--mode", "freerun")
     run(*outside, "--until", "5", "--record", recording)
     recording.chmod(0o644)
-    assert "hashes equal" in run(*image.command("uwserver", "replay", "/records/push.mcap", records=tmp_path))
+    assert "hashes equal" in run(
+        *image.command("uwserver", "replay", "/records/push.mcap", volumes={"/records": tmp_path})
+    )
 
 
 STATION = """
@@ -409,3 +429,38 @@ def test_a_ground_station_in_its_network_hears_it_by_itself(rov: Served) -> None
     rov.until("Ctrl-C ends it")
     answer = rov.beside(sys.executable, "-c", STATION)
     assert answer.stdout.split() == ["heard", "12", "version", "4"], answer.stderr
+
+
+TANK = """
+schema = 1
+[vehicles.rov]
+model = "bluerov2"
+[adapters.tcp]
+kind = "sockets"
+"""
+
+
+def test_the_commands_of_the_page_run(image: Image, tmp_path: Path) -> None:
+    """All `docker run` of docs/how-to/container.md in their order, with its folder mounted as each says."""
+    text = (ROOT / "docs/how-to/container.md").read_text().replace("\\\n", "")
+    lines = [shlex.split(line.partition("#")[0]) for line in text.splitlines() if line.startswith("docker run --rm")]
+    assert len(lines) > 8
+    tmp_path.chmod(0o777)
+    (tmp_path / "records").mkdir()
+    (tmp_path / "records").chmod(0o777)
+    (tmp_path / "tank.toml").write_text(TANK)
+    for words in lines:
+        options, arguments = words[: words.index("uwserver")], words[words.index("uwserver") + 1 :]
+        mounts = [word.split(":") for flag, word in pairwise(options) if flag == "-v"]
+        volumes = {place: Path(folder.replace("$PWD", str(tmp_path))) for folder, place, *_ in mounts}
+        environment = {"UWSERVER_TOKEN": TOKEN} if "UWSERVER_TOKEN" in options else {}
+        if arguments and arguments[0] != "run":
+            at = next((word for flag, word in pairwise(options) if flag == "-w"), image.config["WorkingDir"])
+            named = [word if (word[0] in "/-" or "." not in word) else f"{at}/{word}" for word in arguments]
+            run(*image.command("uwserver", *named, volumes=volumes))
+            continue
+        for server in served(image, tmp_path / "log", environment, arguments, volumes):
+            server.until("Ctrl-C ends it")
+            time.sleep(1.0 if "--record" in arguments else 0.0)
+            server.process.terminate()
+            assert server.process.wait(timeout=ANSWER_S) == 0

@@ -217,16 +217,16 @@ def _announce(resolved: Resolved, quiet: bool, token: str, addresses: dict[str, 
     click.echo("\n" + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
     for name, address in addresses.items():
         click.echo(f"  {name}: {address}")
-    name = _first_sockets(resolved)
+    sockets = _first_sockets(resolved)
     first = next(iter(resolved.vehicles.values()), None)
-    if name and first:
+    if sockets and first:
         if token:
             click.echo(
-                f"Others can reach {addresses[name]}: whoever connects shows a token, which was made for this run."
+                f"Others can reach {addresses[sockets]}: whoever connects shows a token, which was made for this run."
             )
-        wanted = not token and _has_token(resolved, name)
+        wanted = not token and _has_token(resolved, sockets)
         click.echo("In another terminal" + (", UWSERVER_TOKEN set there to the server's token:" if wanted else ":"))
-        _suggest(addresses[name], token, first)
+        _suggest(addresses[sockets], token, first)
     click.echo("Ctrl-C ends it.\n")
 
 
