@@ -18,7 +18,7 @@ else:
 ROOT = Path(__file__).parents[1]
 LOCK = ROOT / "requirements.lock"
 PROJECTS = (ROOT / "pyproject.toml", ROOT / "clients" / "python" / "pyproject.toml")
-NOT_FOR_SERVING = ("dev", "docs", "site")
+NOT_FOR_SERVING = ("dev", "docs", "release", "site")
 """Extras of which the image needs nothing."""
 ONLY = {"embreex": "platform_machine == 'x86_64'"}
 """Where there is a wheel of what comes in no other form; elsewhere the image is built without it, and solid scenarios say what they miss."""
