@@ -21,7 +21,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image clean
+.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image lock clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -94,8 +94,12 @@ dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uw
 	$(BIN)/python -m build --wheel --outdir dist .
 	$(BIN)/python -m build --wheel --outdir dist clients/python
 
+# Podman's own format has no health check.
 image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")
-	$(BUILDER) build -t $(IMAGE) $(ARGS) .
+	$(BUILDER) build $(if $(filter podman buildah,$(notdir $(BUILDER))),--format docker) -t $(IMAGE) $(ARGS) .
+
+lock:  ## pin what the image holds in requirements.lock (needs uv; ARGS=--upgrade for the newest versions)
+	$(PYTHON) tools/lock.py $(ARGS)
 
 clean:  ## remove .venv and everything built
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
