@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import msgspec
 from msgspec.structs import replace
 
 from uwserver.ports.buffer import Buffer, unpacked
@@ -216,19 +217,25 @@ def check_still(service: Service, args: Mapping[str, Json]) -> None:
             _checked_argument(argument, value)
 
 
-def _holds_bytes(value: object) -> bool:
-    """Binary encodings may hold some anywhere; decoders bound the nesting."""
-    if isinstance(value, dict):
-        return any(map(_holds_bytes, value)) or any(map(_holds_bytes, value.values()))
-    return any(map(_holds_bytes, value)) if isinstance(value, list) else isinstance(value, bytes)
+def _checked_json(name: str, value: object) -> Json:
+    """A copy of a value that has a form in JSON. Binary encodings may hold bytes anywhere, which have none.
+
+    Compiled code looks for them: a Python loop over a long mission would take longer than a tick may be kept waiting.
+    """
+    try:
+        plain: Json = msgspec.to_builtins(value)  # bytes become texts here
+        is_same = plain == msgspec.to_builtins(value, builtin_types=(bytes, bytearray, memoryview))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise Refused("bad_argument", f'"{name}" has no form in JSON: {str(error)[:200]}', name) from None
+    if not is_same:
+        raise Refused("bad_argument", f'"{name}" takes no bytes: send them as a text, in base64', name)
+    return plain
 
 
 def _checked_argument(argument: Argument, value: object) -> Json:
     name = argument.name
     if argument.type == "json":
-        if _holds_bytes(value):
-            raise Refused("bad_argument", f'"{name}" takes no bytes: send them as a text, in base64', name)
-        return value  # type: ignore[return-value]  # came from a decoder: it is Json
+        return _checked_json(name, value)
     if argument.type == "bool":
         if not isinstance(value, bool):
             raise Refused("bad_argument", f'"{name}" must be true or false, not {_kind(value)}', name)

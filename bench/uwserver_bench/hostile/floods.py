@@ -83,17 +83,17 @@ def _tcp(name: str, data: bytes, **more: float) -> Flood:
 
 def _floods() -> Iterator[Flood]:
     for name in (
-        "1 MiB of 1e300,", "16 KiB of 1e300,", "64 KiB of 123.4567890123456,", "2000 of []", "}{ x 500 000", "1 MiB of base64",
-        "integers of 4000 digits", "set_fault, 16 KiB of 1e300,", "set_mission, 800 items", "world/load, a piece of 768 KiB",
+        "1 MiB of 1e300,", "8 KiB of 1e300,", "16 KiB of 1e9,", "64 KiB of 123.4567890123456,", "1500 of []", "}{ x 500 000", "1 MiB of base64",
+        "integers of 4000 digits", "set_fault, 16 KiB of 1e9,", "set_mission, 700 items", "world/load, a piece of 768 KiB",
     ):  # fmt: skip
         yield _tcp(name, line(JSON[name]))
     yield _tcp("small pings, 1000 in a piece", line(b'{"id":1,"method":"ping"}') * 1000)
-    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 1 MiB"):
+    for name in ("250 000 texts", "6000 texts", "1500 maps", "a buffer of 1 MiB"):
         yield _tcp(f"msgpack, {name}", frame(MSGPACK[name]))
     yield Flood(
         "UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True, pause_s=DATAGRAM_S
     )
-    yield Flood("UDP: 16 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"], HELLO, is_udp=True, pause_s=DATAGRAM_S)
+    yield Flood("UDP: 16 KiB of 1e9,", "udp", JSON["16 KiB of 1e9,"], HELLO, is_udp=True, pause_s=DATAGRAM_S)
     greeting = moos.HELLO + moos.packet(
         [moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"flood%d", kind=moos.STRING))]
     )

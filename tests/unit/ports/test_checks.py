@@ -336,6 +336,19 @@ def test_no_bytes_hide_in_the_arguments_of_a_call(value):
     assert checked_args(service, {"value": {"a": ["x"]}}) == {"value": {"a": ["x"]}}
 
 
+def test_json_is_copied_and_has_a_form_in_json():
+    """Whoever asked in the same process may change what he gave before its tick."""
+    service = Service("world/echo", "Echo.", (Argument("value", "json", "anything"),))
+    given = {"a": [1, {"b": None}], "nan": float("nan"), "long": 10**400}
+    checked = checked_args(service, {"value": given})["value"]
+    assert checked == given
+    given["a"][1]["b"] = object()
+    assert checked["a"][1]["b"] is None
+    fault = refusal(checked_args, service, {"value": given})
+    assert (fault.code, fault.where) == ("bad_argument", "value")
+    assert '"value" has no form in JSON' in fault.text
+
+
 @pytest.mark.parametrize("numbers", [np.zeros(3), np.float64(1.0), np.ones((2, 3))])
 def test_arrays_of_numbers_come_from_the_same_process(numbers):
     name = {0: "gain", 1: "force_B", 2: "matrix"}[numbers.ndim]
