@@ -26,7 +26,7 @@ from uwserver.ports import (
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
 from uwserver.server.state_files import StateFiles
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.simulation.thread import Simulation
 from uwserver.world.saving import LOAD, SAVE
@@ -153,20 +153,31 @@ class Context:
         """Begin to receive samples and events."""
         return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber))
 
-    def command(self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None) -> None:
+    def command(
+        self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
+    ) -> None:
         """See `uwserver.adapter.AdapterContext.command`."""
         find("port", port, self.ports)
         checked = checked_command(self.ports[port], value)
-        self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply)
+        self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply, self._queue(source, queue))
+
+    def _queue(self, source: str, queue: str) -> str:
+        return f"{self.name}:{queue or client_of(source)}"
 
     def call(
-        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+        self,
+        service: str,
+        args: Mapping[str, object],
+        source: str,
+        on_reply: OnReply,
+        client: str = "",
+        queue: str = "",
     ) -> Callable[[], bool]:
         """See `uwserver.adapter.AdapterContext.call`."""
         services = self.services
         find("service", service, services)
         checked = checked_args(services[service], args)
-        source = f"{self.name}:{source}"
+        queue, source = self._queue(source, queue), f"{self.name}:{source}"
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
             return _too_late
@@ -176,27 +187,27 @@ class Context:
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:
-            return self._begin(Call(service, checked, source), on_reply)
+            return self._begin(Call(service, checked, source), on_reply, queue)
         if is_stop(service):
-            self._stop(Call(service, checked, source), on_reply)
+            self._stop(Call(service, checked, source), on_reply, queue)
         else:
-            self._hub.mailbox.post(Call(service, checked, source), on_reply)
+            self._hub.mailbox.post(Call(service, checked, source), on_reply, queue)
         return _too_late
 
-    def _stop(self, call: Call, on_reply: OnReply) -> None:
+    def _stop(self, call: Call, on_reply: OnReply, queue: str) -> None:
         """Where a tick has time for a part of what waits, a stop overtakes what its client asked before; elsewhere the next tick carries out
         all of it, and the order is the client's."""
         hub = self._hub
         if hub.simulation.timing.mode != "realtime":
-            hub.mailbox.post(call, on_reply, first=True)
+            hub.mailbox.post(call, on_reply, queue, first=True)
             return
         world = hub.simulation.world
         fault = Fault("preempted", f"{call.service}, which was called later, has overtaken it", call.service)
-        for older in hub.mailbox.stop(call, on_reply):
+        for older in hub.mailbox.stop(call, on_reply, queue):
             if older.on_reply is not None:
                 hub.bus.reply(older.on_reply, Reply(world.tick, world.t_ns, fault=fault))
 
-    def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:
+    def _begin(self, call: Call, on_reply: OnReply, queue: str) -> Callable[[], bool]:
         """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""
         over = asked = False
 
@@ -211,10 +222,10 @@ class Context:
                 asked = True
                 path, _, name = call.service.rpartition("/")
                 # Also when too much waits for the next tick: a call whose peer has left would go on without anybody who could end it.
-                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None, always=True)
+                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None, queue, always=True)
             return not over
 
-        self._hub.mailbox.post(call, answered)
+        self._hub.mailbox.post(call, answered, queue)
         return cancel
 
     def _answer(self, service: str, source: str, on_reply: OnReply) -> None:

@@ -60,27 +60,36 @@ class Mailbox:
         self.wake = threading.Event()
 
     def post(
-        self, item: Command | Call, on_reply: OnReply | None, *, always: bool = False, first: bool = False
+        self,
+        item: Command | Call,
+        on_reply: OnReply | None,
+        client: str = "",
+        *,
+        always: bool = False,
+        first: bool = False,
     ) -> None:
         """Queue for the next tick, or the next in which there is time for it.
 
         Args:
             item, on_reply: what is asked, and who gets the answer.
+            client: whose turn it takes; default: that of its source.
             always, first: as for `Turns.put`.
 
         Raises:
             Refused: `overload` when too many wait already.
         """
-        self.posted.put(client_of(item.source), Posted(item, on_reply), always=always, first=first)
+        self.posted.put(client or client_of(item.source), Posted(item, on_reply), always=always, first=first)
         self.wake.set()
 
-    def stop(self, call: Call, on_reply: OnReply | None) -> list[Posted]:
+    def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:
         """Queue the call of a service that stops a vehicle or a component, before all that its client asked.
 
         Returns what it withdraws: never carried out, for the caller to answer. May raise as `Turns.overtake`.
         """
         withdrawn = self.posted.overtake(
-            client_of(call.source), Posted(call, on_reply), lambda older: is_withdrawn(older.item, call.service)
+            client or client_of(call.source),
+            Posted(call, on_reply),
+            lambda older: is_withdrawn(older.item, call.service),
         )
         self.wake.set()
         return withdrawn

@@ -244,6 +244,22 @@ def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) ->
     assert leaver.samples == []
 
 
+def test_peers_that_share_a_source_take_turns(piloted: Loop) -> None:
+    """All ground stations are one commander; still, who floods keeps only itself waiting."""
+    context, flood, other = Context(hub_of(piloted), "mavlink", False), Heard(), Heard()
+    held, carried_out = Held(piloted), Notes.of(piloted)
+    many, one = (Conversation(context, "ground station", queue=queue) for queue in ("1", "2"))
+    for _ in range(1000):
+        many.call("world/faults", {}, flood)
+    one.command("rov/autopilot/depth", {"depth": 3.0}, other)
+    one.call("world/state_hash", {}, other)
+    held.let_go()
+    assert piloted.reply(other).fault is None
+    paths = [item.service if isinstance(item, Call) else item.port for item in carried_out]
+    assert paths[:4] == ["world/faults", "rov/autopilot/depth", "world/faults", "world/state_hash"]
+    assert {item.source for item in carried_out} == {"mavlink:ground station"}
+
+
 def test_one_cancel_for_each_call_goes_past_a_full_mailbox(piloted: Loop) -> None:
     heard, context = Heard(), Context(hub_of(piloted), "robots", False)
     held, carried_out = Held(piloted), Notes.of(piloted)
