@@ -6,7 +6,6 @@ import asyncio
 import math
 
 import pytest
-
 from uwserver_adapters.mavlink.vehicle.modes import BY_NAME
 
 from uwserver.adapter import UNANSWERED
