@@ -63,8 +63,8 @@ class Hub:
 
     @property
     def ports(self) -> Mapping[str, Port]:
-        """All ports, truth included."""
-        return self.simulation.world.ports
+        """All ports, truth included, as they are behind what the loop has been given so far."""
+        return self.simulation.world.ports if self.bus.ports is None else self.bus.ports
 
     @property
     def services(self) -> Mapping[str, Service]:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from uwserver.ports import Call, Command, Event, OnReply, Progress, Reply, Sample
-from uwserver.ports.crossing import Posted, TickOutput
+from uwserver.ports import Call, Command, Event, OnReply, Port, Progress, Reply, Sample
+from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.turns import Turns
@@ -106,6 +106,8 @@ class Bus:
     Attributes:
         dropped: samples that the loop was too slow to take.
         last: newest delivered sample of each port. Loop thread.
+        ports: of the newest delivered tick, which those of the world may be ahead of: whoever understands samples by them is never wrong. None
+            before the first. Loop thread.
         ahead: ticks that may wait for the loop where nothing paces them: what it works off in `AHEAD_NS`, as measured.
     """
 
@@ -129,6 +131,7 @@ class Bus:
         self._sinks: list[Sink] = []
         self.dropped = 0
         self.last: dict[str, Sample] = {}
+        self.ports: Mapping[str, Port] | None = None
 
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
@@ -218,7 +221,14 @@ class Bus:
                 answer(*item)
             is_over = end is not None and self._time.now_ns() >= end
 
+    def _follow_ports(self, ports: Mapping[str, Port]) -> None:
+        before, self.ports = self.ports, ports
+        if before is not None:
+            self.last = {path: sample for path, sample in self.last.items() if has_same_fields(path, before, ports)}
+
     def _deliver(self, output: TickOutput) -> None:
+        if output.ports is not None and output.ports is not self.ports:
+            self._follow_ports(output.ports)
         for event in output.events:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time

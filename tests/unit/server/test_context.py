@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from msgspec.structs import replace
 from simulation_rig import PATIENCE_S, Rig, running
 
 from uwserver.adapter import AdapterStats, Conversation, installed_adapters
@@ -99,6 +100,17 @@ def test_ground_truth_is_only_for_who_may_tell_it(still: Rig) -> None:
     still.call("world/step", n=24)
     still.call("world/step", n=1)
     assert len(robots.samples) == before
+
+
+def test_ports_are_those_of_the_samples_that_come(still: Rig) -> None:
+    """The world is ahead of the loop: what an adapter opens by them reads the samples that still wait, and is told of others before theirs."""
+    context = Context(hub_of(still), "robot", False)
+    still.call("world/step", n=24)
+    before = context.ports["rov/imu"]
+    still.world.ports = {**still.world.ports, "rov/imu": replace(before, fields=before.fields[1:])}
+    assert context.ports["rov/imu"] == before
+    still.call("world/step", n=24)  # its answer comes with the ports
+    assert context.ports["rov/imu"].fields == before.fields[1:]
 
 
 def test_stats_of_an_adapter_outlive_a_restart(still: Rig) -> None:

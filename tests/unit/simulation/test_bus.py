@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 
 import pytest
+from msgspec.structs import replace
 
-from uwserver.ports import Call, Event, Progress, Refused, Reply, Sample
+from uwserver.ports import Call, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.turns import MAX_WAITING
@@ -51,6 +52,28 @@ def test_an_empty_tick_wakes_nobody():
     wakes: list = []
     Bus(wakes.append).publish(TickOutput(0, 0, []))
     assert wakes == []
+
+
+def test_ports_are_those_of_what_is_delivered():
+    """The world may have taken a vehicle out, and put another kind under its name, while samples of the old one still wait."""
+    old = Port("rov/imu", "sensor", "imu", (Field("f", "1", "x"),), "x", 10.0)
+    faster, other = replace(old, rate_hz=20.0), replace(old, fields=(Field("depth", "m", "x"),))
+    bus, seen = Bus(lambda _: None), []
+
+    class Look(Notes):
+        def put_samples(self, samples) -> None:
+            seen.append((bus.ports["rov/imu"], sorted(bus.last)))
+
+        def put_event(self, event) -> None:
+            seen.append((bus.ports["rov/imu"], sorted(bus.last)))
+
+    bus.attach(Look())
+    for k, port in enumerate((old, old, faster, other)):
+        bus.publish(tick(k, ports={"rov/imu": port}, events=[Event("ports_changed", k, k, "")] if k > 1 else []))
+    assert bus.ports is None
+    bus.drain()
+    there = ["rov/imu"]
+    assert seen == [(old, there), (old, there), (faster, there), (faster, there), (other, []), (other, there)]
 
 
 def test_order_is_that_of_the_simulation():
