@@ -191,6 +191,9 @@ class AdapterContext(Protocol):
             Refused: unknown service or argument, wrong type, out of range, or busy.
         """
 
+    def tell_conflict(self, text: str) -> None:
+        """Tell all clients that two peers want to command the same: an event `conflict`. From any thread; sparingly."""
+
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there (it counts in a lockstep barrier); the returned function says that it left."""
 

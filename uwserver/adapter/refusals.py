@@ -45,8 +45,8 @@ class Refusals:
         self._counts: dict[str, Json] = {}
         self._told: dict[str, tuple[float, int]] = {}
 
-    def note(self, cause: str, text: str) -> None:
-        """One more. `cause` is one of few fixed texts, never what a peer said."""
+    def note(self, cause: str, text: str) -> bool:
+        """One more. `cause` is one of few fixed texts, never what a peer said. Returns whether it was logged now."""
         if cause not in self._counts and len(self._counts) >= CAUSES:
             cause = "other"
         known = self._counts.get(cause, 0)
@@ -55,10 +55,12 @@ class Refusals:
         self._stats.details["refused"] = self._counts
         now = self._steady()
         told_at, told = self._told.get(cause, (now - TELL_S, 0))
-        if now - told_at >= TELL_S:
+        is_told = now - told_at >= TELL_S
+        if is_told:
             self._told[cause] = (now, known + 1)
             more = f" ({known - told} more since the last such line)" if known > told else ""
             text = f"{text[:500]}{more}"
             log.warning(
                 "%s refused (%s): %s. It is told once a minute and counted in world/status", self._name, cause, text
             )
+        return is_told

@@ -239,6 +239,11 @@ class Context:
         if service == "world/shutdown":
             self._hub.shutdown(f"world/shutdown by {source}")
 
+    def tell_conflict(self, text: str) -> None:
+        """See `uwserver.adapter.AdapterContext.tell_conflict`."""
+        world = self._hub.simulation.world
+        self._hub.bus.say(Event("conflict", world.tick, world.t_ns, f"{self.name}: {text}"))
+
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there; the returned function says that it left."""
         barrier = self._hub.simulation.lockstep.barrier

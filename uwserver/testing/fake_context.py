@@ -213,6 +213,10 @@ class FakeContext:
                 asyncio.get_running_loop().call_soon(lambda: None if call.is_done else call.finish(reply))
         return lambda: self._cancel(call)
 
+    def tell_conflict(self, text: str) -> None:
+        """An event, to every subscriber."""
+        self.say(Event("conflict", self.tick, self.tick * TICK_NS, text))
+
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there."""
         self.joined.append(client)

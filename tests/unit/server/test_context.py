@@ -143,6 +143,14 @@ def test_who_answers_which_service(still: Rig) -> None:
         ask("world/step", m=3)
 
 
+def test_a_conflict_that_an_adapter_sees_is_told_to_all(still: Rig) -> None:
+    hub, heard = hub_of(still), Heard()
+    Context(hub, "other", False).attach(heard)
+    Context(hub, "sil", False).tell_conflict("two autopilots")
+    still.call("world/step", n=1)
+    assert [(event.event, event.text) for event in heard.events] == [("conflict", "sil: two autopilots")]
+
+
 def test_a_command_says_who_sent_it(still: Rig) -> None:
     heard, context = Heard(), Context(hub_of(still), "robot", False)
     posted = Notes.of(still)
