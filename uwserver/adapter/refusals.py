@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 from collections.abc import Callable, Iterable
 
 from uwserver.adapter.contract import AdapterStats
 from uwserver.ports import Json
+from uwserver.ports.checks import LONGEST_WORD, suggestion
 
 log = logging.getLogger(__name__)
 
-WORD_LIMIT = 256
-"""Longest word for which a similar one is looked for, characters: the search costs time."""
+WORD_LIMIT = LONGEST_WORD
+"""Longest name that is looked for, characters."""
 TELL_S = 60.0
 """Wall time for which a cause that was logged is only counted."""
 CAUSES = 256
@@ -25,8 +25,7 @@ class CannotServe(Exception):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """`` (did you mean "x"?)`` or nothing."""
-    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6) if len(word) <= WORD_LIMIT else []
-    return f' (did you mean "{near[0]}"?)' if near else ""
+    return suggestion(word, known)
 
 
 class Refusals:

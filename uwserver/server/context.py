@@ -21,7 +21,7 @@ from uwserver.ports import (
     Reply,
     Sample,
     Service,
-    matches,
+    matching,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
@@ -60,6 +60,23 @@ class Hub:
     status: Callable[[], dict[str, Json]]
     files: StateFiles
     stats: dict[str, AdapterStats] = field(default_factory=dict)
+    _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """What all of a large world look like takes longer than a tick may be kept waiting: it is made before the first."""
+        self.shown([*self.ports.values(), *self.services.values(), *LOOP_SERVICES, *CLOCK_SERVICES])
+
+    def shown(self, entries: Sequence[Port | Service]) -> list[Json]:
+        """Ports or services as `describe` shows them, each made once."""
+        shown: list[Json] = []
+        if len(self._shown) > 2 * (len(self.ports) + len(self.services) + len(LOOP_SERVICES) + len(CLOCK_SERVICES)):
+            self._shown.clear()  # of bodies that came and went
+        for entry in entries:
+            known = self._shown.get((type(entry), entry.path))
+            if known is None or known[0] is not entry:
+                known = self._shown[type(entry), entry.path] = (entry, msgspec.to_builtins(entry))
+            shown.append(known[1])
+        return shown
 
     @property
     def ports(self) -> Mapping[str, Port]:
@@ -130,8 +147,8 @@ class Context:
     def describe(self, pattern: str = "**") -> dict[str, Json]:
         """Ports and services that match, as in docs/reference/protocol.md."""
         world = self._hub.simulation.world
-        ports = [port for path, port in self.ports.items() if matches(pattern, path)]
-        services = [service for path, service in self.services.items() if matches(pattern, path)]
+        ports = [self.ports[path] for path in matching(pattern, self.ports)]
+        services = [self.services[path] for path in matching(pattern, self.services)]
         return {
             "server": {"name": self._hub.server, "version": __version__, "protocol": PROTOCOL_VERSION},
             "world": {
@@ -141,8 +158,8 @@ class Context:
                 "seed": world.seed,
                 "vehicles": list(world.vehicles),
             },
-            "ports": msgspec.to_builtins(ports),
-            "services": msgspec.to_builtins(services),
+            "ports": self._hub.shown(ports),
+            "services": self._hub.shown(services),
         }
 
     def last(self, port: str) -> Sample | None:

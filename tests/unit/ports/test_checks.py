@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwserver.ports import Argument, Buffer, Field, Layout, Port, Refused, Service
-from uwserver.ports.checks import bind, checked_args, checked_command, find, suggestion
+from uwserver.ports.checks import COMPARED, bind, checked_args, checked_command, find, suggestion
 
 THRUSTERS = Port(
     "rov/thrusters",
@@ -374,3 +375,33 @@ def test_an_unknown_field_is_not_bound(name, told):
     with pytest.raises(ValueError) as refused:
         bind("rov/sonar", SONAR, "range", name)
     assert str(refused.value) == told
+
+
+def test_a_similar_name_is_looked_for_among_few(monkeypatch):
+    """Letter by letter it takes 35 us for each that is compared, and a large world has thousands of services."""
+    known = [
+        f"rov{n:03d}/{part}/{verb}"
+        for n in range(300)
+        for part in ("autopilot", "imu")
+        for verb in ("arm", "get", "set_mission")
+    ]
+    known += [f"rov{n:03d}/thrusters" for n in range(300)]
+    compared = []
+    close = difflib.get_close_matches
+    monkeypatch.setattr(
+        difflib,
+        "get_close_matches",
+        lambda word, names, **more: compared.append(len(names)) or close(word, names, **more),
+    )
+    for word, hint in {
+        "rov007/autopilot/set_misson": ' (did you mean "rov007/autopilot/set_mission"?)',
+        "rov007/thruster": ' (did you mean "rov007/thrusters"?)',
+        "rov07/imu/get": "rov",
+        "rov007/autopilt/arm": "/autopilot/arm",
+        "thrusters": "/thrusters",
+        "rov007/autopilot/set_mission" * 9: "",
+        "qqq": "",
+    }.items():
+        assert hint in suggestion(word, known), word
+    assert suggestion("x" * 257, ["x" * 257]) == ""
+    assert max(compared) <= COMPARED

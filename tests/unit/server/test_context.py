@@ -16,6 +16,7 @@ from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
 from uwserver.ports.checks import bind
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
+from uwserver.server import context as module
 from uwserver.server.context import Context, Hub
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.clock import Timing
@@ -118,6 +119,26 @@ def test_stats_of_an_adapter_outlive_a_restart(still: Rig) -> None:
     Context(hub, "robot", False).stats.restarts = 3
     assert Context(hub, "robot", False).stats.restarts == 3
     assert hub.stats == {"robot": AdapterStats(restarts=3)}
+
+
+def test_what_a_port_looks_like_is_made_once(still: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a large world it would take longer than a tick may be kept waiting, however often somebody asks."""
+    hub = hub_of(still)
+    made: list[object] = []
+    make = module.msgspec.to_builtins
+    monkeypatch.setattr(module.msgspec, "to_builtins", lambda value: made.append(value) or make(value))
+    context = Context(hub, "robot", False)
+    described = context.describe("rov/**")
+    assert made == []
+    assert {entry["path"] for entry in described["ports"]} == {
+        path for path in context.ports if path.startswith("rov/")
+    }
+    still.call("world/step", n=24)
+    imu = still.world.ports["rov/imu"]
+    for n in range(1000):
+        faster = replace(imu, path=f"x/{n}", rate_hz=1.0 + n)
+        assert hub.shown([faster]) == [make(faster)]
+    assert len(hub._shown) <= 2 * (len(hub.ports) + len(context.services) + 1)
 
 
 def test_who_answers_which_service(still: Rig) -> None:
