@@ -173,6 +173,8 @@ def _strangers() -> Iterator[Row]:
 def _world() -> Iterator[Row]:
     waiting = f"{turns.MAX_WAITING} of a client, {turns.MAX_WAITING_OF_ALL} of all, but {turns.FREE_PLACES} of each"
     yield "commands and calls that wait for their tick", waiting, "`overload`"
+    size = f"{_bytes(turns.MAX_BYTES)} of a client, {_bytes(turns.MAX_BYTES_OF_ALL)} of all, but one request of each"
+    yield "their bytes, decoded lists and maps fourfold", size, "`overload`"
     yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
     spent = f"{_ms(intake.REQUESTS_NS / NANOSECONDS)} for commands and calls, {_ms(thread.STEERING_NS / NANOSECONDS)} for the clock"
     yield "a tick in real time", spent, "the rest waits for the next tick"

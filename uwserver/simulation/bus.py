@@ -12,7 +12,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from uwserver.ports import Call, Command, Event, OnReply, Port, Progress, Reply, Sample
+import msgspec
+
+from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.simulation.clock import SystemTime, Time
@@ -30,6 +32,8 @@ AHEAD_NS = NANOSECONDS // 100
 SLICE_NS = NANOSECONDS // 200
 """Wall time after which the loop looks at its sockets before it delivers on."""
 
+_OF_OBJECTS = 4
+"""Bytes that the objects of a decoded value take for each of its text."""
 _LEAST_AHEAD = 2
 """So that one tick is made while another is delivered."""
 
@@ -78,7 +82,8 @@ class Mailbox:
         Raises:
             Refused: `overload` when too many wait already.
         """
-        self.posted.put(client or client_of(item.source), Posted(item, on_reply), always=always, first=first)
+        client = client or client_of(item.source)
+        self.posted.put(client, Posted(item, on_reply), size=_bytes_of(item), always=always, first=first)
         self.wake.set()
 
     def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:
@@ -93,6 +98,21 @@ class Mailbox:
         )
         self.wake.set()
         return withdrawn
+
+
+def _bytes_of(item: Command | Call) -> int:
+    """What a request keeps while it waits, about; numbers and short texts are nothing."""
+    if isinstance(item, Command):
+        return sum(
+            len(value.data) if isinstance(value, Buffer) else len(value) for value in item.value if value is not None
+        )
+    size = 0
+    for value in item.args.values():
+        if isinstance(value, str):
+            size += len(value)
+        elif isinstance(value, list | dict):
+            size += _OF_OBJECTS * len(msgspec.json.encode(value))
+    return size
 
 
 def client_of(source: str) -> str:
