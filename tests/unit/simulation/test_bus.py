@@ -214,8 +214,7 @@ def places(item) -> int:
     for count in range(2000):
         try:
             mailbox.post(item, None)
-        except Refused as refused:
-            assert refused.fault.code == "overload"
+        except Refused:
             return count
     return 2000
 
