@@ -189,6 +189,9 @@ def _moos() -> Iterator[Row]:
     yield "`moosdb`: clients", _setting(MoosDbConfig, "max_clients"), "disconnected"
     yield "`moosdb`: time to say a name; its length", f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}", "disconnected"
     yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
+    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, for each `?` 16"
+    yield "`moosdb`: filters of all clients", stars, "refused"
+    yield "`moosdb`: variables in a summary, and of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"
     yield "`moos_text`: a line, its pairs", f"{_bytes(lines.LINE_LIMIT)}, {lines.PAIRS}", "an error line"
 
