@@ -68,6 +68,10 @@ JSON: Mapping[str, bytes] = {
     "set_fault, 3000 keys": _fault("{" + ",".join(f'"k{i}":0' for i in range(3000)) + "}"),
     "set_fault, 4000 members": _fault('{"members":' + row('"a"', 16_000) + "}"),
     "set_mission, 700 items": _mission(700),
+    "a misspelt service": (CALL % ("rov/autopilot/set_missio", "{}")).encode(),
+    "describe, another pattern": b'{"id":1,"method":"describe","params":{"pattern":"' + b"**/" * 80 + b'*"}}',
+    "world/describe": (CALL % ("world/describe", "{}")).encode(),
+    "world/reset": (CALL % ("world/reset", "{}")).encode(),
     "world/load, a piece of 768 KiB": _piece(MIB - 1000),
 }
 """Bodies of JSON requests, none of which holds a line end."""
