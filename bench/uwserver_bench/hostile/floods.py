@@ -95,7 +95,6 @@ def _floods() -> Iterator[Flood]:
         yield _tcp(name, line(JSON[name]))
     for name in ("a misspelt service", "describe, another pattern", "world/describe"):
         yield _tcp(name, line(JSON[name]) * 20)
-    yield _tcp("a reset, then set_mission, 700 items", line(JSON["world/reset"]) + line(JSON["set_mission, 700 items"]))
     yield _tcp("256 KiB of blank lines", b"\n" * (1 << 18))
     part, upgrade = bytes((0, 0x81)) + bytes(4) + b"x", WEB_SOCKET
     yield Flood("WebSocket: parts of a text", "tcp", part * 10_000, upgrade + bytes((1, 0x80)) + bytes(4))

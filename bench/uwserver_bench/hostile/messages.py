@@ -71,7 +71,6 @@ JSON: Mapping[str, bytes] = {
     "a misspelt service": (CALL % ("rov/autopilot/set_missio", "{}")).encode(),
     "describe, another pattern": b'{"id":1,"method":"describe","params":{"pattern":"' + b"**/" * 80 + b'*"}}',
     "world/describe": (CALL % ("world/describe", "{}")).encode(),
-    "world/reset": (CALL % ("world/reset", "{}")).encode(),
     "world/load, a piece of 768 KiB": _piece(MIB - 1000),
 }
 """Bodies of JSON requests, none of which holds a line end."""
