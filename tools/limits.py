@@ -116,7 +116,8 @@ def _messages() -> Iterator[Row]:
     yield f"plain texts (ASCII, from {bounds.PLAIN_TEXT} bytes on)", _bytes(bounds.MAX_PLAIN), "`too_large`"
     yield "binary values of msgpack", _bytes(bounds.MAX_BINARY), "`too_large`"
     long = f"JSON with more than {bounds.FEW} numbers that have an exponent or {bounds.LONG_NUMBER} digits"
-    yield long, _bytes(bounds.LONG_NUMBERS_LIMIT), "`too_large`"
+    huge = f"{_bytes(bounds.LONG_NUMBERS_LIMIT)}; {_bytes(bounds.HUGE_LIMIT)} where more than {bounds.FEW} have one of three digits"
+    yield long, huge, "`too_large`"
     yield "digits of a number, where there are more such", str(bounds.MAX_DIGITS), "`invalid_request`"
     yield "maps and lists", f"{bounds.MAX_CONTAINERS}, {bounds.MAX_DEPTH} deep", "`invalid_request`"
     yield "values, keys included", str(bounds.MAX_VALUES), "`invalid_request`"
@@ -172,6 +173,8 @@ def _strangers() -> Iterator[Row]:
 def _world() -> Iterator[Row]:
     waiting = f"{turns.MAX_WAITING} of a client, {turns.MAX_WAITING_OF_ALL} of all, but {turns.FREE_PLACES} of each"
     yield "commands and calls that wait for their tick", waiting, "`overload`"
+    size = f"{_bytes(turns.MAX_BYTES)} of a client, {_bytes(turns.MAX_BYTES_OF_ALL)} of all, but one request of each"
+    yield "their bytes, decoded lists and maps fourfold", size, "`overload`"
     yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
     spent = f"{_ms(intake.REQUESTS_NS / NANOSECONDS)} for commands and calls, {_ms(thread.STEERING_NS / NANOSECONDS)} for the clock"
     yield "a tick in real time", spent, "the rest waits for the next tick"
@@ -186,6 +189,9 @@ def _moos() -> Iterator[Row]:
     yield "`moosdb`: clients", _setting(MoosDbConfig, "max_clients"), "disconnected"
     yield "`moosdb`: time to say a name; its length", f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}", "disconnected"
     yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
+    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, for each `?` 16"
+    yield "`moosdb`: filters of all clients", stars, "refused"
+    yield "`moosdb`: variables in a summary, and of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"
     yield "`moos_text`: a line, its pairs", f"{_bytes(lines.LINE_LIMIT)}, {lines.PAIRS}", "an error line"
 

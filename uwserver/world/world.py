@@ -357,7 +357,7 @@ class World:
             self.answers.clear()
         if self._events:
             output.events, self._events = self._events, []
-        output.tick, output.t_ns = self._tick, self.t_ns
+        output.tick, output.t_ns, output.ports = self._tick, self.t_ns, self.ports
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
