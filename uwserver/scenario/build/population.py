@@ -16,6 +16,7 @@ from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.scenario.build.members import build_scene, object_member, vehicle_member
 from uwserver.scenario.files.convert import NAME
+from uwserver.scenario.load.counts import MOST_BODIES
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.shapes import missing_engines
 from uwserver.scenario.solids.tables import ObjectEntry
@@ -27,7 +28,7 @@ from uwserver.world.components import Member, Population
 from uwserver.world.part import State
 from uwserver.world.world import World
 
-MAX_BODIES = 1000
+MAX_BODIES = MOST_BODIES
 """Rows for bodies. Those of one that was removed are for the next that is like it; until a reset for nobody else."""
 BURIED_M = 0.01
 """A body cannot be put deeper into something than this."""
