@@ -20,7 +20,7 @@ from uwserver.adapter import accepting, bounds, connection, conversation, peers,
 from uwserver.recording import recorder, replay
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import counts, scenario
-from uwserver.scenario.solids import archive, bathymetry, mesh_checks
+from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
 from uwserver.server import http, life_cycle, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
@@ -77,6 +77,8 @@ def _files() -> Iterator[Row]:
         f"{bathymetry.MOST_POINTS}",
         refused,
     )
+    triangles = f"{memory.TRIANGLE_BYTES} bytes each, {memory.RESERVE_BYTES // 1_000_000} MB for the rest"
+    yield f"memory that is free, from {memory.FEW_TRIANGLES} triangles of seabed and structures on", triangles, refused
     yield "classic NetCDF file", _bytes(bathymetry.MOST_BYTES), refused
 
 
