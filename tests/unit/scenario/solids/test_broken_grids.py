@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import subprocess
 import sys
 from pathlib import Path
@@ -53,19 +52,19 @@ def on_hdf5(path: Path) -> None:
         packed.attrs["scale_factor"] = 1.0
 
 
-def damaged(whole: bytes, rng: random.Random) -> bytes:
+def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
     """Cut off, or with some bytes or one number others; the first four, by which the kind is known, stay."""
     data = bytearray(whole)
     how = rng.random()
     if how < 0.2:
-        return bytes(data[: rng.randrange(4, len(data))])
+        return bytes(data[: rng.integers(4, len(data))])
     if how < 0.7:
-        for _ in range(rng.choice((1, 2, 8))):
-            data[rng.randrange(4, len(data))] = rng.randrange(256)
+        for at in rng.integers(4, len(data), rng.choice((1, 2, 8))):
+            data[at] = rng.integers(256)
         return bytes(data)
-    at = rng.randrange(4, min(len(data) - 8, 3000))
-    number = rng.choice((0, 1, 2**31 - 1, 2**40, 2**62, 2**64 - 1))
-    data[at : at + 8] = number.to_bytes(8, rng.choice(("little", "big")))
+    at = rng.integers(4, min(len(data) - 8, 3000))
+    number = (0, 1, 2**31 - 1, 2**40, 2**62, 2**64 - 1)[rng.integers(6)]
+    data[at : at + 8] = number.to_bytes(8, "little" if rng.random() < 0.5 else "big")
     return bytes(data)
 
 
@@ -74,7 +73,7 @@ def damaged(whole: bytes, rng: random.Random) -> bytes:
 def test_a_damaged_file_is_told_in_plain_words(write, tmp_path: Path) -> None:
     sound = tmp_path / "00.nc"
     write(sound)
-    rng = random.Random(7)
+    rng = np.random.default_rng(7)
     for n in range(1, BROKEN):
         (tmp_path / f"{n:02}.nc").write_bytes(damaged(sound.read_bytes(), rng))
     run = [sys.executable, "-c", READ, str(tmp_path)]
