@@ -24,7 +24,10 @@ MAX_SNAPSHOT_NAME = 64
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now."""
+    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now.
+
+    Reset and restore delay their tick by 0.1 ms for each vehicle of 24 ports that is there after it, and by 0.2 ms for each that comes or goes.
+    """
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
     now = _Now(world)
@@ -65,7 +68,9 @@ def offer_world_services(world: World) -> None:
     velocity = Argument("velocity_N", "float", "water velocity in N", "m/s", shape=(3,), minimum=-20.0, maximum=20.0)
     world.offer(
         Service(
-            "world/reset", "Put everything back to the start of the scenario: time, state, random streams, counters."
+            "world/reset",
+            "Put everything back to the start of the scenario: time, state, random streams, counters. "
+            "In real time its tick is late by some 0.1 ms for each vehicle.",
         ),
         reset,
     )

@@ -50,7 +50,10 @@ class PopulationState(State, frozen=True):
 
 
 class ScenarioPopulation(Population):
-    """Puts bodies of a scenario into its world. What they are made of is worked out once, so that a spawn takes no longer than a tick."""
+    """Puts bodies of a scenario into its world. What they are made of is worked out once, and who was made for a row is kept.
+
+    A spawn delays its tick by 1.5 ms in a small world, and by 5 ms with an autopilot and navigation among 80 such vehicles: all ports are told anew.
+    """
 
     path = "world/population"
     state_type = PopulationState
@@ -299,6 +302,6 @@ class ScenarioPopulation(Population):
         turned = "attitude, w x y z; normalised"
         q_NB = Argument("q_NB", "float", turned, "1", shape=(4,), required=False, default=list(IDENTITY))
         if kinds:
-            add = "Add a body with its components, built like one of the scenario."
+            add = "Add a body with its components, built like one of the scenario. In real time its tick is late by some ms."
             self._world.offer(Service("world/spawn", add, (name, like, p_NB, q_NB)), spawn)
         self._world.offer(Service("world/remove", "Remove a body and its components from the world.", (name,)), remove)
