@@ -343,6 +343,7 @@ class Hydrodynamics:
         nothing = Hydrodynamics((), self.dt)
         nothing.load_free(self._fitted)
         if self.collider is not None:
+            self.collider.find_contacts(self.state, self.dt)  # which makes its arrays
             nothing._advance_touching(NO_CONTACTS, 0.0)
         if self.sea is not None:
             nothing.sea = self.sea
