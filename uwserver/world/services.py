@@ -1,4 +1,7 @@
-"""Services that the world itself answers; those of the clock belong to the simulation (`uwserver.simulation.thread`)."""
+"""Services that the world itself answers; those of the clock belong to the simulation (`uwserver.simulation.thread`).
+
+Reset and restore delay their tick by 0.1 ms for each vehicle of 24 ports that is there after it, and by 0.1 to 0.2 ms for each that comes or goes.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,7 @@ MAX_SNAPSHOT_NAME = 64
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now.
-
-    Reset and restore delay their tick by 0.1 ms for each vehicle of 24 ports that is there after it, and by 0.2 ms for each that comes or goes.
-    """
+    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
     now = _Now(world)
