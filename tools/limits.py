@@ -19,8 +19,8 @@ from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
 from uwserver.recording import recorder, replay
 from uwserver.scenario.files import documents, locate
-from uwserver.scenario.load import scenario
-from uwserver.scenario.solids import archive, bathymetry, mesh_checks
+from uwserver.scenario.load import counts, scenario
+from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
 from uwserver.server import http, life_cycle, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
@@ -65,6 +65,9 @@ def _files() -> Iterator[Row]:
     yield "any file", "a plain file: no folder, pipe, device or socket", refused
     yield "scenario, vehicle or device (TOML), Python extension", _bytes(documents.MOST_BYTES), refused
     yield "parts of a dotted key or header", str(locate.MOST_PARTS), refused
+    yield "vehicles, copies counted, and objects", str(counts.MOST_BODIES), refused + "; `world/spawn`: `busy`"
+    yield "structures", str(counts.MOST_STRUCTURES), refused
+    yield "sensors, their streams and modifiers, actuators, of all vehicles", str(counts.MOST_COMPONENTS), refused
     yield "faults told", str(scenario.MOST_PROBLEMS), "the rest is not looked at"
     yield "extensions", "in the scenario's folder or below, links followed", "not run"
     yield "mesh (STL, OBJ, PLY, glTF with all its files)", _bytes(mesh_checks.MOST_BYTES), refused
@@ -74,6 +77,8 @@ def _files() -> Iterator[Row]:
         f"{bathymetry.MOST_POINTS}",
         refused,
     )
+    triangles = f"{memory.TRIANGLE_BYTES} bytes each, {memory.RESERVE_BYTES // 1_000_000} MB for the rest"
+    yield f"memory that is free, from {memory.FEW_TRIANGLES} triangles of seabed and structures on", triangles, refused
     yield "classic NetCDF file", _bytes(bathymetry.MOST_BYTES), refused
 
 
