@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-all fast-tests all-tests lint types docs-check wheel-smoke demo bench docs dist image clean
+.PHONY: help install run test test-all fast-tests all-tests lint types docs-check wheel-smoke other-pythons demo bench docs dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -54,6 +54,9 @@ docs-check: install
 
 wheel-smoke: install
 	$(BIN)/python tools/wheel_smoke.py
+
+other-pythons: install  ## try CPython 3.10, 3.12 and 3.13, as far as they are on this machine
+	$(BIN)/python tools/other_pythons.py
 
 demo: install  ## drive a 5 m square by feedback on the simulated sensors and draw it
 	$(BIN)/python tools/demo.py $(ARGS)

@@ -385,7 +385,7 @@ def test_a_foreign_mcap_is_refused(tmp_path: Path) -> None:
     ("change", "text"),
     [
         ({"format": "uwserver-recording-9"}, "whose format is uwserver-recording-9; here it is uwserver-recording-2"),
-        ({"physics": "1"}, "whose physics is 1; here it is 2"),
+        ({"physics": "1"}, "whose physics is 1; here it is 3"),
         ({"scenario": '{"name": "x", "scenario": {"schema": 1, "colour": 3}, "vehicles": {}}'}, "does not fit"),
     ],
 )

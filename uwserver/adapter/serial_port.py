@@ -6,11 +6,15 @@ import asyncio
 import contextlib
 import logging
 import os
-import termios
-import tty
 from collections.abc import Callable
 
 from uwserver.adapter.contract import AdapterContext
+
+try:
+    import termios
+    import tty
+except ImportError:  # Windows
+    termios = None  # type: ignore[assignment]
 
 log = logging.getLogger(__name__)
 
@@ -59,6 +63,9 @@ class SerialPort:
     def attend(self) -> None:
         """Open the device if it is not; to be called now and then."""
         if self._file >= 0:
+            return
+        if termios is None:
+            self._fail("this system has no terminals as POSIX has: use UDP or TCP")
             return
         try:
             self._file = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

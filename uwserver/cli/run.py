@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
 import os
@@ -113,7 +112,9 @@ def run(
 
 def _run_loop(resolved: Resolved, options: Options) -> int:
     if not resolved.scenario.server.uvloop:
-        return asyncio.run(_serve(resolved, options))
+        from uwserver.server.signals import run as run_loop
+
+        return run_loop(_serve(resolved, options))
     try:
         import uvloop
     except ImportError:

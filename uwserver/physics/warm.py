@@ -17,7 +17,7 @@ from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
-from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
+from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.compiled import cache_state
@@ -107,18 +107,20 @@ def solid_kernels() -> tuple[Any, ...]:
         RuntimeError: they find nothing where something is.
     """
     try:
-        from uwserver.physics.collision.bullet import Solids
-        from uwserver.physics.rays.embree import Rays
+        from uwserver.physics.collision.solids import Solids
+        from uwserver.physics.rays.casting import Rays, picker_kernels
 
         solids = Solids()
     except ImportError:
         return ()
-    from uwserver.physics.collision import broad_phase, narrow_phase
+    from uwserver.physics.collision import broad_phase, directions, narrow_phase
     from uwserver.physics.geometry import mesh
     from uwserver.physics.rays import hits
 
     sheet = TriangleMesh(np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]), np.array([[0, 1, 2]]))
-    ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()))), Solid("ball", (Placed(Sphere(0.1)),))
+    # The ball overlaps the block, about which an engine is asked.
+    block = Placed(Box((0.1, 0.1, 0.1)), (-0.5, -0.41, -0.1))
+    ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()), block)), Solid("ball", (Placed(Sphere(0.12)),))
     state = np.array([[-0.5, -0.5, -0.1, 1.0, *[0.0] * 9]])
     rays = Rays()
     rays.add_static(0, ground)
@@ -127,11 +129,11 @@ def solid_kernels() -> tuple[Any, ...]:
     with solids:
         solids.add_static(ground)
         solids.add_moving(ball, 0)
-        if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
-            raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
+        if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1:
+            raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.engine}")
     return (
-        broad_phase.find_pairs, broad_phase.place, broad_phase.bound, narrow_phase.find_contacts, mesh.fill_cells, hits.intersect_simple,
-        hits.select_rays, hits.refine,
+        broad_phase.find_pairs, broad_phase.place, broad_phase.bound, directions.find_lines, directions.refine_lines,
+        narrow_phase.find_contacts, mesh.fill_cells, hits.intersect_simple, hits.select_rays, hits.refine, *picker_kernels(),
     )  # fmt: skip
 
 

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import os
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
+from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
@@ -290,13 +290,8 @@ class Server:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._loop.add_signal_handler(number, received, signal.Signals(number).name)
-        try:
+        with signals_received(self._loop, received):
             yield
-        finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._loop.remove_signal_handler(number)
 
 
 def _state_folder(resolved: Resolved) -> Path | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
+import errno
 import logging
 import os
 import re
@@ -19,6 +19,11 @@ from uwserver.simulation.thread import Simulation
 from uwserver.world import snapshot
 from uwserver.world.saving import in_one_piece
 from uwserver.world.snapshot import MAX_BYTES, Snapshot
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 log = logging.getLogger(__name__)
 
@@ -51,12 +56,17 @@ def write_state(path: Path, data: bytes) -> None:
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.", suffix=".part", delete=False) as file:
         try:
             # Held as long as the writer lives, so that `remove_parts` knows the dead from the living.
-            fcntl.flock(file, fcntl.LOCK_EX)
+            if fcntl is not None:
+                fcntl.flock(file, fcntl.LOCK_EX)
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
+            if fcntl is None:  # where an open file cannot be moved
+                file.close()
             Path(file.name).replace(path)
         except OSError:
+            if fcntl is None:
+                file.close()
             Path(file.name).unlink(missing_ok=True)
             raise
 
@@ -65,6 +75,13 @@ def remove_parts(folder: Path) -> None:
     """Remove what servers left in a folder that were killed as they wrote a state. Whatever is no such file, or is being written, stays."""
     for path in folder.iterdir() if folder.is_dir() else ():
         if not _PART.fullmatch(path.name):
+            continue
+        if fcntl is None:
+            # Nor can a file be removed that its writer holds open.
+            with contextlib.suppress(OSError):
+                if path.is_file() and not path.is_symlink():
+                    path.unlink()
+                    log.warning("removed %s, which a server that was killed had left", path)
             continue
         with contextlib.suppress(OSError), os.fdopen(_open(path), "rb") as file:
             if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -86,7 +103,10 @@ def check_room(path: Path) -> None:
 
 def _open(path: Path) -> int:
     """For reading. A link could lead out of the folder, and a pipe would never end."""
-    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    no_follow = getattr(os, "O_NOFOLLOW", 0)
+    if not no_follow and path.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+    return os.open(path, os.O_RDONLY | no_follow | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
 
 
 class StateFiles:

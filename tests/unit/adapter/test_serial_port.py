@@ -7,7 +7,9 @@ import os
 import pty
 from pathlib import Path
 
-from uwserver.adapter import SerialPort
+import pytest
+
+from uwserver.adapter import SerialPort, serial_port
 from uwserver.testing import FakeContext
 
 
@@ -47,4 +49,17 @@ def test_a_device_that_is_not_there_is_logged_once(tmp_path: Path, caplog):
     port.attend()
     assert "ttyS9" in context.stats.last_error
     assert len(caplog.records) == 1
+    assert not seen
+
+
+def test_a_system_without_terminals_says_so_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
+    """As on Windows, where the module cannot even be imported."""
+    monkeypatch.setattr(serial_port, "termios", None)
+    context = FakeContext()
+    port, seen = make("COM3", context)
+    port.attend()
+    port.attend()
+    assert "serial line COM3: this system has no terminals as POSIX has: use UDP or TCP" in context.stats.last_error
+    assert len(caplog.records) == 1
+    assert not port.is_open
     assert not seen

@@ -7,12 +7,15 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from uwserver.ports import Refused
+from uwserver.server import state_files
 from uwserver.server.state_files import MAX_FILES, check_room, read_state, remove_parts, write_state
 
 KILLED = """
@@ -104,3 +107,37 @@ def test_a_full_folder_takes_used_names_only(tmp_path: Path) -> None:
     check_room(tmp_path / "0.uwstate")
     with pytest.raises(Refused, match="used name"):
         check_room(tmp_path / "more.uwstate")
+
+
+def test_a_system_without_locks_and_links_reads_and_writes_as_well(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As on Windows: no fcntl, no O_NOFOLLOW, and an open file cannot be moved or removed."""
+    monkeypatch.setattr(state_files, "fcntl", None)
+    for flag in ("O_NOFOLLOW", "O_NONBLOCK"):
+        monkeypatch.delattr(os, flag)
+    closed_first: list[bool] = []
+    real, move = tempfile.NamedTemporaryFile, Path.replace
+    opened: list[Any] = []
+
+    def remember(**keys: Any) -> Any:
+        opened.append(real(**keys))
+        return opened[-1]
+
+    def replace(self: Path, target: Path) -> Path:
+        closed_first.append(opened[-1].closed)
+        return move(self, target)
+
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", remember)
+    monkeypatch.setattr(Path, "replace", replace)
+    path, link = tmp_path / "a.uwstate", tmp_path / "b.uwstate"
+    write_state(path, b"one\r\n\x1a two")
+    assert read_state(path) == b"one\r\n\x1a two"
+    assert closed_first == [True]
+    link.symlink_to(path)
+    with pytest.raises(OSError, match="symbolic"):
+        read_state(link)
+    part = tmp_path / "a.uwstate.abcd_123.part"
+    part.write_bytes(b"half")
+    remove_parts(tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.uwstate", "b.uwstate"]

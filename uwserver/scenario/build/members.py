@@ -39,7 +39,7 @@ def build_scene(world: World, resolved: Resolved) -> None:
     from uwserver.physics.warm import solid_kernels
 
     solid_kernels()
-    scene = Scene(lambda: world.hydro.state)
+    scene = Scene(lambda: world.hydro.state, resolved.scenario.world.engine)
     for solid in resolved.static.values():
         scene.add_static(solid)
     world.set_scene(scene)

@@ -1,0 +1,65 @@
+"""Loops that can watch a listener, and the signals that end a server: on every system, also where asyncio's own are less able (Windows)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import sys
+from collections.abc import Callable, Coroutine, Iterator
+from types import FrameType
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+
+
+def run(main: Coroutine[Any, Any, T], platform: str = sys.platform) -> T:
+    """As `asyncio.run`, on a loop with `add_reader`: the default one of Windows has none."""
+    if platform != "win32":
+        return asyncio.run(main)
+    loop = asyncio.SelectorEventLoop()
+    try:
+        asyncio.set_event_loop(loop)
+        return loop.run_until_complete(main)
+    finally:
+        left = asyncio.all_tasks(loop)
+        for task in left:
+            task.cancel()
+        loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+        loop.run_until_complete(loop.shutdown_asyncgens())
+        asyncio.set_event_loop(None)
+        loop.close()
+
+
+@contextlib.contextmanager
+def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[str], None]) -> Iterator[None]:
+    """Tell of SIGINT and SIGTERM by name, in the loop. Main thread only, as Python demands.
+
+    Args:
+        loop: runs, or is about to.
+        received: takes "SIGINT" or "SIGTERM".
+    """
+    undo: list[Callable[[], Any]] = []
+    try:
+        for number in _ENDING:
+            undo.append(_listen(loop, number, received))
+        yield
+    finally:
+        for each in undo:
+            each()
+
+
+def _listen(loop: asyncio.AbstractEventLoop, number: signal.Signals, received: Callable[[str], None]) -> Callable[[], Any]:  # fmt: skip
+    """Begin to listen for one signal; returns what ends it."""
+    try:
+        loop.add_signal_handler(number, received, number.name)
+    except NotImplementedError:
+
+        def handler(caught: int, frame: FrameType | None) -> None:
+            # Between two instructions of whatever runs: only the loop may call.
+            loop.call_soon_threadsafe(received, number.name)
+
+        before = signal.signal(number, handler)
+        return lambda: signal.signal(number, before)
+    return lambda: loop.remove_signal_handler(number)
