@@ -7,7 +7,6 @@ shapes are deep in each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -53,25 +52,8 @@ def engine_attitude(placed: Placed) -> tuple[float, float, float, float]:
     return multiply(placed.q, _AXIS) if isinstance(placed.shape, Cylinder | Capsule) else placed.q
 
 
-def _bullet() -> Engine:
-    from uwserver.physics.collision.bullet import BulletEngine
-
-    return BulletEngine()
-
-
-def _coal() -> Engine:
-    from uwserver.physics.collision.coal_engine import CoalEngine
-
-    return CoalEngine()
-
-
-class _Choice(NamedTuple):
-    package: str
-    open: Callable[[], Engine]
-
-
-_CHOICES = {"bullet": _Choice("pybullet", _bullet), "coal": _Choice("coal", _coal)}
-ENGINES = tuple(_CHOICES)
+_PACKAGES = {"bullet": "pybullet", "coal": "coal"}
+ENGINES = tuple(_PACKAGES)
 """Names, in the order in which "auto" looks for them: Bullet is a third of coal's size and has no wheels from CPython 3.12 on."""
 
 
@@ -82,13 +64,13 @@ def missing_engine(name: str = AUTO) -> str | None:
         name: of `ENGINES`, or "auto".
     """
     if name == AUTO:
-        if any(find_spec(choice.package) for choice in _CHOICES.values()):
+        if any(find_spec(package) for package in _PACKAGES.values()):
             return None
         return 'neither pybullet nor coal is installed: pip install "uwserver[solid]"'
-    package = _CHOICES[name].package
+    package = _PACKAGES[name]
     if find_spec(package):
         return None
-    others = [other for other in ENGINES if other != name and find_spec(_CHOICES[other].package)]
+    others = [other for other in ENGINES if other != name and find_spec(_PACKAGES[other])]
     instead = f', or choose engine = "{others[0]}", which is installed' if others else ""
     return f'the engine "{name}" needs {package}: pip install {package}{instead}'
 
@@ -97,23 +79,4 @@ def chosen_engine(name: str = AUTO) -> str:
     """What "auto" stands for on this machine: the first engine that is installed, or "auto" if none is. Other names stand for themselves."""
     if name != AUTO:
         return name
-    return next((engine for engine, choice in _CHOICES.items() if find_spec(choice.package)), AUTO)
-
-
-def open_engine(name: str = AUTO) -> Engine:
-    """An empty world of an engine.
-
-    Args:
-        name: of `ENGINES`, or "auto" for the first that is installed.
-
-    Raises:
-        ImportError: it is not installed.
-        RuntimeError: it gives no further world.
-        ValueError: no engine has this name.
-    """
-    if name != AUTO and name not in _CHOICES:
-        raise ValueError(f'no engine is called "{name}": choose {AUTO}, {" or ".join(ENGINES)}')
-    missing = missing_engine(name)
-    if missing is not None:
-        raise ImportError(missing)
-    return _CHOICES[chosen_engine(name)].open()
+    return next((engine for engine, package in _PACKAGES.items() if find_spec(package)), AUTO)

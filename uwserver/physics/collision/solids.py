@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.collision.contacts import NO_CONTACTS, NUMBERS, Contacts
-from uwserver.physics.collision.engine import AUTO, Engine, Pose, engine_attitude, open_engine
+from uwserver.physics.collision.engine import (
+    AUTO,
+    ENGINES,
+    Engine,
+    Pose,
+    chosen_engine,
+    engine_attitude,
+    missing_engine,
+)
 from uwserver.physics.geometry.rows import Part, part, shapes_of
 from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Solid, TriangleMesh, check_shape
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
@@ -213,3 +221,28 @@ class Solids:
         )  # fmt: skip
         # The solver is compiled for contiguous columns.
         return Contacts(*(np.ascontiguousarray(column) for column in columns))
+
+
+def open_engine(name: str = AUTO) -> Engine:
+    """An empty world of an engine.
+
+    Args:
+        name: of `ENGINES`, or "auto" for the first that is installed.
+
+    Raises:
+        ImportError: it is not installed.
+        RuntimeError: it gives no further world.
+        ValueError: no engine has this name.
+    """
+    if name != AUTO and name not in ENGINES:
+        raise ValueError(f'no engine is called "{name}": choose {AUTO}, {" or ".join(ENGINES)}')
+    missing = missing_engine(name)
+    if missing is not None:
+        raise ImportError(missing)
+    if chosen_engine(name) == "bullet":
+        from uwserver.physics.collision.bullet import BulletEngine
+
+        return BulletEngine()
+    from uwserver.physics.collision.coal_engine import CoalEngine
+
+    return CoalEngine()

@@ -16,6 +16,7 @@ from uwserver.physics.kernel.compiled import compiled, entry
 _LEAF = 4
 """Most triangles of a leaf."""
 _DEEPEST = 64
+_ROUNDING = 1e-15
 
 
 class TreePicker:
@@ -100,8 +101,15 @@ def _side(corners: Array, t: int, j: int, k: int, o: Array, d: Array) -> float:
 def _reached(corners: Array, t: int, o: Array, d: Array) -> float:
     """How far along a ray it meets a triangle, from either side; inf if it misses it. No ray slips through where two meet."""
     u, v, w = _side(corners, t, 1, 2, o, d), _side(corners, t, 2, 0, o, d), _side(corners, t, 0, 1, o, d)
-    total = u + v + w
-    if total == 0.0 or not ((u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)):
+    total, farthest = u + v + w, 0.0
+    for c in range(3):
+        far = 0.0
+        for i in range(3):
+            far += (corners[t, c, i] - o[i]) ** 2
+        farthest = max(farthest, far)
+    # Through a corner all sides may be off by rounding.
+    slack = _ROUNDING * farthest
+    if total == 0.0 or (min(u, v, w) < -slack and max(u, v, w) > slack):
         return math.inf
     along = square = 0.0
     for i in range(3):

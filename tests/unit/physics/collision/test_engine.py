@@ -10,8 +10,8 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.collision import engine
-from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine, open_engine
-from uwserver.physics.collision.solids import Solids
+from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
+from uwserver.physics.collision.solids import Solids, open_engine
 from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Shape, Solid, Sphere
 from uwserver.physics.kernel.arrays import FloatArray
 
