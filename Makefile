@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-all fast-tests all-tests lint types docs-check wheel-smoke other-pythons demo bench docs dist image clean
+.PHONY: help install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -35,6 +35,9 @@ test-all: lint types all-tests docs-check  ## the same and the slow tests: conta
 
 fast-tests: install
 	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
+
+fuzz: install  ## ten million inputs for each codec (hours)
+	UWSERVER_FUZZ_INPUTS=10000000 $(BIN)/python -m pytest -m slow tests/fuzz/test_codecs_fuzz.py -n $(WORKERS)
 
 all-tests: install
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile

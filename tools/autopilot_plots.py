@@ -23,7 +23,7 @@ from uwserver.world import World
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 ROVS = ("bluerov2", "bluerov2_heavy", "rexrov")
-TORPEDOES = {"remus100": 1.5, "lauv": 1.0, "tethys": 1.0}
+TORPEDOES = {"remus100": 1.5, "lauv": 1.0, "tethys": 0.9}
 CURRENT = (0.15, 0.2, 0.0)
 PILOT = "v/autopilot/"
 Rows = np.ndarray[Any, np.dtype[np.float64]]

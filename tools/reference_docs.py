@@ -1,4 +1,4 @@
-"""Writes docs/reference/ports.md, scenario.md and sensors/kinds.md from the code, and the JSON Schemas of files for docs and wheel.
+"""Writes docs/reference/ports.md, scenario.md, limits.md and sensors/kinds.md from the code, and the JSON Schemas of files for docs and wheel.
 
 `--check` only compares the pages, and sees whether the schemas, which git does not keep, can be made (CI).
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import msgspec
+from limits import limits_page
 from msgspec import NODEFAULT, UNSET
 
 from uwserver.actuators import ActuatorConfig
@@ -250,7 +251,12 @@ def _default(row: Any) -> str:
     return "**required**" if row.default_factory is NODEFAULT else "empty"
 
 
-PAGES = {"ports.md": ports_page, "scenario.md": scenario_page, "sensors/kinds.md": kinds_page}
+PAGES = {
+    "ports.md": ports_page,
+    "scenario.md": scenario_page,
+    "limits.md": lambda: HEAD + limits_page(),
+    "sensors/kinds.md": kinds_page,
+}
 
 
 def main() -> int:

@@ -204,7 +204,7 @@ def manoeuvre_section() -> Section:
     return Section(
         "REMUS 100: rudder, stern planes and propeller",
         "Step inputs of the Python Vehicle Simulator (Fossen; commit c717e07), without current: rudder and planes 5 degrees, 1525 rpm, planes to\n"
-        "zero at 50 s; 245 m of path. Kernel at 240 Hz with the shipped vehicle file, but neutral in the source's water, and with inflow by the\n"
+        "zero at 50 s; 245 m of path. Kernel at 240 Hz with the file remus100_pvs, but neutral in the source's water, and with inflow by the\n"
         "whole speed as there. Like the source, the file takes the Munk moments out of C_A; the tests compare the whole of C_A too. The source's\n"
         "current turns with the heading alone and not with pitch and roll, so its runs with current are not ours to meet.",
         ("at s", "against", "bar m", "position m"),

@@ -7,7 +7,7 @@ In-process use, without a server or a socket::
     world = uwserver.load("bluerov2_pool")
     world.command("bluerov2/thrusters", u=[0, 0, 0, 0, 0.3, 0.3, 0.3, 0.3])
     samples = world.step(240)
-    print(world.vehicles["bluerov2"].pose, world.read("bluerov2/depth"))
+    print(world.vehicles["bluerov2"], world.read("bluerov2/depth").depth)
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import os
 import sys
 import traceback
 from typing import TYPE_CHECKING, TextIO
@@ -114,12 +115,33 @@ class SparingLog(_Stream):
             super().emit(logging.LogRecord(last.name, last.levelno, last.pathname, last.lineno, text, args, None))
 
 
+class TerminalFormatter(logging.Formatter):
+    """A line for whoever sits there: time of day, level where it matters, text; coloured unless NO_COLOR is set, so that it is no part of what else
+    is printed."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line, and the traceback below it."""
+        begin, end = (
+            ("", "") if os.environ.get("NO_COLOR") else (_COLOURS[record.levelno >= logging.WARNING], "\x1b[0m")
+        )
+        level = f"{record.levelname.lower()}: " if record.levelno != logging.INFO else ""
+        line = f"{begin}{self.formatTime(record, '%H:%M:%S')} {level}{record.getMessage()}{end}"
+        return f"{line}\n{self.formatException(record.exc_info)}" if record.exc_info else line
+
+
+_COLOURS = ("\x1b[2m", "\x1b[33m")
+"""Dim, and yellow for a warning or worse."""
+
+
 def set_up_logging(level: str, as_json: bool) -> None:
     """Log to standard error from `level` on, each cause once a minute."""
     output = SparingLog(sys.stderr)
-    output.setFormatter(
-        JsonFormatter() if as_json else logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s")
-    )
+    if as_json:
+        output.setFormatter(JsonFormatter())
+    elif sys.stderr.isatty():
+        output.setFormatter(TerminalFormatter())
+    else:
+        output.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=level.upper(), handlers=[output], force=True)
     # numba talks at debug level about every byte-code.
     logging.getLogger("numba").setLevel(logging.WARNING)

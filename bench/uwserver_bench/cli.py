@@ -24,7 +24,7 @@ _MODULES = {"physics": ("physics", "remus")}
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 
 
-@click.command()
+@click.command(short_help="Measure this machine, part by part.")
 @click.argument("part", required=False, type=click.Choice(PARTS))
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report there too.")
 @click.option("--quick", is_flag=True, help="Very short repeats: shows that all runs, not how fast.")

@@ -29,10 +29,10 @@ ITS_SAMPLES = 10_000
 
 
 class OurRemus:
-    """One shipped REMUS 100 through `World.advance`, commanded at 10 Hz."""
+    """One remus100_pvs, whose propeller is that of theirs, through `World.advance`, commanded at 10 Hz."""
 
     def __init__(self) -> None:
-        entry = VehicleEntry(model="remus100", position_ned_m=(0.0, 0.0, 1000.0))
+        entry = VehicleEntry(model="remus100_pvs", position_ned_m=(0.0, 0.0, 1000.0))
         self._world = build(load(Scenario(schema=1, vehicles={"auv": entry}), adapters={}))
         for path in self._world.sensors:
             self._world.call(f"{path}/deactivate")

@@ -1,14 +1,18 @@
 """A server that notes when each tick ended: ``python -m uwserver_bench.traced SCENARIO TRACE``.
 
 TRACE becomes an array of int64, mapped into memory: at `tick` modulo its length stands the monotonic time (ns, the clock of all processes
-of this machine) at which the simulation thread had finished that tick, just before it handed the samples over.
+of this machine) at which the simulation thread had finished that tick, just before it handed the samples over. With the option ``threads``
+`spent_file` of TRACE becomes another, see `Threads`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sys
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,11 +43,49 @@ def open_trace(file: str | Path, mode: str = "r") -> npt.NDArray[np.int64]:
     return np.memmap(file, dtype=np.int64, mode=mode, shape=(TICKS,))  # type: ignore[call-overload,no-any-return]
 
 
+def spent_file(trace: str) -> str:
+    """Where the times of threads stand that belong to a trace."""
+    return f"{trace}.threads"
+
+
+def open_spent(trace: str, mode: str = "r") -> npt.NDArray[np.int64]:
+    """The times of threads of a running server, or a new array: a row for each tick, see `Threads`."""
+    return np.memmap(spent_file(trace), dtype=np.int64, mode=mode, shape=(TICKS, 2))  # type: ignore[call-overload,no-any-return]
+
+
+class Threads:
+    """What has been spent until now, ns: processor time of the loop's thread, and time for which this thread or that of the simulation wanted
+    a processor that others had (0 where the system does not tell). Made on the loop's thread."""
+
+    def __init__(self) -> None:
+        self._loop = time.pthread_getcpuclockid(threading.get_ident())
+        self._files = [_scheduled(threading.get_native_id())]
+
+    def now(self) -> tuple[int, int]:
+        """Both. Simulation thread."""
+        if len(self._files) < 2:
+            self._files.append(_scheduled(threading.get_native_id()))
+        return time.clock_gettime_ns(self._loop), sum(map(_waited, self._files))
+
+
+def _scheduled(thread: int) -> int | None:
+    try:
+        return os.open(f"/proc/self/task/{thread}/schedstat", os.O_RDONLY)
+    except OSError:
+        return None
+
+
+def _waited(file: int | None) -> int:
+    return 0 if file is None else int(os.pread(file, 100, 0).split()[1])
+
+
 class Trace:
     """The simulation's observer."""
 
-    def __init__(self, ends: npt.NDArray[np.int64]) -> None:
+    def __init__(self, ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64] | None = None) -> None:
         self._ends = ends
+        self._spent = spent
+        self._threads = Threads()
         self._clock = SystemTime()
 
     def requested(self, item: Command | Call, tick: int, batch: int) -> None:
@@ -51,7 +93,10 @@ class Trace:
 
     def ticked(self, world: World) -> None:
         """Note the time."""
-        self._ends[world.tick % TICKS] = self._clock.now_ns()
+        at = world.tick % TICKS
+        if self._spent is not None:
+            self._spent[at] = self._threads.now()
+        self._ends[at] = self._clock.now_ns()
 
 
 class Megabyte(IdealSensor):
@@ -91,7 +136,8 @@ async def _serve(scenario: str, trace: str, options: list[str]) -> int:
         print(json.dumps(addresses), flush=True)
 
     server = Server(resolved, Options(announce=announce))
-    server.hub.simulation.observe(Trace(open_trace(trace, "w+")))
+    spent = open_spent(trace, "w+") if "threads" in options else None
+    server.hub.simulation.observe(Trace(open_trace(trace, "w+"), spent))
     if "megabyte" in options:
         world = server.hub.simulation.world
         install_megabyte(world, next(iter(world.vehicles)))

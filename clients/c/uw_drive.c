@@ -1,7 +1,7 @@
 /* Drive a uwserver from C99 and POSIX sockets alone: subscribe, send one command, print five samples.
  *
  *   uw_drive HOST PORT PATTERN ACTUATOR VALUE
- *   uw_drive 127.0.0.1 7600 rov/imu rov/thrusters '{"u":[0.3,0.3,-0.3,-0.3,0,0,0,0]}'
+ *   uw_drive 127.0.0.1 7600 bluerov2/imu bluerov2/thrusters '{"u":[0.3,0.3,-0.3,-0.3,0,0,0,0]}'
  *
  * The token, when the server asks for one, comes from the environment variable UWSERVER_TOKEN.
  * Exit status: 0 after five samples, 1 when something was refused or failed, 2 for wrong usage.
@@ -138,7 +138,7 @@ int main(int argc, char **argv)
 
     if (argc != 6) {
         fprintf(stderr, "usage: uw_drive HOST PORT PATTERN ACTUATOR VALUE\n"
-                        "e.g.:  uw_drive 127.0.0.1 7600 rov/imu rov/thrusters '{\"u\":[0.3,0,0,0,0,0,0,0]}'\n");
+                        "e.g.:  uw_drive 127.0.0.1 7600 bluerov2/imu bluerov2/thrusters '{\"u\":[0.3,0,0,0,0,0,0,0]}'\n");
         return 2;
     }
     fd = connect_to(argv[1], argv[2]);

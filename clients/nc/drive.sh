@@ -8,8 +8,8 @@ set -u
 
 host=${1:-127.0.0.1}
 port=${2:-7600}
-sensor=${3:-rov/imu}
-actuator=${4:-rov/thrusters}
+sensor=${3:-bluerov2/imu}
+actuator=${4:-bluerov2/thrusters}
 value=${5:-'{"u":[0.3,0.3,-0.3,-0.3,0,0,0,0]}'}
 
 if ! command -v nc >/dev/null 2>&1; then

@@ -25,7 +25,7 @@ from uwserver.adapter import connection
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
 
-SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "20"))
+SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "20")) / 2  # the other half is that of `test_codecs_fuzz`
 MILLION = 1_000_000
 MESSAGES: list[Any] = [
     {"jsonrpc": "2.0", "id": 1, "method": "hello", "params": {"version": 1, "name": "pilot", "token": "x"}},

@@ -57,11 +57,14 @@ truth = true
 {settings}
 vehicle = "auv"
 publish = ["auv/depth"]
-[{table}.nav]
+{more}[{table}.nav]
 origin_deg = [43.8253, -70.3304]
 [{table}.commands]
 {commands}"""
 
+
+HOLD = "hold_depth_m = 0.0\n"
+DEEPEST_M = 2.0
 
 HULLS = {  # as docs/how-to/moos.md has them
     # Fins: top, starboard, bottom, port.
@@ -100,6 +103,7 @@ def scenario(
     depth: float = 5.0,
     hull: str = "lauv",
     commands: str = HULLS["lauv"],
+    more: str = "",
 ) -> str:
     """One vehicle, and MOOS: `moos` joins a MOOSDB, `moosdb` is one."""
     if kind == "moos":
@@ -107,7 +111,7 @@ def scenario(
     else:
         table, settings = "adapters.moos.bridge", f'port = {port}\ncommunity = "alpha"\n[adapters.moos.bridge]'
     return SCENARIO.format(
-        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=commands
+        warp=warp, depth=depth, hull=hull, kind=kind, settings=settings, table=table, commands=commands, more=more
     )
 
 
@@ -171,6 +175,7 @@ class Watcher:
         self.values: dict[str, Any] = {}
         self.sources: dict[str, str] = {}
         self.counts: dict[str, int] = {}
+        self.most: dict[str, float] = {}
         self._socket = until(lambda: _connected(port), "a database", 20.0)
         hello = Message(wire.DATA, wire.ASYNCHRONOUS, data=b"watcher", kind=wire.STRING, time=1.0)
         self._decoder = wire.Decoder()
@@ -194,11 +199,15 @@ class Watcher:
             assert data, "the database closed the connection"
             self._decoder.receive(data)
         while (event := self._decoder.next_event()) is not None:
+            if isinstance(event, wire.Reading):
+                continue
             assert isinstance(event, wire.Packet), event
             for message in event.messages:
                 if message.type == wire.NOTIFY:
                     self.values[message.key] = message.value
                     self.sources[message.key] = message.src
+                    if message.kind == wire.DOUBLE:
+                        self.most[message.key] = max(message.number, self.most.get(message.key, message.number))
                     self.counts[message.key] = self.counts.get(message.key, 0) + 1
 
     def until(self, condition: Callable[[dict[str, Any]], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
@@ -540,8 +549,10 @@ def test_s1_alpha_completes(run, watch, kind, warp, fit):
     mission = prepared(run, "s1_alpha", "alpha.moos", port, warp, **gains)
     if kind == "moos":
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
-    run.serve(scenario(port, kind, warp, 0.0, hull, commands))
-    watcher = watch(port, "MISSION", "NAV_X", "NAV_Y", "NAV_SPEED", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME")
+    run.serve(scenario(port, kind, warp, 0.0, hull, commands, HOLD))
+    watcher = watch(
+        port, "MISSION", "NAV_X", "NAV_Y", "NAV_DEPTH", "NAV_SPEED", "DESIRED_THRUST", "IVPHELM_STATE", "UWSERVER_TIME"
+    )
     watcher.until(lambda v: "UWSERVER_TIME" in v, "the world runs: its kernels may have to be compiled", 120.0)
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter", "uProcessWatch"):
         run.moos(program, mission)
@@ -551,8 +562,10 @@ def test_s1_alpha_completes(run, watch, kind, warp, fit):
     watcher.until(lambda v: v.get("MISSION") == "complete", "the mission", 1000.0 / warp + 60.0)
     v = watcher.values
     took = v["UWSERVER_TIME"] - begin
-    print(f"s1_alpha, {fit}, {kind}, warp {warp}: {took:.0f} s, end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f})")
+    end = f"end ({v['NAV_X']:.1f}, {v['NAV_Y']:.1f}), deepest {watcher.most['NAV_DEPTH']:.2f} m"
+    print(f"s1_alpha, {fit}, {kind}, warp {warp}: {took:.0f} s, {end}")
     assert (v["NAV_X"] ** 2 + (v["NAV_Y"] + 20.0) ** 2) ** 0.5 < 10.0
+    assert watcher.most["NAV_DEPTH"] < DEEPEST_M, "a mission in the plane stays where hold_depth_m says"
 
 
 def dive(run: Processes, watch: Callable[..., Watcher], name: str, kind: str, fit: Fit, *more: str) -> Watcher:
@@ -565,7 +578,7 @@ def dive(run: Processes, watch: Callable[..., Watcher], name: str, kind: str, fi
     )
     if kind == "moos":
         run.moos("MOOSDB", mission, "--moos_suicide_disable")
-    run.serve(scenario(port, kind, DIVE_WARP, 0.0, hull, commands))
+    run.serve(scenario(port, kind, DIVE_WARP, 0.0, hull, commands, HOLD))
     watcher = watch(port, "NAV_DEPTH", "DESIRED_DEPTH", "DESIRED_ELEVATOR", "IVPHELM_STATE", "UWSERVER_TIME")
     watcher.until(lambda v: "UWSERVER_TIME" in v, "the world runs: its kernels may have to be compiled", 120.0)
     for program in ("pHelmIvP", "pMarinePIDV22", "pNodeReporter"):

@@ -170,8 +170,9 @@ class MoosTeller:
         with contextlib.suppress(TimeoutError):
             self._decoder.receive(self._socket.recv(1 << 20))
         found: list[tuple[str, float | str]] = []
-        while isinstance(event := self._decoder.next_event(), moos.Packet):
-            found += [(said.key, said.value) for said in event.messages if said.type == moos.NOTIFY]
+        while isinstance(event := self._decoder.next_event(), moos.Packet | moos.Reading):
+            if isinstance(event, moos.Packet):
+                found += [(said.key, said.value) for said in event.messages if said.type == moos.NOTIFY]
         return found
 
     def close(self) -> None:

@@ -15,6 +15,7 @@ from uwserver_bench.proofs.motion import record
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.appendage_params import quadrant_coefficients
 from uwserver.physics.dynamics.immersion import disc_fraction
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
@@ -24,6 +25,7 @@ from uwserver.scenario.build.members import electric_of
 from uwserver.scenario.vehicle.body import force_table, lag, thruster_params
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import Thruster, ThrusterDevice
+from uwserver.scenario.vehicle.wageningen import b4_70
 
 WORKBOOK = np.genfromtxt(
     Path(__file__).parent / "data" / "t200_september_2019.csv", delimiter=",", names=True, skip_header=1
@@ -271,6 +273,46 @@ def test_no_inflow_however_fast_makes_thrust_without_end(t200: ThrusterDevice) -
         for command in (0.1, 1.0, -1.0):
             bare = thruster(table=force_table(t200), inflow=t200.propeller.inflow_sqrtN_spm)
             assert abs(wrench(fixed(bare), command, nu=nu)[0]) <= 2.0 * abs(wrench(fixed(bare), command)[0])
+
+
+def test_inflow_and_stopped_drag_together_are_one_propeller() -> None:
+    """Both of a propeller whose four quadrants are known, the B4-70 at the T200's size, at 1 m/s and from J = 0.1 to all but stopped.
+
+    The slope of K_T(J) up to J = 0.5 has the drag of the stopped propeller in it, at J = 0.5 by pi / 16 C D sqrt(rho / K_T0): with the whole slope
+    beside that drag the thruster loses 2.5 N too much at J = 0.3, without that share it is within 0.6 N, or 3 % where it is strong.
+    """
+    rho, D, va = 1025.0, 0.076, 1.0
+    series = b4_70(0.87)
+
+    def thrust(n: float) -> float:
+        beta = math.atan2(va, 0.7 * math.pi * n * D)
+        pressure = 0.5 * rho * (va**2 + (0.7 * math.pi * n * D) ** 2) * math.pi / 4.0 * D**2
+        return float(pressure * quadrant_coefficients(series, np.array([beta]))[0][0])
+
+    drag = -thrust(0.0)
+    K_T0 = math.pi / 8.0 * (0.7 * math.pi) ** 2 * sum(row[0] for row in series)
+    n_half = va / (0.5 * D)
+    whole = (K_T0 - thrust(n_half) / (rho * n_half**2 * D**4)) / 0.5 * D * math.sqrt(rho / K_T0)
+    share = math.pi / 16.0 * drag / (math.pi / 8.0 * rho * D**2 * va**2) * D * math.sqrt(rho / K_T0)
+    nu = np.array([va, 0.0, 0.0, 0.0, 0.0, 0.0])
+    table = ForceTable((16.0,), (((-1.0, -300.0), (1.0, 300.0)),))
+    advance = (0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.5, 2.5, 5.0)
+    at_rest = [K_T0 * rho * (va / (J * D)) ** 2 * D**4 for J in advance]
+    off = {}
+    for inflow in (whole, whole - share):
+        bodies = [fixed(thruster(table=table, inflow=inflow, drag=drag)) for _ in advance]
+        made = [wrench(body, force, by_force=True, nu=nu)[0] for body, force in zip(bodies, at_rest, strict=True)]
+        off[inflow] = [got - thrust(va / (J * D)) for got, J in zip(made, advance, strict=True)]
+    assert off[whole][1] < -2.0
+    assert np.abs(off[whole - share][1:]).max() < 0.6
+    assert abs(off[whole - share][0]) < 0.03 * at_rest[0]
+
+
+def test_the_t200_loses_that_share_once(t200: ThrusterDevice) -> None:
+    """Slope 0.51 of the propeller Ka 4-70 in the nozzle 19A, K_T0 = 0.426 of the maker's workbook."""
+    scale = t200.propeller.diameter_m * math.sqrt(1025.0 / 0.426)
+    expected = (0.51 - math.pi / 16.0 * t200.propeller.stopped_drag) * scale
+    assert t200.propeller.inflow_sqrtN_spm == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize(("u", "sign"), [(0.715, 1.0), (0.725, -1.0)])

@@ -1,9 +1,10 @@
-"""What all vehicles with fins share: signs of their fins, and level running with the fins at zero."""
+"""What all vehicles with fins share: signs of their fins, level running with the fins at zero, steady dives and circles with them held."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -15,6 +16,11 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
+from uwserver.scenario.water.tables import Environment
+from uwserver.units import deg, rad
+from uwserver.validation.manoeuvres.helm import Helm, Sticks
+from uwserver.validation.manoeuvres.report import resolve
+from uwserver.validation.manoeuvres.runs import Track, Waters, hold, then
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios" / "vehicles"
 HINGES = {
@@ -23,7 +29,7 @@ HINGES = {
     for name, fin in msgspec.toml.decode(path.read_bytes()).get("fins", {}).items()
 }
 """Hinge and place (B, m) of each shipped vehicle's fins."""
-TORPEDOES = {"eca_a9": 157.0, "lauv": 169.7, "npsauv2": 157.08, "remus100": 159.7, "tethys": 50.0}
+TORPEDOES = {"eca_a9": 157.0, "lauv": 169.7, "npsauv2": 157.08, "remus100": 159.7, "tethys": 31.416}
 """Full shaft speed, rad/s."""
 
 
@@ -91,3 +97,67 @@ def test_stopped_torpedoes_float_up_level(load_vehicle: Callable[..., BodyParams
         hydro.advance(0.01 * tick)
     assert 498.5 > hydro.state[0, 2] > 470.0
     assert abs(math.degrees(rpy_from_quat(tuple(hydro.state[0, 3:7]))[1])) < 3.0
+
+
+HELD = tuple(side * rad(angle) for angle in (2.0, 5.0, 10.0) for side in (1.0, -1.0))
+"""Angles of planes or rudder that are held, rad."""
+
+
+def waters(load_vehicle: Callable[..., BodyParams], model: str) -> Waters:
+    return Waters(Helm(resolve(model, Environment()).vehicle, load_vehicle(model)))
+
+
+def held(sea: Waters, throttle: float, seconds: float, stick: str) -> list[Track]:
+    """After two minutes straight ahead, with planes or rudder at each of HELD."""
+    before = Sticks(surge=throttle)
+    plans = [then(before, 120.0, before._replace(**{stick: angle})) for angle in HELD]
+    return [track.since(120.0) for track in sea.sail(plans, 120.0 + seconds)]
+
+
+@pytest.mark.parametrize("throttle", [0.5, 1.0])
+@pytest.mark.parametrize("model", TORPEDOES)
+def test_planes_held_make_a_steady_dive_and_no_loop(
+    load_vehicle: Callable[..., BodyParams], model: str, throttle: float
+) -> None:
+    """Open loop for a minute: it pitches the way of its planes, further by larger ones, and nobody stands on the nose."""
+    pitch = {}
+    for angle, track in zip(HELD, held(waters(load_vehicle, model), throttle, 60.0, "planes"), strict=True):
+        assert deg(track.tilt.max()) < 80.0, deg(angle)
+        pitch[round(deg(angle))] = float(track.pitch[-1] - track.pitch[0])
+    assert [pitch[angle] for angle in (-10, -5, -2, 2, 5, 10)] == sorted(pitch.values(), reverse=True)
+    assert pitch[2] < 0.0 < pitch[-2]
+
+
+@pytest.mark.parametrize("throttle", [0.5, 1.0])
+@pytest.mark.parametrize("model", TORPEDOES)
+def test_a_rudder_held_makes_a_circle(load_vehicle: Callable[..., BodyParams], model: str, throttle: float) -> None:
+    """To its own side and at one rate: all of the way's last third is as far from one point, and level."""
+    for angle, track in zip(HELD, held(waters(load_vehicle, model), throttle, 360.0, "rudder"), strict=True):
+        end = track.since(240.0)
+        rates = np.diff(end.heading)
+        assert np.all(np.sign(rates) == np.sign(angle))
+        assert np.ptp(rates) < 0.05 * abs(rates.mean())
+        x, y = end.p[:, 0], end.p[:, 1]
+        a, b, c = np.linalg.lstsq(np.stack([x, y, np.ones_like(x)], axis=1), x * x + y * y, rcond=None)[0]
+        radius = math.sqrt(c + 0.25 * (a * a + b * b))
+        assert np.abs(np.hypot(x - 0.5 * a, y - 0.5 * b) - radius).max() < 0.02 * radius
+        assert deg(track.tilt.max()) < 15.0
+
+
+def test_with_its_whole_munk_moment_a_lauv_loops(load_vehicle: Callable[..., BodyParams]) -> None:
+    """Why its file takes most of it out: 2 degrees are too much, with the righting arm and without the lift of its sources."""
+    sea = waters(load_vehicle, "lauv")
+    body = sea.helm.body
+    x, y, z = body.r_b
+    bare = replace(body, D_S=np.zeros((6, 6)), r_b=(x, y, 0.5 * z), appendages=replace(body.appendages, derivatives=()))
+    sea.helm.body = bare
+    (track,) = sea.sail([then(Sticks(surge=1.0), 120.0, Sticks(surge=1.0, planes=rad(5.0)))], 180.0)
+    assert deg(track.tilt.max()) > 170.0
+
+
+def test_tethys_turns_as_in_the_simulator_of_its_makers(load_vehicle: Callable[..., BodyParams]) -> None:
+    """osrf/lrauv, test_mission_yoyo_circle.cc: 0.037 rad/s at 1 m/s with a rudder of 9 degrees."""
+    (track,) = waters(load_vehicle, "tethys").sail([hold(Sticks(surge=1.0, rudder=rad(9.0)))], 200.0)
+    end = track.steady
+    assert float(np.diff(end.heading).mean() / end.t[1]) == pytest.approx(0.037, rel=0.05)
+    assert end.speed.mean() == pytest.approx(1.0, abs=0.05)

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from uwserver.actuators.base import ActuatorTable, Body, Given
-from uwserver.ports import Field
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.ports import Field, Propulsor
 from uwserver.table import Name
 
 
@@ -53,6 +54,7 @@ class Thrusters:
 
     Attributes:
         rows: of the members, by name.
+        propulsors: where they sit and which way they push.
     """
 
     def __init__(self, body: Body, members: tuple[str, ...], shape: tuple[int, ...], command: str) -> None:
@@ -62,6 +64,12 @@ class Thrusters:
         self._hydro = body.hydro
         self.rows = {name: body.thrusters[name] for name in members}
         self._rows = [body.thrusters[name] for name in members]
+        self.propulsors = tuple(
+            Propulsor(
+                name, _three(self._hydro.thrusters["r"][row]), _three(self._hydro.thrusters["per_force"][row][:3])
+            )
+            for name, row in self.rows.items()
+        )
         self._by_force = int(command == "force")
         order = ", ".join(members)
         self.doc = f"Thrusters {order}." if shape else f"Thruster {order}."
@@ -87,3 +95,9 @@ class Thrusters:
         rows["command"][self._rows] = 0.0
         rows["by_force"][self._rows] = self._by_force
         rows["fresh"][self._rows] = 1
+
+
+def _three(vector: FloatArray) -> tuple[float, float, float]:
+    """Rounded to what a person would write, as the rows hold products of angles."""
+    x, y, z = (round(float(component), 9) + 0.0 for component in vector)
+    return x, y, z

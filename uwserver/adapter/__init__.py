@@ -20,9 +20,10 @@ from uwserver.adapter.contract import (
     load_adapter,
 )
 from uwserver.adapter.conversation import UNANSWERED, Conversation, OnAnswer, Owed
+from uwserver.adapter.datagrams import DatagramTurns
 from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
 from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
-from uwserver.adapter.limits import RateMeter
+from uwserver.adapter.limits import RateMeter, TurnTimes
 from uwserver.adapter.listening import (
     CannotListen,
     address_text,
@@ -47,9 +48,9 @@ from uwserver.adapter.world import VehicleFacts, WorldFacts
 __all__ = [
     "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TURN_S",
     "UNANSWERED", "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection",
-    "Conversation", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer", "Order",
+    "Conversation", "DatagramTurns", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer", "Order",
     "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong",
-    "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
+    "TurnTimes",    "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
     "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer", "in_pieces", "installed_adapters", "is_host_known",
     "is_loopback", "json_member", "line", "load_adapter", "msgpack_member", "note_no_descriptors", "port_of", "port_of_kind",
     "raw_field", "serve_tcp", "serving", "tls_context", "vehicle_of", "vehicles_of",

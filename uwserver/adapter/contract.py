@@ -34,6 +34,13 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
     truth: bool = False
     required: bool = True
 
+    def needs(self) -> Mapping[str, str]:
+        """Modules that are imported only once it runs, each with the requirement that brings it: ``{"zenoh": "uwserver[zenoh]"}``.
+
+        Those that are not installed are told before anything else is done.
+        """
+        return {}
+
 
 @dataclass
 class AdapterStats:

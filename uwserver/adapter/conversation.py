@@ -11,9 +11,12 @@ from collections.abc import Callable, Mapping
 
 from uwserver.adapter.contract import AdapterContext
 from uwserver.ports import Fault, Progress, Refused, Reply
+from uwserver.ports.stops import is_stop
 
 UNANSWERED = 1024
 """Commands and calls that may wait for the world."""
+STOPS = 16
+"""Calls that stop something which may wait besides."""
 
 OnAnswer = Callable[[Reply], None]
 """Gets the one answer, on the loop."""
@@ -32,13 +35,13 @@ class Owed:
         self.most = most
         self.count = 0
 
-    def add(self) -> None:
-        """One more.
+    def add(self, is_stop: bool = False) -> None:
+        """One more; for those that stop something there are further `STOPS`.
 
         Raises:
             Refused: too many wait already.
         """
-        if self.count >= self.most:
+        if self.count >= self.most + (STOPS if is_stop else 0):
             raise Refused("overload", f"{self.count} commands and calls wait for their answer: wait for some of them")
         self.count += 1
 
@@ -123,7 +126,7 @@ class Conversation:
         """
         context, running = self._context, _Running(self, key, answer, progress)
         context.stats.calls += 1
-        self.owed.add()
+        self.owed.add(is_stop(service))
         self._running.setdefault(running.key, []).append(running)
         try:
             running.cancel = context.call(service, args, source or self.source, running.on_reply, self.client)

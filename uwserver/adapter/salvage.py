@@ -7,7 +7,10 @@ import re
 
 import msgspec
 
-from uwserver.adapter.bounds import BINARY, LIST, MAP, MAX_VALUES, MESSAGE_LIMIT, REFUSED, SIZES, TEXT, length_at
+from uwserver.adapter.bounds import BINARY, LIST, MAP, MESSAGE_LIMIT, REFUSED, SIZES, TEXT, length_at
+
+LOOKED_AT = 2048
+"""Texts, maps and lists of JSON, or values of msgpack, that are looked at: whoever sends nonsense must not be worth more than a millisecond."""
 
 # The closing quote is optional: an unterminated text then takes linear time, and nothing behind its beginning is looked at.
 _STRING = rb'"[^"\\]*(?:\\.[^"\\]*)*"?'
@@ -17,13 +20,13 @@ _FIXED_EXTENSIONS = {0xD4: 3, 0xD5: 4, 0xD6: 6, 0xD7: 10, 0xD8: 18}
 
 
 def json_member(text: bytes, name: str) -> int | str | None:
-    """The integer or text under a name in the outermost map of a JSON message, as far as it can be read; else None."""
+    """The integer or text under a name in the outermost map of a JSON message, as far as it can be read; else None. Of several, the first."""
     head = text[:MESSAGE_LIMIT]
     key = b'"%s"' % name.encode()
     depth = 0
     for number, token in enumerate(_TOKEN.finditer(head)):
         found = token[0]
-        if number >= MAX_VALUES or (depth < 1 and (number or found != b"{")):
+        if number >= LOOKED_AT or (depth < 1 and (number or found != b"{")):
             return None
         if found in (b"{", b"["):
             depth += 1
@@ -44,15 +47,16 @@ def _plain(token: bytes) -> int | str | None:
     return value
 
 
-def msgpack_member(frame: bytes, name: str) -> int | str | None:
+def msgpack_member(frame: bytes | memoryview, name: str) -> int | str | None:
     """The same of a msgpack message."""
     if not frame or SIZES[frame[0]] != MAP:
         return None
     key = msgspec.msgpack.encode(name)
     entries, position = length_at(frame, 0)
-    for _ in range(min(entries, MAX_VALUES)):
-        value = _after(frame, position)
-        end = _after(frame, value)
+    left = LOOKED_AT
+    for _ in range(min(entries, LOOKED_AT)):
+        value, left = _after(frame, position, left)
+        end, left = _after(frame, value, left)
         if end > len(frame):
             return None
         if frame[position:value] == key:
@@ -61,7 +65,7 @@ def msgpack_member(frame: bytes, name: str) -> int | str | None:
     return None
 
 
-def _scalar(data: bytes) -> int | str | None:
+def _scalar(data: bytes | memoryview) -> int | str | None:
     try:
         value = msgspec.msgpack.decode(data)
     except ValueError:
@@ -69,10 +73,10 @@ def _scalar(data: bytes) -> int | str | None:
     return value if type(value) in (int, str) else None
 
 
-def _after(frame: bytes, position: int) -> int:
-    """Where the next value begins; beyond the end where this one is cut off, or has too many parts."""
+def _after(frame: bytes | memoryview, position: int, left: int) -> tuple[int, int]:
+    """Where the next value begins, and how many more may be looked at; beyond the end where this one is cut off, or has more parts."""
     awaited = 1
-    for _ in range(MAX_VALUES):
+    for looked in range(left):
         if position >= len(frame):
             break
         lead = frame[position]
@@ -89,11 +93,11 @@ def _after(frame: bytes, position: int) -> int:
                 awaited += count * -size
         awaited -= 1
         if not awaited:
-            return position
-    return len(frame) + 1
+            return position, left - looked - 1
+    return len(frame) + 1, 0
 
 
-def _extension(frame: bytes, position: int) -> int:
+def _extension(frame: bytes | memoryview, position: int) -> int:
     lead = frame[position]
     if lead in range(0xC7, 0xCA):
         width = 1 << lead - 0xC7

@@ -60,6 +60,7 @@ class Craft:
         divisor: ticks of a step.
         dt: of a step, s.
         flies: it cannot stay in a place.
+        up: depth of the origin (m) from which on it has come up.
         mode, armed: at the start.
         on_leak, on_low_battery: what it does then.
     """
@@ -75,6 +76,7 @@ class Craft:
     divisor: int
     dt: float
     flies: bool = False
+    up: float = 0.3
     mode: Mode = "manual"
     armed: bool = False
     on_leak: str = "surface"

@@ -84,7 +84,7 @@ class Autopilot:
             self._command(craft.outputs.commands(o.test))
             return
         if o.mode == "mission":
-            told = route.advance(o, e, craft.dt, craft.flies)
+            told = route.advance(o, e, craft.dt, craft.flies, craft.up)
             if told:
                 self._say(f'"{craft.path}" {told}')
         elif self._errand is not None:

@@ -11,8 +11,6 @@ from uwserver.frames import Vec3
 from uwserver.units import rad
 
 _TURNED_RAD = 0.05
-_UP_M = 0.3
-"""Nearer to the surface than this the vehicle has come up."""
 
 
 def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed: float | None, radius: float) -> None:
@@ -34,13 +32,14 @@ def distance(o: Orders, e: Estimate) -> float:
     return math.dist(e.p, o.place)
 
 
-def advance(o: Orders, e: Estimate, dt: float, flies: bool) -> str:
+def advance(o: Orders, e: Estimate, dt: float, flies: bool, up: float) -> str:
     """Go on with the mission; returns what there is to tell, "" for nothing.
 
     Args:
         o, e: orders, which are changed, and the estimate.
         dt: of a step, s.
         flies: the vehicle cannot stay in a place: it circles.
+        up: nearer to the surface than this (m) it has come up.
     """
     if o.index < 0:
         return ""
@@ -48,7 +47,7 @@ def advance(o: Orders, e: Estimate, dt: float, flies: bool) -> str:
     if not o.entered:
         o.entered, o.waited = True, 0.0
         _begin(o, e, item)
-    if not _is_done(o, e, item, dt, flies):
+    if not _is_done(o, e, item, dt, flies, up):
         return ""
     o.reached += 1
     o.entered = False
@@ -80,7 +79,7 @@ def _begin(o: Orders, e: Estimate, item: Item) -> None:
         o.depth = 0.0
 
 
-def _is_done(o: Orders, e: Estimate, item: Item, dt: float, flies: bool) -> bool:
+def _is_done(o: Orders, e: Estimate, item: Item, dt: float, flies: bool, up: float) -> bool:
     if isinstance(item, Waypoint):
         if o.waited == 0.0 and distance(o, e) > item.radius_m:
             return False
@@ -93,5 +92,5 @@ def _is_done(o: Orders, e: Estimate, item: Item, dt: float, flies: bool) -> bool
     if isinstance(item, SetHeading):
         return flies or abs(wrapped(o.heading - heading_of(e))) < _TURNED_RAD
     if isinstance(item, Surface):
-        return e.p[2] < _UP_M
+        return e.p[2] < up
     return True

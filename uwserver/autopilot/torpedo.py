@@ -10,7 +10,6 @@ from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
 from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, wrapped
 from uwserver.frames import conjugate, rotate, rpy_from_quat
 
-_UP_M = 0.3
 _CRAB_S = 4.0
 """Time constant with which the drift across the heading is learnt, s; likewise that across the pitch."""
 _LEVEL = 0.03
@@ -22,7 +21,7 @@ _START_S = 3.0
 class Torpedo:
     """The cascades of one vehicle; stateless."""
 
-    def __init__(self, inertia: Six, righting: float, reach: Six, shaft: Shaft, dt: float) -> None:
+    def __init__(self, inertia: Six, righting: float, reach: Six, shaft: Shaft, up: float, dt: float) -> None:
         """For a vehicle.
 
         Args:
@@ -30,9 +29,17 @@ class Torpedo:
             righting: moment over the sine of roll or pitch, by weight and buoyancy, N m.
             reach: of the propeller at rest (N), of the fins at 1 m/s (N m).
             shaft: the propeller.
+            up: depth of the origin from which on it has come up, m.
             dt: of a step, s.
         """
-        self._inertia, self._righting, self._reach, self._shaft, self._dt = inertia, righting, reach, shaft, dt
+        self._inertia, self._righting, self._reach, self._shaft, self._up, self._dt = (
+            inertia,
+            righting,
+            reach,
+            shaft,
+            up,
+            dt,
+        )
 
     def speed(self, e: Estimate, m: Memory, known: Known) -> float:
         """Ahead, m/s: measured, or as the propeller should have made it."""
@@ -90,7 +97,7 @@ class Torpedo:
                 return o.stick[0] * g.max_speed_mps
             return o.velocity[0] if o.frame == "B" else math.hypot(*o.velocity)
         if mode == "surface":
-            return 0.0 if e.p[2] < _UP_M else g.cruise_mps
+            return 0.0 if e.p[2] < self._up else g.cruise_mps
         if mode in ("position_hold", "guided", "mission"):
             return g.cruise_mps if o.speed != o.speed else min(o.speed, g.max_speed_mps)
         return NAN

@@ -67,7 +67,9 @@ def _elsewhere(name: str) -> click.Command:
         raise click.ClickException(f"uwserver {name}: {text}")
 
     takes_all = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
-    return click.Command(name, context_settings=takes_all, callback=refuse, short_help=f"({text})")
+    return click.Command(
+        name, context_settings=takes_all, callback=refuse, short_help=f"(needs: pip install {package})"
+    )
 
 
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})

@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from uwserver.adapter import AdapterNotFound, adapter_entries, load_adapter
+from uwserver.adapter import AdapterNotFound, adapter_entries, installed_adapters, load_adapter
 from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
 from uwserver.simulation.clock import Pace, SystemTime
 from uwserver.units import NANOSECONDS
@@ -26,6 +26,14 @@ Level = Literal["ok", "warning", "fault"]
 DEFAULT_PORT = 7600
 _NEWEST_TRIED = (3, 13)
 _REQUIRED = {"numpy": "numpy", "numba": "numba", "msgspec": "msgspec", "mcap": "mcap"}
+_OPTIONAL = {
+    "scipy": ("scipy", "scenarios with something solid", "solid"),
+    "h5netcdf": ("h5netcdf", "seabeds in NetCDF", "netcdf"),
+    "pymavlink": ("pymavlink", "scenarios with MAVLink", "mavlink"),
+    "eclipse-zenoh": ("zenoh", "scenarios with zenoh", "zenoh"),
+    "matplotlib": ("matplotlib", "pictures", "plot"),
+}
+"""Module, who needs it, and the extra that brings it, by distribution; engines have findings of their own."""
 
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000
 _NEEDED_MB = 400
@@ -60,19 +68,23 @@ def python() -> Finding:
 
 
 def wheels() -> Iterator[Finding]:
-    """The compiled packages that are always needed can be imported."""
+    """The packages that every server needs can be imported; those of extras are there."""
     for distribution, module in _REQUIRED.items():
-        yield _wheel(distribution, module)
-        yield _wheel(distribution, module)
+        yield _wheel(distribution, module, "fault", "pip install --force-reinstall uwserver")
+    for distribution, (module, purpose, extra) in _OPTIONAL.items():
+        yield _wheel(distribution, module, "warning", f"only {purpose} need it: pip install 'uwserver[{extra}]'")
 
 
-def _wheel(distribution: str, module: str) -> Finding:
+def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding:
     try:
-        importlib.import_module(module)
+        # Those of extras are only looked for: nothing here needs them.
+        if level == "fault":
+            importlib.import_module(module)
+        elif find_spec(module) is None:
+            return Finding(distribution, level, "is not installed", remedy)
         return Finding(distribution, "ok", importlib.metadata.version(distribution))
     except (ImportError, OSError) as error:  # OSError: a library of the system is missing
-        remedy = "pip install --force-reinstall uwserver"
-        return Finding(distribution, "fault", f"cannot be imported: {error}", remedy)
+        return Finding(distribution, level, f"cannot be imported: {error}", remedy)
 
 
 def contacts() -> Finding:
@@ -200,12 +212,30 @@ def folder(where: Path | None = None) -> Finding:
         return Finding("folder", "warning", text, "give --record and `uwserver new` a path elsewhere")
 
 
-def examine() -> Iterator[Finding]:
-    """Everything, in the order in which it is needed."""
+def scenario(reference: str) -> Finding:
+    """A scenario, shipped or a file, is right, and all that it needs is installed."""
+    from uwserver.scenario.files.errors import ScenarioError
+    from uwserver.scenario.load.scenario import load
+
+    name = f"scenario {reference}"
+    try:
+        resolved = load(reference, adapters=installed_adapters())
+    except (ScenarioError, AdapterNotFound) as error:
+        return Finding(name, "fault", str(error), f"mend it until this says ok: uwserver check {reference}")
+    if resolved.missing:
+        absent, _, remedy = resolved.missing.partition("; all that this scenario needs: ")
+        return Finding(name, "fault", absent, remedy)
+    return Finding(name, "ok", "all that it needs is installed")
+
+
+def examine(reference: str = "") -> Iterator[Finding]:
+    """Everything, in the order in which it is needed; also that of one scenario, when there is a reference to one."""
     yield python()
     yield from wheels()
     yield contacts()
     yield rays()
+    if reference:
+        yield scenario(reference)
     yield kernels()
     yield from adapters()
     yield port()

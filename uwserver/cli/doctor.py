@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from itertools import chain
 
 import click
 
-from uwserver.cli.diagnosis import Finding, examine
+from uwserver.cli.colour import Colour, styled
+from uwserver.cli.diagnosis import Finding, Level, examine
 
+_COLOURS: Mapping[Level, Colour] = {"ok": "green", "warning": "yellow", "fault": "red"}
 _SIGNS = {"ok": "ok     ", "warning": "warning", "fault": "FAULT  "}
 
 
-@click.command()
+@click.command(short_help="Test this machine, and whether it has what a scenario needs.")
+@click.argument("scenario", default="")
 @click.option("--warm", is_flag=True, help="Compile the physics now, and remove the caches of older versions.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-def doctor(warm: bool, as_json: bool) -> None:
-    """Test this machine: packages, kernel cache, port, timer. Exits with 1 if something prevents a server from running."""
+def doctor(scenario: str, warm: bool, as_json: bool) -> None:
+    """Test this machine: packages, kernel cache, port, timer; with SCENARIO (a shipped name or a file) also all that this one needs.
+
+    Exits with 1 if something prevents a server from running.
+    """
     broken = _warm() if warm else []
     findings: list[Finding] = []
-    for finding in chain(broken, examine()):
+    for finding in chain(broken, examine(scenario)):
         findings.append(finding)
         if not as_json:
             click.echo(_line(finding))
@@ -29,13 +36,14 @@ def doctor(warm: bool, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps({"ok": not faults, "findings": [asdict(finding) for finding in findings]}, indent=2))
     else:
-        click.echo(f"{faults} to repair before `uwserver run` works" if faults else "ready: uwserver run")
+        command = f"uwserver run {scenario}".rstrip()
+        click.echo(f"{faults} to repair before `{command}` works" if faults else f"ready: {command}")
     sys.exit(1 if faults else 0)
 
 
 def _line(finding: Finding) -> str:
-    line = f"{_SIGNS[finding.level]}  {finding.name:16}  {finding.text}"
-    return f"{line}\n{'':27}-> {finding.remedy}" if finding.remedy else line
+    line = f"{styled(_SIGNS[finding.level], fg=_COLOURS[finding.level])}  {finding.name:24}  {finding.text}"
+    return f"{line}\n{'':35}-> {finding.remedy}" if finding.remedy else line
 
 
 def _warm() -> list[Finding]:

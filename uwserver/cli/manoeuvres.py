@@ -10,7 +10,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.validation.manoeuvres.report import as_json, markdown, report
 
 
-@click.command()
+@click.command(short_help="Run the manoeuvres of a vehicle, and print the report.")
 @click.argument("vehicle")
 @click.option(
     "--density", default=1025.0, show_default=True, type=click.FloatRange(500.0, 1500.0), help="Of the water, kg/m3."

@@ -30,7 +30,7 @@ _FILE = click.Path(path_type=Path)
 _TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
-@click.group()
+@click.group(short_help="Draw what a sensor told, or a vehicle.")
 def plot() -> None:
     """Draw pictures (needs the extra `plot`: pip install 'uwserver[plot]')."""
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from uwserver.actuators import ThrustersConfig
+from uwserver.cli.colour import coloured_problems, styled
 
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
@@ -39,7 +39,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 _SAVE_AT = "Save the state at this simulation time; may be given several times."
 
 
-@click.command("run")
+@click.command("run", short_help="Serve a scenario (default bluerov2_pool) until Ctrl-C.")
 @click.argument("scenario", default=DEFAULT_SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
@@ -89,10 +89,13 @@ def run(
     try:
         resolved = load(scenario, adapters=installed_adapters())
     except (ScenarioError, AdapterNotFound) as error:
-        click.echo(str(error), err=True)
+        click.echo(coloured_problems(str(error)), err=True)
         sys.exit(1)
     for warning in resolved.warnings:
         logging.getLogger(__name__).warning("%s", warning)
+    if resolved.missing:
+        click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
+        sys.exit(1)
     resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
@@ -165,7 +168,7 @@ def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> Non
     if quiet:
         return
     vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())
-    click.echo(f"uwserver runs {resolved.name}: {vehicles}")
+    click.echo("\n" + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
     for name, address in addresses.items():
         click.echo(f"  {name}: {address}")
     kinds = {name: str(config.__struct_config__.tag) for name, config in resolved.scenario.adapters.items()}
@@ -173,7 +176,7 @@ def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> Non
     first = next(iter(resolved.vehicles.values()), None)
     if tcp and first:
         _suggest(tcp, first)
-    click.echo("Ctrl-C ends it.")
+    click.echo("Ctrl-C ends it.\n")
 
 
 def _client() -> str:
@@ -185,18 +188,16 @@ def _client() -> str:
 
 
 def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
+    from uwserver.cli.first_command import first_command
+
     host, _, port = address.rpartition(":")
     at = ("" if host in ("127.0.0.1", "0.0.0.0") else f" --host {host}") + ("" if port == "7600" else f" --port {port}")
     client = _client() + at
     click.echo("In another terminal:")
-    click.echo(f"  {client} topics")
-    sensor = "depth" if "depth" in vehicle.vehicle.sensors else "*"
-    click.echo(f"  {client} echo '{vehicle.name}/{sensor}' -n 5")
-    for name, actuator in vehicle.vehicle.actuators.items():
-        if isinstance(actuator, ThrustersConfig) and actuator.input == "u":
-            n = len(actuator.members or vehicle.vehicle.thrusters)
-            click.echo(f"  {client} send {vehicle.name}/{name} u='[{','.join(['0.3'] * n)}]' --rate 10 --seconds 3")
-            return
+    command = first_command(vehicle)
+    for line in ("topics", f"watch '{vehicle.name}/*'", f"send {command}" if command else ""):
+        if line:
+            click.echo(styled(f"  {client} {line}", fg="cyan"))
 
 
 COMMANDS = (run,)

@@ -13,20 +13,22 @@ from msgspec import Struct
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, installed_adapters
+from uwserver.cli.colour import coloured_problems, styled
+from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
 from uwserver.scenario.authoring.json_schema import FileKind, json_schema
 from uwserver.scenario.authoring.starter import starter
 from uwserver.scenario.files.convert import NAME, kinds_of
 from uwserver.scenario.files.documents import find, read, shipped
-from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.files.errors import ScenarioError, suggestion
 from uwserver.scenario.load.export import explain as explain_resolved
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import SensorConfig
 
 
-@click.command()
+@click.command(short_help="Check scenario files, or shipped scenarios by name.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.option("--explain", is_flag=True, help="Print the resolved scenario as TOML, every default written out.")
 def check(files: tuple[str, ...], explain: bool) -> None:
@@ -38,14 +40,18 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             resolved = load(file, adapters=adapters)
         except ScenarioError as error:
             failed = True
-            click.echo(str(error), err=True)
+            click.echo(coloured_problems(str(error)), err=True)
             continue
         if explain:
             click.echo(explain_resolved(resolved), nl=False)
         for warning in resolved.warnings:
-            click.echo(str(warning), err=True)
+            click.echo(coloured_problems(str(warning)), err=True)
+        if resolved.missing:
+            failed = True
+            click.echo(styled(f"{file}: {resolved.missing}", fg="red"), err=True)
+            continue
         # With --explain, standard output is TOML and nothing else.
-        click.echo(summary(file, resolved), err=explain)
+        click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
     sys.exit(1 if failed else 0)
 
 
@@ -79,7 +85,7 @@ def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:
     return {g[0].name if len(g) == 1 else f"{g[0].name}..{g[-1].name}": g[0] for g in groups}
 
 
-@click.command()
+@click.command(short_help="Print the JSON Schema of scenario, vehicle or device files.")
 @click.option("--vehicle", "kind", flag_value="vehicle", help="Of vehicle files.")
 @click.option("--device", "kind", flag_value="device", help="Of device files: thrusters and sensors.")
 @click.option("--scenario", "kind", flag_value="scenario", default=True, help="Of scenario files (default).")
@@ -111,22 +117,26 @@ _LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
 }
 
 
-@click.command("list")
+@click.command("list", short_help="List scenarios, vehicles, devices, and kinds of component.")
 @click.argument("what", type=click.Choice(list(_LISTS)), required=False)
 @click.argument("kind", required=False)
 def list_(what: str | None, kind: str | None) -> None:
     """List what is installed: scenarios, vehicles, devices, and the kinds of sensor, actuator, modifier and adapter.
 
     `uwserver list sensors` also tells what each kind measures, its keys and its device files, `uwserver list sensors dvl` that of one kind;
-    `uwserver list modifiers` the keys of each.
+    `uwserver list modifiers` the keys of each; `uwserver list vehicles bluerov2` its thrusters, fins, propellers, sensors and actuators.
     """
     for section in [what] if what else list(_LISTS):
         if not what:
             click.echo(f"{section}:")
         lines = _LISTS[section]()
         if kind is not None and kind not in lines:
-            raise click.BadParameter(f'"{kind}" is none of: {", ".join(lines)}', param_hint="KIND")
+            raise click.BadParameter(
+                f'there is no "{kind}"{suggestion(kind, list(lines), "; there are: ")}', param_hint="KIND"
+            )
         details = _DETAILS[section]() if what in _DETAILS else {}
+        if section == "vehicles" and kind is not None:
+            details = {kind: list(parts_of(kind))}
         for name, line in lines.items():
             if kind in (None, name):
                 click.echo(f"{'' if what else '  '}{name:<22} {line}".rstrip())

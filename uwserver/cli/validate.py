@@ -14,7 +14,7 @@ COLUMNS = ("position m", "attitude deg", "velocity m/s", "rate rad/s")
 _RATE = click.FloatRange(0.0, 1e6, min_open=True)
 
 
-@click.command()
+@click.command(short_help="Run oracle files through the integrator.")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
 @click.option("--rate-hz", default=240.0, show_default=True, type=_RATE, help="Physics rate.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")

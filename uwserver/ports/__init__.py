@@ -17,6 +17,7 @@ from uwserver.ports.values import (
     OnReply,
     Port,
     Progress,
+    Propulsor,
     Refused,
     Reply,
     Sample,
@@ -28,5 +29,5 @@ from uwserver.ports.values import (
 
 __all__ = [
     "Argument", "Buffer", "Call", "Command", "ErrorCode", "Event", "Fault", "Field", "Item", "Items", "Json", "Layout",
-    "OnReply", "Port", "Progress", "Refused", "Reply", "Sample", "Scalar", "Service", "Value", "binary_form", "matches",
+    "OnReply", "Port", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "Service", "Value", "binary_form", "matches",
 ]  # fmt: skip

@@ -23,8 +23,8 @@ ITEM_BYTES: dict[Dtype, int] = {
     "uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4, "float32": 4, "float64": 8,
 }  # fmt: skip
 MOST_DIMENSIONS = 4
-LARGEST = 4 << 20
-"""Most bytes of a buffer in a command, where its field says no less."""
+LARGEST = 1 << 20
+"""Most bytes of a buffer in a command, where its field says no less: a decoder copies it at once."""
 
 
 class Buffer(

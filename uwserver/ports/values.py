@@ -38,7 +38,7 @@ class Field(Struct, frozen=True):
         type: type of each component; the values of "bytes" and "buffer" are a `Buffer`, and their shape is ().
         minimum, maximum: limits of each component; a command outside is refused.
         buffer: type and shape of a buffer's items.
-        max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 4 MiB of a buffer.
+        max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 1 MiB of a buffer.
     """
 
     name: str
@@ -87,6 +87,14 @@ class Field(Struct, frozen=True):
         return size
 
 
+class Propulsor(Struct, frozen=True):
+    """What one component of a thruster command pushes with: its name, its place (m) and the direction of its force at a positive command, in B."""
+
+    name: str
+    r_B: tuple[float, float, float]
+    axis_B: tuple[float, float, float]
+
+
 class Port(Struct, frozen=True):
     """A typed place where samples come out or commands go in.
 
@@ -98,6 +106,7 @@ class Port(Struct, frozen=True):
         doc: one or two sentences.
         rate_hz: sample rate; None for actuators.
         timeout_s: an actuator goes to neutral after this long without a command; None for never.
+        propulsors: of an actuator of thrusters, in the order of its components; absent where there are none.
     """
 
     path: str
@@ -107,6 +116,7 @@ class Port(Struct, frozen=True):
     doc: str
     rate_hz: float | None = None
     timeout_s: float | None = None
+    propulsors: tuple[Propulsor, ...] | UnsetType = UNSET
 
     @property
     def is_truth(self) -> bool:

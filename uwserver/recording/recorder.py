@@ -13,12 +13,12 @@ import contextlib
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from uwserver.ports import Call, Command, Event, Json, Sample
+from uwserver.ports import Call, Command, Event, Json, Port, Sample
 from uwserver.recording.format import RecordingWriter, Request, StateHash, metadata
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
@@ -34,13 +34,15 @@ log = logging.getLogger(__name__)
 MAX_SAMPLES = 32_768
 """Samples that may wait for the writer."""
 
-MAX_REQUESTS = 250_000
-"""Requests that may wait for the writer; beyond that the recording ends, because without them it could not be replayed."""
+MAX_REQUESTS = 50_000
+"""Requests that may wait for the writer, half a second of its work when the server ends; beyond that the recording ends,
+because without them it could not be replayed."""
 
 CHUNK_NS = NANOSECONDS // 2
 """A chunk is written at the latest after this wall time: that much a killed server loses."""
 
 CLOSE_TIMEOUT_S = 5.0
+"""Wall time in which the writer must proceed at the end, however much is left to write."""
 _DRAIN_S = 0.1
 _BACKPRESSURE_S = 0.002
 
@@ -54,7 +56,14 @@ class _State:
     snapshot: Snapshot
 
 
-_Item = tuple[Sample, ...] | Request | _State | Event
+@dataclass(frozen=True)
+class _Ports:
+    """Ports that there are from here on. Those of samples that still wait may be gone from the world when they are written."""
+
+    ports: Mapping[str, Port]
+
+
+_Item = tuple[Sample, ...] | Request | _State | _Ports | Event
 
 
 class Recorder:
@@ -72,10 +81,12 @@ class Recorder:
         self._resolved = resolved
         self._simulation: Simulation | None = None
         self._queue: deque[_Item] = deque()
-        self._open = False
+        self._open = self._finished = False
         self._ending = threading.Event()
         self._error = ""
         self._second = max(1, round(world.rate_hz))
+        self._seen = world.ports
+        self._known = dict(world.ports)
         # Each counter has one thread that writes it: loop, simulation, recorder.
         self._samples_put = self._dropped = 0
         self._index = self._requests_put = 0
@@ -107,6 +118,15 @@ class Recorder:
         finally:
             detach()
             self._close(thread)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all was written that a replay needs, to the very end. Known after `running`."""
+        return self._finished
+
+    def abandon(self, reason: str) -> None:
+        """Give the recording up: what was written stays, and the last state is not added."""
+        self._fail(reason)
 
     def status(self) -> dict[str, Json]:
         """For ``world/status``: file, whether it is still written, what is in it, what is missing, and why it ended early."""
@@ -149,16 +169,23 @@ class Recorder:
             )
             return
         self._requests_put += 1
+        self._follow_ports()
         self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
     def ticked(self, world: World) -> None:
         """Queue the state each simulated second; wait for the writer where nobody waits for the tick."""
         if not self._open or self._error:
             return
+        self._follow_ports()  # before the loop has any sample of this tick
         if world.tick % self._second == 0:
             self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
             self._ending.wait(_BACKPRESSURE_S)
+
+    def _follow_ports(self) -> None:
+        if self._world.ports is not self._seen:
+            self._seen = self._world.ports
+            self._queue.append(_Ports(self._seen))
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -211,6 +238,8 @@ class Recorder:
                 writer.finish()
                 file.flush()
                 self._bytes = file.tell()
+                file.close()  # which may tell only now that the disk is full
+                self._finished = not self._error
                 return
             if time.now_ns() - flushed >= CHUNK_NS:
                 writer.flush()
@@ -218,17 +247,18 @@ class Recorder:
             self._ending.wait(_DRAIN_S)
 
     def _write_item(self, writer: RecordingWriter, item: _Item) -> None:
-        ports = self._world.ports
         if isinstance(item, tuple):
             for sample in item:
-                writer.sample(sample, ports)
+                writer.sample(sample, self._known)
             self._samples += len(item)
             self._samples_taken += len(item)
         elif isinstance(item, Request):
-            writer.request(item, self._world.ticks.time_of(item.tick), ports)
+            writer.request(item, self._world.ticks.time_of(item.tick), self._known)
             self._requests_taken += 1
         elif isinstance(item, _State):
             writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
+        elif isinstance(item, _Ports):
+            self._known |= item.ports
         else:
             writer.event(item)
 
@@ -261,7 +291,9 @@ class Recorder:
         if not self._error:
             self._queue.append(_State(self._next_index(), self._world.t_ns, snapshot.take(self._world)))
         self._ending.set()
-        thread.join(CLOSE_TIMEOUT_S)
+        written = -1
+        while thread.is_alive() and written != (written := self._samples_taken + self._requests_taken):
+            thread.join(CLOSE_TIMEOUT_S)
         if thread.is_alive():
             log.warning("%s is incomplete: the disk does not answer; it can be read up to its last chunk", self._path)
         if self._dropped:

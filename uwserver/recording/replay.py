@@ -23,11 +23,16 @@ from uwserver.recording.format import (
 )
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import NO_MORE, More
+from uwserver.scenario.files.opening import opened
 from uwserver.scenario.load.extensions import extension_kinds
 from uwserver.world import snapshot
 from uwserver.world.world import Diverged, World
 
 _MAGIC = b"\x89MCAP0\r\n"
+MOST_RECORD_BYTES = 1 << 30
+"""Of a record of a file: the scenario, whose seabed may be large."""
+MOST_CHUNK_BYTES = 1 << 28
+"""Of a chunk when it is unpacked; the recorder begins a new one after `format.CHUNK_BYTES`."""
 
 
 class NotReplayable(Exception):
@@ -95,7 +100,7 @@ def replay(path: Path, extensions: Sequence[Path] = ()) -> Replayed:
         OSError: the file cannot be read.
         NotReplayable: it is no recording of ours, damaged, or of a scenario that this version cannot build.
     """
-    with path.open("rb") as file:
+    with opened(path) as file:
         reading = _Reading(path, file, _kinds(extensions))
         run = _Run(path, reading.head)
         for entry in reading.entries():
@@ -165,6 +170,10 @@ class _Run:
     def _advance(self, entry: Request | StateHash) -> bool:
         """Step to the tick of an entry. False, with a difference, when the world cannot get there."""
         world = self._world
+        # A recording has an entry each simulated second at least.
+        if entry.tick - world.tick > 2 * max(1, round(world.rate_hz)):
+            text = f"{self._path}: no entry between the ticks {world.tick} and {entry.tick}: the file was changed after its recording"
+            raise NotReplayable(text)
         while world.tick < entry.tick:
             self.ticks += 1
             try:
@@ -234,13 +243,35 @@ class _Reading:
     def _checked(self) -> Iterator[Any]:
         """All records. A file that just stops is truncated; one that goes on after a fault is damaged."""
         from mcap.exceptions import McapError
+        from mcap.records import Chunk
         from mcap.stream_reader import StreamReader
         from zstandard import ZstdError
 
         try:
-            yield from StreamReader(self._file, validate_crcs=True).records
+            reader = StreamReader(self._file, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_RECORD_BYTES)
+            for record in reader.records:
+                if isinstance(record, Chunk):
+                    yield from self._unpacked(record)
+                else:
+                    yield record
+        except MemoryError as error:
+            text = f"{self._path}: there is too little memory for what it says at byte {self._file.tell()}"
+            raise NotReplayable(text) from error
         except (McapError, ZstdError, struct.error, ValueError) as error:
             place = self._file.tell()
             if self._file.read(1):
                 raise NotReplayable(f"{self._path}: damaged before byte {place}: {error}") from error
             self.truncated = True
+
+    def _unpacked(self, chunk: Any) -> list[Any]:
+        """The records of a chunk, unless a few bytes stand for any number of them."""
+        from mcap.stream_reader import breakup_chunk
+        from zstandard import frame_content_size
+
+        size: int = chunk.uncompressed_size
+        if chunk.compression == "zstd":
+            size = max(size, frame_content_size(chunk.data))
+        if size > MOST_CHUNK_BYTES:
+            text = f"a chunk of {size} bytes, at most {MOST_CHUNK_BYTES}: uwserver did not write it"
+            raise NotReplayable(f"{self._path}: damaged before byte {self._file.tell()}: {text}")
+        return breakup_chunk(chunk, validate_crc=True)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from uwserver.frames import conjugate, rotate
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import IdealSensor, Scope, Sensor
 from uwserver.table import Positive, Table
 
 
 class Truth(Table, kw_only=True, frozen=True):
-    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench. Adapters serve it only if they are told to."""
+    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench, flow. Adapters serve it only if they are told to."""
 
     rate_hz: Positive = 20.0
 
@@ -73,9 +74,21 @@ class TruthWrench(IdealSensor):
         return True, [scope.tau[:3], scope.tau[3:]]
 
 
+class TruthFlow(IdealSensor):
+    """Exact velocity of the water."""
+
+    doc = "Exact velocity of the undisturbed water at the body origin: current and waves."
+    fields = (Field("v_NW_B", "m/s", "velocity of the water relative to N", "B", (3,)),)
+
+    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
+        """Always valid."""
+        return True, [rotate(conjugate(scope.q_NB), scope.water.velocity(scope.p_NB, scope.t))]
+
+
 TRUTH: dict[str, Callable[[], Sensor]] = {
     "pose": TruthPose,
     "velocity": TruthVelocity,
     "acceleration": TruthAcceleration,
     "wrench": TruthWrench,
+    "flow": TruthFlow,
 }

@@ -24,6 +24,7 @@ from uwserver.ports import (
     matches,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.ports.stops import is_stop
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.services import CLOCK_SERVICES
@@ -31,8 +32,6 @@ from uwserver.simulation.thread import Simulation
 from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
-STOPS = ("disarm", "deactivate")
-"""Services that stop a vehicle or an actuator: whoever calls one does not wait until others have been served."""
 CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
 
 LOOP_SERVICES = (
@@ -178,8 +177,24 @@ class Context:
             return self._hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:
             return self._begin(Call(service, checked, source), on_reply)
-        self._hub.mailbox.post(Call(service, checked, source), on_reply, first=service.rpartition("/")[2] in STOPS)
+        if is_stop(service):
+            self._stop(Call(service, checked, source), on_reply)
+        else:
+            self._hub.mailbox.post(Call(service, checked, source), on_reply)
         return _too_late
+
+    def _stop(self, call: Call, on_reply: OnReply) -> None:
+        """Where a tick has time for a part of what waits, a stop overtakes what its client asked before; elsewhere the next tick carries out
+        all of it, and the order is the client's."""
+        hub = self._hub
+        if hub.simulation.timing.mode != "realtime":
+            hub.mailbox.post(call, on_reply, first=True)
+            return
+        world = hub.simulation.world
+        fault = Fault("preempted", f"{call.service}, which was called later, has overtaken it", call.service)
+        for older in hub.mailbox.stop(call, on_reply):
+            if older.on_reply is not None:
+                hub.bus.reply(older.on_reply, Reply(world.tick, world.t_ns, fault=fault))
 
     def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:
         """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -42,6 +43,9 @@ START_WORK_NS = NANOSECONDS // 10
 """Processor time that counts as something: a hundred looks whether all have started cost less, and a process gets more on any machine."""
 _LOOK_S = 0.1
 STOP_TIMEOUT_S = 1.0
+"""Wall time in which an adapter must clean up; and that lies between two signals of which the second ends the process at once."""
+STOP_WORK_NS = NANOSECONDS
+"""Processor time in which the present tick must end; only one that never ends takes so long."""
 _FIRST_BACKOFF_S, _LAST_BACKOFF_S = 0.2, 5.0
 
 
@@ -89,6 +93,7 @@ class Server:
         self._options = options
         self._ending = asyncio.Event()
         self._reason = ""
+        self._gave_up = False
         self._loop = asyncio.get_running_loop()
         time = SystemTime()
         world = build(resolved, options.seed)
@@ -116,7 +121,7 @@ class Server:
         """Serve until told to end.
 
         Returns:
-            Exit status: 0 after an orderly end, 1 when the world stopped by a fault.
+            Exit status: 0 after an orderly end, 1 when the world stopped by a fault or the recording is incomplete.
 
         Raises:
             StartFailed: see there.
@@ -142,20 +147,21 @@ class Server:
                 self._simulation.until_tick = self._simulation.world.ticks.at(self._options.until_s)
             thread.start()
             # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
-            stack.callback(thread.join, STOP_TIMEOUT_S)
+            stack.callback(self._join, thread)
             stack.callback(self._simulation.stop)
             await self._ending.wait()
             world = self._simulation.world
             event = Event("shutdown", world.tick, world.t_ns, self._reason or "the server ends")
             self._simulation.stop()
-            await self._loop.run_in_executor(None, thread.join, STOP_TIMEOUT_S)
+            await self._loop.run_in_executor(None, self._join, thread)
             self._hub.bus.say(event)
             self._hub.bus.drain()
             await self._hub.files.finish()
             for t_s, path in self._options.save_at:
                 if world.tick < self._simulation.world.ticks.at(t_s):
                     log.warning("%s was not written: the run ended before %g s", path, t_s)
-        return 1 if self._simulation.failure else 0
+        incomplete = self._recorder is not None and not self._recorder.is_complete
+        return 1 if self._simulation.failure or incomplete else 0
 
     # -- parts ----------------------------------------------------------------------------------------------------------------------
 
@@ -164,6 +170,21 @@ class Server:
         # After an orderly stop this says nothing new.
         reason = self._simulation.failure or f"simulation time reached {self._options.until_s} s"
         self._call_soon(lambda: self.shutdown(reason))
+
+    def _join(self, thread: threading.Thread) -> None:
+        """Wait for the end of a tick. Not by the wall clock: on a busy machine, or while a kernel is compiled, a sound one lasts."""
+        before, since = processor_ns(), self._loop.time()
+        while thread.is_alive() and not self._gave_up:
+            thread.join(_LOOK_S)
+            worked = processor_ns() - before
+            if worked > STOP_WORK_NS or (worked < START_WORK_NS and self._loop.time() - since > START_TIMEOUT_S):
+                break
+        if thread.is_alive() and not self._gave_up:
+            self._gave_up = True
+            text = f"the present tick does not end within {STOP_WORK_NS / NANOSECONDS:g} s of processor time"
+            log.error("%s: the simulation is cut off", text)
+            if self._recorder is not None:
+                self._recorder.abandon(text)
 
     def _save_at(self) -> None:
         for t_s, path in self._options.save_at:
@@ -279,13 +300,13 @@ class Server:
 
         first: list[float] = []
 
-        def received(name: str) -> None:
+        def received(number: signal.Signals) -> None:
             now = self._loop.time()
             # A supervisor may signal both the process and its group: a second signal counts only when it comes later.
             if first and now - first[0] > STOP_TIMEOUT_S:
-                os._exit(130)
+                os._exit(128 + number)
             first.append(now)
-            self.shutdown(name)
+            self.shutdown(number.name)
 
         if threading.current_thread() is not threading.main_thread():
             yield

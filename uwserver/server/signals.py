@@ -33,12 +33,12 @@ def run(main: Coroutine[Any, Any, T], platform: str = sys.platform) -> T:
 
 
 @contextlib.contextmanager
-def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[str], None]) -> Iterator[None]:
-    """Tell of SIGINT and SIGTERM by name, in the loop. Main thread only, as Python demands.
+def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[signal.Signals], None]) -> Iterator[None]:
+    """Tell of SIGINT and SIGTERM, in the loop. Main thread only, as Python demands.
 
     Args:
         loop: runs, or is about to.
-        received: takes "SIGINT" or "SIGTERM".
+        received: takes the signal.
     """
     undo: list[Callable[[], Any]] = []
     try:
@@ -50,15 +50,15 @@ def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[str], 
             each()
 
 
-def _listen(loop: asyncio.AbstractEventLoop, number: signal.Signals, received: Callable[[str], None]) -> Callable[[], Any]:  # fmt: skip
+def _listen(loop: asyncio.AbstractEventLoop, number: signal.Signals, received: Callable[[signal.Signals], None]) -> Callable[[], Any]:  # fmt: skip
     """Begin to listen for one signal; returns what ends it."""
     try:
-        loop.add_signal_handler(number, received, number.name)
+        loop.add_signal_handler(number, received, number)
     except NotImplementedError:
 
         def handler(caught: int, frame: FrameType | None) -> None:
             # Between two instructions of whatever runs: only the loop may call.
-            loop.call_soon_threadsafe(received, number.name)
+            loop.call_soon_threadsafe(received, number)
 
         before = signal.signal(number, handler)
         return lambda: signal.signal(number, before)

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from uwserver.ports import Call, Command, Event, OnReply, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput
+from uwserver.ports.stops import is_withdrawn
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.turns import Turns
 from uwserver.units import NANOSECONDS
@@ -72,6 +73,17 @@ class Mailbox:
         """
         self.posted.put(client_of(item.source), Posted(item, on_reply), always=always, first=first)
         self.wake.set()
+
+    def stop(self, call: Call, on_reply: OnReply | None) -> list[Posted]:
+        """Queue the call of a service that stops a vehicle or a component, before all that its client asked.
+
+        Returns what it withdraws: never carried out, for the caller to answer. May raise as `Turns.overtake`.
+        """
+        withdrawn = self.posted.overtake(
+            client_of(call.source), Posted(call, on_reply), lambda older: is_withdrawn(older.item, call.service)
+        )
+        self.wake.set()
+        return withdrawn
 
 
 def client_of(source: str) -> str:

@@ -12,12 +12,13 @@ from typing import Literal
 from uwserver.logs import place_of
 from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import Posted, TickOutput
-from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox, client_of
+from uwserver.ports.stops import PAUSE
+from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.intake import Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
-from uwserver.simulation.turns import Turns
+from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
 from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
@@ -68,7 +69,7 @@ class Simulation:
         self.until_tick: int | None = None
         self._time = time
         self._stop = threading.Event()
-        self._steering: Turns[Callable[[], None]] = Turns()
+        self._steering = Steering(mailbox.wake)
         self._goals: list[Goal] = []
         self._next_progress = 0
         self._jumps = world.jumps
@@ -86,16 +87,9 @@ class Simulation:
         """Let one observer follow the run. Before `run`."""
         self._intake.observer = observer
 
-    def steer(self, action: Callable[[], None], source: str = "", *, always: bool = False, first: bool = False) -> None:
-        """Carry out an action of the clock between two ticks.
-
-        Args:
-            action: to be carried out on the simulation thread.
-            source: who wants it.
-            always, first: as for `Turns.put`, whose `Refused` may be raised.
-        """
-        self._steering.put(client_of(source), action, always=always, first=first)
-        self.mailbox.wake.set()
+    def steer(self, action: Callable[[], None]) -> None:
+        """Carry out an action of the clock between two ticks."""
+        self._steering.add(action)
 
     def appoint(self, tick: int, action: Callable[[], None]) -> None:
         """Let the simulation thread do something quick as soon as the world stands at a tick, or behind it. Before `run`."""
@@ -127,7 +121,7 @@ class Simulation:
             on_reply: gets the answer.
             source: who asks.
 
-        Returns its cancel function. As `steer` it may raise `Refused`.
+        Returns its cancel function. May raise as `Turns.put` and, of a pause, `Turns.overtake`.
         """
         if service in ("world/step", "world/run_until", "world/run_until_tick"):
             return self._start_goal(service, args, client, on_reply, source)
@@ -136,8 +130,12 @@ class Simulation:
             "world/resume": self._resume,
             "world/set_speed": lambda: self._set_speed(args["speed"]),
         }[service]
-        # Whoever stops the world does not wait until others have been served.
-        self.steer(lambda: self._acknowledge(action, on_reply), source, first=service == "world/pause")
+        if service != PAUSE:
+            self._steering.add(lambda: self._acknowledge(action, on_reply), source, on_reply)
+            return lambda: False
+        fault = Refused("preempted", "world/pause, which was called later, has overtaken it", PAUSE).fault
+        for older in self._steering.stop(lambda: self._acknowledge(action, on_reply), source, on_reply):
+            self.bus.reply(older, Reply(self.world.tick, self.world.t_ns, fault=fault))
         return lambda: False
 
     # -- the thread -----------------------------------------------------------------------------------------------------------------
@@ -162,8 +160,8 @@ class Simulation:
 
     def _refuse_the_rest(self, refused: Refused) -> None:
         """Everybody who still waits gets an answer."""
-        while (action := self._steering.take()) is not None:
-            action()
+        while (steered := self._steering.take()) is not None:
+            steered.action()
         for goal in self._goals[:]:
             self._finish(goal, refused)
         while (posted := self.mailbox.posted.take()) is not None:
@@ -177,8 +175,8 @@ class Simulation:
         return ended or self._stop.is_set()
 
     def _turn(self) -> None:
-        for action in self._intake.within(STEERING_NS if self._is_paced() else None, self._steering):
-            action()
+        for steered in self._intake.within(STEERING_NS if self._is_paced() else None, self._steering):
+            steered.action()
         if (
             self.failure
             # A paused world that was told to step or run asks nobody for grants; a grant does not move a paused one.
@@ -340,10 +338,10 @@ class Simulation:
             if goal is not None and goal not in self._goals:
                 return False
             # One that has not begun yet has when this is carried out: steering keeps its order.
-            self.steer(lambda: self._cancel(state.get("goal")), source, always=True)
+            self._steering.add(lambda: self._cancel(state.get("goal")), source, always=True)
             return True
 
-        self.steer(start, source)
+        self._steering.add(start, source, on_reply)
         return cancel
 
     def _goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Goal:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict, deque
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from uwserver.ports import Refused
@@ -35,7 +36,7 @@ class Turns(Generic[T]):
         Args:
             client, item: who wants what.
             always: never refused; for what who asks bounds, as one cancel for each call.
-            first: it is this client's turn next, as for a stop; its own order stays.
+            first: it is this client's turn next; its own order stays.
 
         Raises:
             Refused: `overload`; too many wait already. The text says which limit.
@@ -55,6 +56,30 @@ class Turns(Generic[T]):
             self._count += 1
             if first:
                 self._queues.move_to_end(client, last=False)
+
+    def overtake(self, client: str, item: T, withdraws: Callable[[T], bool]) -> list[T]:
+        """Add a stop: before all that this client asked, whose turn is next. What must not be done after it leaves the queue.
+
+        Args:
+            client, item: who stops what.
+            withdraws: whether an older request of this client leaves.
+
+        Returns those, the oldest first: whoever calls this answers them.
+
+        Raises:
+            Refused: `overload`; the client has used up the places that are kept for this, too. Nothing has changed.
+        """
+        with self._lock:
+            older = self._queues.get(client, deque())
+            kept = deque(each for each in older if not withdraws(each))
+            if len(kept) >= MAX_WAITING + FREE_PLACES:
+                raise Refused("overload", f"{len(kept)} requests of this client wait for their tick already")
+            withdrawn = [each for each in older if withdraws(each)]
+            kept.appendleft(item)
+            self._queues[client] = kept
+            self._queues.move_to_end(client, last=False)
+            self._count += 1 - len(withdrawn)
+            return withdrawn
 
     def take(self) -> T | None:
         """The oldest request of the client whose turn it is; None when nobody waits."""

@@ -13,12 +13,17 @@ from uwserver.world.part import Carry
 
 log = logging.getLogger(__name__)
 
+LOOKS = frozenset({"world/state_hash", "world/snapshot"})
+"""Services that change nothing of the state."""
+
 
 class Requests:
     """Commands and calls that wait for the next tick.
 
     Attributes:
         posted: in the order in which they came.
+        changes: counts what may have changed the state since the last one: each time that requests are carried out, each call in the
+            same process, and each request but those that only look.
     """
 
     def __init__(self, commands: Commands, carry: Mapping[str, Carry], now: Callable[[], tuple[int, int]]) -> None:
@@ -33,6 +38,7 @@ class Requests:
         self._carry = carry
         self._now = now
         self.posted: list[Posted] = []
+        self.changes = 0
 
     def carry_out(self, output: TickOutput, more: Iterable[Posted] = ()) -> None:
         """Carry out what was posted, then more; replies go to the output. A call may put the world to another tick.
@@ -42,7 +48,10 @@ class Requests:
             more: is asked for its next only when the one before is done, so that who gives them can stop in time.
         """
         posted, self.posted = self.posted, []
+        self.changes += 1  # before, there was a tick, or somebody in the same process with his hands in the world
         for entry in chain(posted, more):
+            if not (isinstance(entry.item, Call) and entry.item.service in LOOKS):
+                self.changes += 1
             if isinstance(entry.item, Call):
                 # A call may depend on the commands before it.
                 self._commands.apply(self._now()[0])

@@ -27,6 +27,7 @@ def offer_world_services(world: World) -> None:
     """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
+    now = _Now(world)
 
     def reset(_: Mapping[str, Json]) -> Json:
         snapshot.restore(world, start)
@@ -40,8 +41,8 @@ def offer_world_services(world: World) -> None:
             raise Refused("out_of_range", text, "name")
         if name not in saved and len(saved) >= MAX_SNAPSHOTS:
             raise Refused("busy", f"there are {MAX_SNAPSHOTS} snapshots already: take one under a used name", "name")
-        saved[name] = snapshot.take(world)
-        return {"name": name, "hash": saved[name].hash()}
+        saved[name] = now.snapshot()
+        return {"name": name, "hash": now.hash()}
 
     def restore(args: Mapping[str, Json]) -> Json:
         name = str(args["name"])
@@ -54,7 +55,7 @@ def offer_world_services(world: World) -> None:
         return {"tick": world.tick, "t_ns": world.t_ns}
 
     def state_hash(_: Mapping[str, Json]) -> Json:
-        return {"tick": world.tick, "hash": snapshot.take(world).hash()}
+        return {"tick": world.tick, "hash": now.hash()}
 
     def set_current(args: Mapping[str, Json]) -> Json:
         world.set_current(tuple(args["velocity_N"]))  # type: ignore[arg-type]  # three floats, checked against the argument
@@ -79,6 +80,29 @@ def offer_world_services(world: World) -> None:
         ),
         set_current,
     )
+
+
+class _Now:
+    """The state of a world and its hash, each made once however many ask in a tick, until something may have changed (`Requests.changes`)."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._of = -1
+        self._snapshot: Snapshot | None = None
+        self._hash = ""
+
+    def snapshot(self) -> Snapshot:
+        """As `snapshot.take`."""
+        if self._snapshot is None or self._of != self._world.requests.changes:
+            self._snapshot, self._hash, self._of = snapshot.take(self._world), "", self._world.requests.changes
+        return self._snapshot
+
+    def hash(self) -> str:
+        """Of the snapshot."""
+        taken = self.snapshot()
+        if not self._hash:
+            self._hash = taken.hash()
+        return self._hash
 
 
 def component_services(

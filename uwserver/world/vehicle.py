@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from uwserver.frames import Quat, Vec3, rpy_from_quat
@@ -22,7 +23,7 @@ class Pose:
         return rpy_from_quat(self.q_NB)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Vehicle:
     """Live view of one body; every property is read from the world's arrays at the time of asking.
 
@@ -69,3 +70,9 @@ class Vehicle:
         sea = self.hydro.sea
         _, tau = self.hydro.rates_of_change(0.0 if sea is None else float(sea.uniform[6]))
         return tuple(tau[self.row].tolist())
+
+    def __repr__(self) -> str:
+        north, east, down = self.p_NB
+        roll, pitch, yaw = self.pose.rpy
+        place = f"p_NB = ({north:.3f}, {east:.3f}, {down:.3f}) m, roll, pitch, yaw = ({roll:.3f}, {pitch:.3f}, {yaw:.3f}) rad"
+        return f"<{self.name} ({self.model}): {place}, speed {math.hypot(*self.nu[:3]):.3f} m/s>"

@@ -11,35 +11,28 @@ from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Sample, Service
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
 from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
-from uwserver.units import NANOSECONDS
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, Member, Population, SensorSlot, SideStream
+from uwserver.world.diverged import Diverged, report
 from uwserver.world.part import Carry, Part, Stage, takes_part
+from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.ticks import Ticks
+from uwserver.world.traces import Traces, Tracing
 from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
 
 
-class Diverged(Exception):
-    """A body's state is not finite, or absurdly fast. The text names body, tick and the last commands.
-
-    Attributes:
-        output: replies to what was carried out at the start of the tick; no samples.
-    """
-
-    def __init__(self, text: str, output: TickOutput) -> None:
-        super().__init__(text)
-        self.output = output
+__all__ = ["Diverged", "World"]
 
 
 class World:
@@ -64,6 +57,7 @@ class World:
         identity: tells apart scenarios whose states cannot be exchanged.
         answers: what callers that wait are to be told in this tick.
         jumps: how often a reset or restore has set the time.
+        requests: what was posted.
     """
 
     def __init__(
@@ -89,6 +83,7 @@ class World:
         self._carry: dict[str, Carry] = {}
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
+        self._tracing = Tracing()
         self.jumps = 0
         self.answers: Answers = []
         self.population: Population
@@ -98,7 +93,7 @@ class World:
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
-        self._requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
+        self.requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
         for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
             self.add(part)
 
@@ -247,13 +242,18 @@ class World:
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
+    def __repr__(self) -> str:
+        vehicles = ", ".join(self.vehicles) or "no vehicle"
+        ports = f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
+        return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles}; {ports}>"
+
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
         self.post(Posted(item, on_reply))
 
     def post(self, posted: Posted) -> None:
         """The same, as it came over the crossing."""
-        self._requests.posted.append(posted)
+        self.requests.posted.append(posted)
 
     def command(self, port: str, **value: object) -> None:
         """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.
@@ -271,6 +271,7 @@ class World:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
         """
         find("service", service, self.services)
+        self.requests.changes += 1
         result = self._carry[service](checked_args(self.services[service], args))
         return None if isinstance(result, Later) else result
 
@@ -280,24 +281,33 @@ class World:
         """Run n ticks; returns the samples delivered in them.
 
         Raises:
+            Refused: n below 1; nothing is stepped.
             Diverged: a body's state is not finite; the world must not be stepped on.
         """
+        if n < 1:
+            raise Refused("out_of_range", f"step takes 1 tick or more, not {n}", "n")
         samples: list[Sample] = []
         for _ in range(n):
             output = self.advance()
             samples += output.samples
             for on_reply, reply in output.replies:
                 on_reply(reply)
+        self._tracing.take(samples)
         return samples
 
-    def read(self, port: str) -> Sample | None:
-        """The newest delivered sample of a sensor; None before the first.
+    def read(self, port: str) -> Reading | None:
+        """The newest delivered sample of a sensor, by field: ``world.read("rov/depth").depth``; None before the first.
 
         Raises:
             Refused: no such port.
         """
         find("port", port, self.ports)
-        return self._last.get(port)
+        sample = self._last.get(port)
+        return None if sample is None else Reading(self.ports[port], sample)
+
+    def record(self, *patterns: str) -> Traces:
+        """Arrays of what the sensors that match (``*`` one level; default: all) say in `step` from now on; Refused where none matches."""
+        return self._tracing.begin(self.ports, patterns)
 
     def advance(self, more: Iterable[Posted] = ()) -> TickOutput:
         """One tick; `more` is carried out after what was posted (`Requests.carry_out`).
@@ -319,8 +329,8 @@ class World:
         for part in self._first:
             if part.next_tick is not None and tick >= part.next_tick:
                 part.before(tick, self.t_ns)
-        if self._requests.posted or more:
-            self._requests.carry_out(output, more)
+        if self.requests.posted or more:
+            self.requests.carry_out(output, more)
             tick = self._tick  # a restore or reset may have been among it
         for part in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
@@ -330,7 +340,8 @@ class World:
         samples, t_ns = output.samples, self.t_ns
         if diverged >= 0:
             self._end_tick(output)
-            raise Diverged(self._report(diverged), output)
+            lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
+            raise Diverged(report(tick, t_ns, lost, self._commands), output)
         for part in self._after:
             part.after(tick, t_ns, samples)
         for sample in samples:
@@ -351,7 +362,7 @@ class World:
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self._requests.carry_out(output, more)
+        self.requests.carry_out(output, more)
         self._end_tick(output)
         return output
 
@@ -387,11 +398,3 @@ class World:
             return scope
 
         return scope_of
-
-    def _report(self, row: int) -> str:
-        vehicle = next((v for v in self.vehicles.values() if v.row == row), None)
-        if vehicle is None:
-            return f"a body that is no longer there diverged in tick {self.tick}"
-        t = self.t_ns / NANOSECONDS
-        line = f'body "{vehicle.name}" diverged in tick {self.tick} (t = {t:.6f} s): p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
-        return "\n".join([line, *self._commands.newest(vehicle.name)])

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
 from msgspec import Meta, field
@@ -62,6 +62,10 @@ class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=T
     no_time_sync: bool = False
     silence_s: Positive = 3.0
     dvl: DvlTable | None = None
+
+    def needs(self) -> Mapping[str, str]:
+        """The dialect, where a DVL is sent."""
+        return {} if self.dvl is None else {"pymavlink.dialects.v20.ardupilotmega": "uwserver[mavlink]"}
 
 
 class ArduPilotAdapter:

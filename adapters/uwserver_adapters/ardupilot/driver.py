@@ -24,6 +24,9 @@ AT_ONCE = 256
 """Datagrams that are looked at in a row."""
 QUIET_S = 0.5
 """Wall time without a look at the socket after which frames may wait twice: an autopilot repeats one after 1 s."""
+RESTART_S = 0.25
+"""Wall time without a frame after which another sender that begins with frame 0 takes the place: one that restarts needs longer than that,
+and who only claims to begin does not take the place of one that speaks."""
 NO_ECHO_M = 1000.0
 """Distance that stands for a rangefinder without echo: out of any range, where a missing key would leave the last one."""
 RATE_FRAMES = 400
@@ -225,8 +228,9 @@ class ArduPilotDriver:
         return True
 
     def _admits(self, frame: Frame, address: Address, now: float) -> bool:
-        """Whether another sender takes the place of the last: one that begins, or any once the last has been quiet."""
-        if self._peer is not None and frame.number != 0 and now - self._heard < self._silence_s:
+        """Whether another sender takes the place of the last: any once the last has been quiet, one that begins much sooner."""
+        patience_s = RESTART_S if frame.number == 0 else self._silence_s
+        if self._peer is not None and now - self._heard < patience_s:
             self._counts["strangers"] += 1
             self._stats.last_error = (
                 f"two autopilots send here: {address} beside {self._peer}; give each an adapter with a port of its own"

@@ -19,8 +19,34 @@ _GAIN = 0.1
 _MEAN_OF = 5
 
 
+def unix_s() -> float:
+    """Seconds since 1970, by the machine's clock."""
+    return datetime.now(timezone.utc).timestamp()
+
+
+class DatabaseClock:
+    """MOOS time as a MOOSDB has it: the machine's date at any time, steps of it included. Its clients on this machine follow the same steps, and
+    throw away mail that is far from their own time.
+
+    Args:
+        warp: MOOS seconds in a second.
+        unix: seconds since 1970 now; default: the machine's.
+
+    Attributes:
+        warp: as given.
+    """
+
+    def __init__(self, warp: float, unix: Callable[[], float] = unix_s) -> None:
+        self.warp = warp
+        self._unix = unix
+
+    def now(self) -> float:
+        """MOOS time, s."""
+        return self._unix() * self.warp
+
+
 class MoosClock:
-    """Steady: the machine's date is asked once, later steps of it are followed as a skew.
+    """That of a client. Steady: the machine's date is asked once, later steps of it are followed with the database's, as a skew.
 
     Args:
         warp: MOOS seconds in a second; the MOOSTimeWarp of the community.
@@ -36,14 +62,14 @@ class MoosClock:
         self.warp = warp
         self.skew = 0.0
         self._steady = steady
-        start = datetime.now(timezone.utc).timestamp() if unix is None else unix
+        start = unix_s() if unix is None else unix
         self._offset = start - steady()
 
     def now(self) -> float:
         """MOOS time, s."""
         return (self._steady() + self._offset) * self.warp + self.skew
 
-    def observe(self, sent: float, theirs: float, received: float) -> None:
+    def observe(self, sent: float, theirs: float, received: float) -> float:
         """Follow the database's clock.
 
         A time of theirs between our sending and receiving is what equal clocks show, so nothing is changed then.
@@ -51,11 +77,18 @@ class MoosClock:
         Args:
             sent, received: our MOOS times of a question and its answer.
             theirs: the database's MOOS time in between.
+
+        Returns:
+            By how much the clock jumped, MOOS seconds; 0 for a small difference, which is followed smoothly.
         """
         if sent <= theirs <= received:
-            return
+            return 0.0
         ahead = theirs - 0.5 * (sent + received)
-        self.skew += ahead if abs(ahead) > _JUMP_S * self.warp else _GAIN * ahead
+        if abs(ahead) > _JUMP_S * self.warp:
+            self.skew += ahead
+            return ahead
+        self.skew += _GAIN * ahead
+        return 0.0
 
     @property
     def is_credible(self) -> bool:

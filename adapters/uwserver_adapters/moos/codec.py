@@ -25,43 +25,64 @@ class Fix(Struct, kw_only=True):
         p_N: position in N, m.
         q_NB: attitude.
         v_B: velocity over ground in B, m/s.
+        v_water_B: velocity through the water in B, m/s, where it is measured.
+        flow_B: velocity of the water in B, m/s, where it is known.
         depth: below the surface, m; default: from the position.
         altitude: above the bottom, m; default: from the depth.
         water_depth: of the bottom, m.
+        t_ns: simulation time of the position.
     """
 
     p_N: Vec3 | None = None
     q_NB: Quat | None = None
     v_B: Vec3 | None = None
+    v_water_B: Vec3 | None = None
+    flow_B: Vec3 | None = None
     depth: float | None = None
     altitude: float | None = None
     water_depth: float | None = None
+    t_ns: int = -1
+
+    @property
+    def below(self) -> float | None:
+        """Depth below the surface, m: as measured, else from the position."""
+        return self.p_N[2] if self.depth is None and self.p_N is not None else self.depth
+
+
+def speed_through_water(fix: Fix) -> float | None:
+    """Surge through the water, m/s; over ground where the water's velocity is not known. None where nothing is known."""
+    if fix.v_water_B is not None:
+        return fix.v_water_B[0]
+    if fix.v_B is None:
+        return None
+    return fix.v_B[0] - (fix.flow_B[0] if fix.flow_B is not None else 0.0)
 
 
 def navigation(fix: Fix, prefix: str, origin_deg: tuple[float, float] | None) -> Pairs:
     """The conventional set of what is known: X east, Y north, DEPTH and SPEED in m and m/s, HEADING in degrees clockwise from north, ROLL and
-    PITCH (nose up) in rad, YAW in rad against the clock from north, as uSimMarine has it. SPEED is the surge."""
+    PITCH (nose up) in rad, YAW in rad against the clock from north, as uSimMarine has it. SPEED is the surge through the water, never negative, as
+    a helm expects it."""
     pairs: Pairs = []
-    depth = fix.depth
+    depth = fix.below
     if fix.p_N is not None:
-        north, east, down = fix.p_N
+        north, east, _ = fix.p_N
         pairs += [("X", east), ("Y", north)]
         if origin_deg is not None:
             pairs += zip(("LAT", "LONG"), geodetic(north, east, origin_deg), strict=True)
-        depth = down if depth is None else depth
     if fix.q_NB is not None:
         roll, pitch, yaw = rpy_from_quat(fix.q_NB)
         pairs += [("HEADING", compass(yaw)), ("YAW", -yaw), ("PITCH", pitch), ("ROLL", roll)]
-    if fix.v_B is not None:
-        pairs.append(("SPEED", fix.v_B[0]))
-        if fix.q_NB is not None:
-            v_n, v_e, _ = rotate(fix.q_NB, fix.v_B)
-            pairs += [("SPEED_OVER_GROUND", math.hypot(v_n, v_e)), ("HEADING_OVER_GROUND", compass(math.atan2(v_e, v_n)))]  # fmt: skip
+    speed = speed_through_water(fix)
+    if speed is not None:
+        pairs.append(("SPEED", max(speed, 0.0)))
+    if fix.v_B is not None and fix.q_NB is not None:
+        v_n, v_e, _ = rotate(fix.q_NB, fix.v_B)
+        pairs += [("SPEED_OVER_GROUND", math.hypot(v_n, v_e)), ("HEADING_OVER_GROUND", compass(math.atan2(v_e, v_n)))]
     if depth is not None:
         pairs += [("DEPTH", depth), ("Z", -depth)]
     altitude = fix.altitude
     if altitude is None and depth is not None and fix.water_depth is not None:
-        altitude = fix.water_depth - depth
+        altitude = max(fix.water_depth - depth, 0.0)
     if altitude is not None:
         pairs.append(("ALTITUDE", altitude))
     return [(f"{prefix}_{name}", value) for name, value in pairs]
@@ -82,6 +103,31 @@ def geodetic(north: float, east: float, origin_deg: tuple[float, float]) -> tupl
     return lat + deg(north / north_radius), lon + deg(east / (east_radius * math.cos(rad(lat))))
 
 
+def heading_of(fix: Fix) -> float | None:
+    """Degrees in [0, 360); None where it is not known."""
+    return None if fix.q_NB is None else compass(rpy_from_quat(fix.q_NB)[2])
+
+
+def pitch_of(fix: Fix) -> float | None:
+    """rad, nose up; None where it is not known."""
+    return None if fix.q_NB is None else rpy_from_quat(fix.q_NB)[1]
+
+
+def turned(heading: float) -> float:
+    """An angle in degrees, of a heading's error, to [-180, 180]."""
+    return math.remainder(heading, deg(_TURN))
+
+
+def degrees(angle: float) -> float:
+    """Radians to degrees."""
+    return deg(angle)
+
+
+def angle_of(degrees_: float) -> float:
+    """Degrees to radians."""
+    return rad(degrees_)
+
+
 def radians(value: float | Sequence[float]) -> float | tuple[float, ...]:
     """Degrees of a table to radians, each component."""
     return rad(value) if isinstance(value, int | float) else tuple(map(rad, value))
@@ -97,30 +143,65 @@ def _short(text: str) -> str:
     return text
 
 
-def reset_pose(text: str, last: Fix) -> Mapping[str, list[float]]:
-    """Fields of a teleport command for USM_RESET: ``x=10,y=-5,heading=90,speed=1,depth=2``; what is left out of x, y, depth and heading stays as
-    it was last known, and the speed is zero.
+_RESET_KEYS: Mapping[str, str] = {
+    "x": "x", "y": "y", "heading": "heading", "hdg": "heading", "deg": "heading", "speed": "speed", "spd": "speed", "depth": "depth", "dep": "depth",
+}  # fmt: skip
+_RESET_ORDER = ("x", "y", "heading", "speed", "depth")
+_RESET_ADVICE = "write x=10,y=-5,heading=90,speed=1,depth=2, or these five numbers in this order"
+
+
+class ResetPose(Struct, frozen=True):
+    """Where a USM_RESET puts the vehicle: level, at rest but for the surge.
+
+    Attributes:
+        p_N: position in N, m.
+        yaw: rad.
+        speed: surge over ground, m/s.
+    """
+
+    p_N: Vec3
+    yaw: float
+    speed: float
+
+    def command(self) -> Mapping[str, list[float]]:
+        """Fields of a teleport command."""
+        return {
+            "p_NB": list(self.p_N),
+            "q_NB": list(quat_from_rpy(0.0, 0.0, self.yaw)),
+            "v_NB_B": [self.speed, 0.0, 0.0],
+            "w_NB_B": [0.0, 0.0, 0.0],
+        }
+
+
+def pose_of(fix: Fix) -> ResetPose:
+    """Where the vehicle is by what is known; its speed is not kept."""
+    yaw = rpy_from_quat(fix.q_NB)[2] if fix.q_NB is not None else 0.0
+    return ResetPose(fix.p_N or (0.0, 0.0, 0.0), yaw, 0.0)
+
+
+def reset_pose(text: str, base: ResetPose) -> ResetPose:
+    """What USM_RESET says: ``x=10,y=-5,heading=90,speed=1,depth=2`` with uSimMarine's short keys (`hdg`, `deg`, `spd`, `dep`) too, or the five
+    numbers in this order, the last of them left out or not. What is left out stays as in `base`.
 
     Raises:
-        ValueError: the text says what is wrong.
+        ValueError: the text says what is wrong; it is obeyed whole or not at all.
     """
     found: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in _short(text).split(","))):
-        key, equals, number = part.partition("=")
-        key = key.strip().lower()
-        if not equals or key not in ("x", "y", "heading", "speed", "depth"):
-            raise ValueError(f'"{part[:40]}": write x=10,y=-5,heading=90,speed=1,depth=2')
+    parts = [part.strip() for part in _short(text).strip().rstrip(",").split(",")]
+    for index, part in enumerate(parts):
+        name, equals, number = part.partition("=")
+        if not equals and index < len(_RESET_ORDER):
+            name, number = _RESET_ORDER[index], name
+        key = _RESET_KEYS.get(name.strip().lower())
+        if key is None or key in found:
+            raise ValueError(f'"{part[:40]}": {_RESET_ADVICE}')
         found[key] = finite(number)
-    north, east, down = last.p_N or (0.0, 0.0, 0.0)
-    yaw = rpy_from_quat(last.q_NB)[2] if last.q_NB is not None else 0.0
-    if "heading" in found:
-        yaw = rad(found["heading"])
-    return {
-        "p_NB": [found.get("y", north), found.get("x", east), found.get("depth", down)],
-        "q_NB": list(quat_from_rpy(0.0, 0.0, yaw)),
-        "v_NB_B": [found.get("speed", 0.0), 0.0, 0.0],
-        "w_NB_B": [0.0, 0.0, 0.0],
-    }
+    north, east, down = base.p_N
+    return ResetPose(
+        (found.get("y", north), found.get("x", east), found.get("depth", down)),
+        rad(found["heading"]) if "heading" in found else base.yaw,
+        found.get("speed", base.speed),
+    )
 
 
 def drift(text: str) -> tuple[float, float]:

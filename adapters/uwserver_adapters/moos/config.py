@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterTable
-from uwserver.table import Name, Positive, Table
+from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver_adapters.moos.wire import PACKET_LIMIT
 
 Count = Annotated[int, Meta(ge=1)]
@@ -42,10 +42,13 @@ class NavTable(Table, kw_only=True, frozen=True):
         position: port with a position in N (`p_NB`, `p_NS`); "" for none.
         attitude: port with `q_NB`, `q_NS`; "" for none.
         velocity: port with a velocity in B (`v_NB_B`, `v_S`); "" for none.
+        flow: port with the velocity of the water (`v_NW_B`) or through the water (`v_water_S`), for NAV_SPEED; default: `truth/flow` where
+            `velocity` is of the truth too; without one NAV_SPEED is the surge over ground.
         depth: port with `depth`; default: from the position.
         altitude: port with `range` or `altitude`; default: from `water_depth_m`.
         water_depth_m: depth of the bottom, until a WATER_DEPTH comes.
         rate_hz: at most so often, simulation time; default: as often as the position (or attitude) comes.
+        ground_truth: publish NAV_GT_* from the truth besides, as uSimMarine does with `dual_state`.
         origin_deg: latitude and longitude of the origin of N, the mission's LatOrigin and LongOrigin; without it no NAV_LAT, NAV_LONG.
     """
 
@@ -53,11 +56,55 @@ class NavTable(Table, kw_only=True, frozen=True):
     position: str = "truth/pose"
     attitude: str = "truth/pose"
     velocity: str = "truth/velocity"
+    flow: Name | None = None
     depth: Name | None = None
     altitude: Name | None = None
     water_depth_m: Positive | None = None
     rate_hz: Positive | None = None
+    ground_truth: bool = False
     origin_deg: tuple[float, float] | None = None
+
+
+class PidTable(Table, kw_only=True, frozen=True):
+    """An autopilot within the adapter, from DESIRED_HEADING, DESIRED_SPEED and DESIRED_DEPTH to DESIRED_RUDDER, DESIRED_THRUST and
+    DESIRED_ELEVATOR, for missions whose simulator has the PID block itself. The keys are those of pMarinePIDV22.
+
+    Attributes:
+        speed_factor: thrust (%) for each m/s; 0 for the loop of `speed_pid_*`.
+        yaw_pid_kp, yaw_pid_ki, yaw_pid_kd, yaw_pid_integral_limit: rudder (degrees, or %) from the error of the heading, degrees.
+        speed_pid_kp, speed_pid_ki, speed_pid_kd, speed_pid_integral_limit: change of the thrust (%) from the error of the speed, m/s.
+        z_to_pitch_pid_kp, z_to_pitch_pid_ki, z_to_pitch_pid_kd, z_to_pitch_pid_integral_limit: pitch (rad) from the error of the depth, m.
+        pitch_pid_kp, pitch_pid_ki, pitch_pid_kd, pitch_pid_integral_limit: elevator (rad, given out in degrees) from the error of the pitch, rad.
+        maxrudder, maxthrust, maxelevator: limits of the outputs.
+        maxpitch: limit of the pitch, degrees.
+        depth_control: DESIRED_ELEVATOR is given out too.
+        tardy_helm_threshold, tardy_nav_threshold: age (s, simulation time) above which a DESIRED_ or a NAV_ value stops the vehicle.
+    """
+
+    speed_factor: NonNegative = 0.0
+    yaw_pid_kp: float = 0.5
+    yaw_pid_ki: float = 0.0
+    yaw_pid_kd: float = 0.0
+    yaw_pid_integral_limit: NonNegative = 0.0
+    speed_pid_kp: float = 1.0
+    speed_pid_ki: float = 0.0
+    speed_pid_kd: float = 0.0
+    speed_pid_integral_limit: NonNegative = 0.0
+    z_to_pitch_pid_kp: float = 0.12
+    z_to_pitch_pid_ki: float = 0.004
+    z_to_pitch_pid_kd: float = 0.0
+    z_to_pitch_pid_integral_limit: NonNegative = 0.05
+    pitch_pid_kp: float = 1.5
+    pitch_pid_ki: float = 0.0
+    pitch_pid_kd: float = 1.0
+    pitch_pid_integral_limit: NonNegative = 0.0
+    maxrudder: Positive = 100.0
+    maxthrust: Positive = 100.0
+    maxpitch: Positive = 15.0
+    maxelevator: Positive = 13.0
+    depth_control: bool = True
+    tardy_helm_threshold: Positive = 2.0
+    tardy_nav_threshold: Positive = 2.0
 
 
 class BridgeTable(Table, kw_only=True, frozen=True):
@@ -71,6 +118,9 @@ class BridgeTable(Table, kw_only=True, frozen=True):
         rate_hz: publish a port at most so often, simulation time; default: each sample.
         nav: publish the conventional set.
         commands: what DESIRED_THRUST and its like do, by variable.
+        pid: an autopilot within the adapter, for missions without pMarinePID.
+        hold_depth_m: a depth that is held with DESIRED_ELEVATOR (of `commands`) while somebody drives and nobody writes DESIRED_ELEVATOR: a
+            mission in the plane has no depth, and a vehicle with fins would dive or rise for ever.
         usm: listen to USM_RESET, USM_SIM_PAUSED, DRIFT_X and the like, as uSimMarine does.
         services: carry out calls that come as the variable UWSERVER_CALL.
         alog: file (.alog) for all that goes through; an earlier one of this name is kept under a number.
@@ -83,6 +133,8 @@ class BridgeTable(Table, kw_only=True, frozen=True):
     rate_hz: Positive | None = None
     nav: NavTable | None = None
     commands: dict[Name, tuple[Target, ...]] = field(default_factory=dict)
+    pid: PidTable | None = None
+    hold_depth_m: NonNegative | None = None
     usm: bool = True
     services: bool = True
     alog: Name | None = None

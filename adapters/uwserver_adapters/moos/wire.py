@@ -21,10 +21,14 @@ from msgspec import Struct
 
 HELLO = b"ELKS CAN'T DANCE 2/8/10".ljust(32, b"\0")
 """What a client sends first."""
-PACKET_LIMIT = 4 << 20
-"""Longest packet that is taken, bytes."""
+PACKET_LIMIT = 1 << 20
+"""Longest packet that is taken, bytes: what copies of it cost keeps all other threads waiting."""
 MESSAGES_LIMIT = 2048
 """Messages in a packet, at most: C++ clients send a thousand."""
+SKIP_LIMIT = 64 << 20
+"""Longest packet that is passed over, bytes; what claims more is no packet."""
+AT_ONCE = 64
+"""Messages that are read in one call: about 0.3 ms."""
 NAMES_LIMIT = 1024
 """Longest name in a message: of its variable, its client, its community; bytes."""
 TEXT_LIMIT = 64 << 10
@@ -122,7 +126,18 @@ class Malformed(Struct, frozen=True):
     text: str
 
 
-WireEvent = Hello | Packet | Malformed
+class Skipped(Struct, frozen=True):
+    """A packet was too long and is thrown away as it comes; the next one can be understood. The text says how long."""
+
+    text: str
+
+
+class Reading(Struct, frozen=True):
+    """A packet of many messages is being read: others may have their turn, then ask again."""
+
+
+WireEvent = Hello | Packet | Malformed | Skipped | Reading
+_READING = Reading()
 
 
 def notify(key: str, value: float | str | bytes, time: float, src: str = "", id: int = -1) -> Message:
@@ -199,42 +214,70 @@ class Decoder:
     Args:
         expects_hello: the peer is a client, which says hello first.
         limit: longest packet, bytes.
+        skips: a packet above the limit is thrown away, and the number of messages has no limit: a database whose client we are sends what
+            others wrote.
     """
 
-    def __init__(self, expects_hello: bool = False, limit: int = PACKET_LIMIT) -> None:
+    def __init__(self, expects_hello: bool = False, limit: int = PACKET_LIMIT, skips: bool = False) -> None:
         self.limit = limit
         self._expects_hello = expects_hello
+        self._skips = skips
+        self._to_skip = 0
         self._buffer = bytearray()
+        self._messages: _Messages | None = None
         self._is_broken = False
 
     def receive(self, data: bytes) -> None:
         """Store bytes; those after a fault are thrown away."""
+        if self._to_skip:
+            skipped = min(self._to_skip, len(data))
+            self._to_skip -= skipped
+            data = data[skipped:]
         if not self._is_broken:
             self._buffer += data
 
     def next_event(self) -> WireEvent | None:
-        """The next packet; None until more bytes come. After `Malformed` nothing comes any more."""
+        """The next packet; None until more bytes come. `Reading` when a packet has more messages than are read at once. After `Malformed`
+        nothing comes any more."""
         if self._is_broken:
             return None
         if self._expects_hello:
             return self._hello()
+        try:
+            if self._messages is None:
+                begun = self._begin()
+                if begun is not None or self._messages is None:
+                    return begun
+            if not self._messages.read(AT_ONCE):
+                return _READING
+            packet = Packet(tuple(self._messages.found))
+            self._messages = None
+            return packet
+        except _Fault as fault:
+            return self._fault(str(fault))
+
+    def _begin(self) -> WireEvent | None:
+        """Take the next packet out of the buffer, if it is whole. Raises _Fault when it cannot be one."""
         buffer = self._buffer
         if len(buffer) < _LENGTH.size:
             return None
         (size,) = _LENGTH.unpack_from(buffer)
         if size < _PACKET.size:
-            return self._fault(f"a packet of {size} bytes: its header alone has {_PACKET.size}")
+            raise _Fault(f"a packet of {size} bytes: its header alone has {_PACKET.size}")
         if size > self.limit:
-            return self._fault(f"a packet of {size} bytes: the longest that is taken has {self.limit}")
+            text = f"a packet of {size} bytes: the longest that is taken has {self.limit}"
+            if not self._skips or size > SKIP_LIMIT:
+                raise _Fault(text)
+            self._to_skip = max(0, size - len(buffer))
+            del buffer[:size]
+            return Skipped(text)
         if len(buffer) < size:
             return None
         with memoryview(buffer) as whole:  # a slice of it would be a copy more
             data = bytes(whole[:size])
         del buffer[:size]
-        try:
-            return Packet(_messages(data))
-        except _Fault as fault:
-            return self._fault(str(fault))
+        self._messages = _Messages(data, math.inf if self._skips else MESSAGES_LIMIT)
+        return None
 
     def _hello(self) -> WireEvent | None:
         buffer = self._buffer
@@ -248,6 +291,7 @@ class Decoder:
 
     def _fault(self, text: str) -> Malformed:
         self._is_broken = True
+        self._messages = None
         self._buffer.clear()
         return Malformed(text)
 
@@ -256,22 +300,36 @@ class _Fault(Exception):
     """What is wrong in a packet."""
 
 
-def _messages(data: bytes) -> tuple[Message, ...]:
-    size, number, compressed = _PACKET.unpack_from(data)
-    if compressed:
-        raise _Fault("a compressed packet: MOOS V10 has none")
-    if not 0 <= number <= (size - _PACKET.size) // _SHORTEST:
-        raise _Fault(f"{number} messages in a packet of {size} bytes")
-    if number > MESSAGES_LIMIT:
-        raise _Fault(f"{number} messages in a packet: the most that are taken are {MESSAGES_LIMIT}")
-    at = _PACKET.size
-    found = []
-    for _ in range(number):
-        message, at = _message(data, at)
-        found.append(message)
-    if at != size:
-        raise _Fault(f"{size - at} bytes behind the last of {number} messages")
-    return tuple(found)
+class _Messages:
+    """Reads the messages of a packet, some at a time.
+
+    Attributes:
+        found: those read so far.
+    """
+
+    def __init__(self, data: bytes, most: float) -> None:
+        size, number, compressed = _PACKET.unpack_from(data)
+        if compressed:
+            raise _Fault("a compressed packet: MOOS V10 has none")
+        if not 0 <= number <= (size - _PACKET.size) // _SHORTEST:
+            raise _Fault(f"{number} messages in a packet of {size} bytes")
+        if number > most:
+            raise _Fault(f"{number} messages in a packet: the most that are taken are {most:g}")
+        self.found: list[Message] = []
+        self._data = data
+        self._at = _PACKET.size
+        self._number = number
+
+    def read(self, most: int) -> bool:
+        """Read so many more; whether these were all. Raises _Fault."""
+        for _ in range(min(most, self._number - len(self.found))):
+            message, self._at = _message(self._data, self._at)
+            self.found.append(message)
+        if len(self.found) < self._number:
+            return False
+        if self._at != len(self._data):
+            raise _Fault(f"{len(self._data) - self._at} bytes behind the last of {self._number} messages")
+        return True
 
 
 def _message(data: bytes, start: int) -> tuple[Message, int]:

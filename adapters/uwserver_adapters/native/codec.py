@@ -15,11 +15,11 @@ import msgspec
 from uwserver.adapter import Frames, Lines, SampleForm, TooLong, frame, line
 from uwserver.ports import Event, Fault, Progress, Refused, Sample
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding, RequestId
-from uwserver_adapters.native.requests import Malformed, Request, id_of_json, parse_json, parse_msgpack
+from uwserver_adapters.native.requests import Malformed, Request, id_of_json, id_of_msgpack, parse_json, parse_msgpack
 
 LINE_LIMIT = 512 << 10
 """Longest JSON line or text, bytes: what `decode` takes at most, with texts in base64."""
-FRAME_LIMIT = 5 << 20
+FRAME_LIMIT = 2 << 20
 """Longest msgpack frame, bytes: more than `decode` takes at most, with texts and binary values."""
 
 
@@ -118,7 +118,7 @@ class MsgpackCodec(Frames, Codec):
         try:
             body = self.next_frame()
         except Refused as refused:
-            return Malformed(refused.fault, fatal=True)
+            return Malformed(refused.fault, id_of_msgpack(self.head), fatal=True)
         return NEED_DATA if body is None else parse_msgpack(body)
 
 

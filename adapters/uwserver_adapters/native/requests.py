@@ -37,17 +37,22 @@ def parse_json(body: bytes) -> Request | Malformed:
         return Malformed(_fault(error, "JSON", "object"), id_of_json(body))
 
 
-def parse_msgpack(body: bytes) -> Request | Malformed:
+def parse_msgpack(body: bytes | memoryview) -> Request | Malformed:
     """One msgpack map, and nothing after it."""
     try:
         return _request(decode(body, "msgpack"))
     except Undecodable as error:
-        return Malformed(_fault(error, "msgpack", "map"), _known(msgpack_member(body, "id")))
+        return Malformed(_fault(error, "msgpack", "map"), id_of_msgpack(body))
 
 
 def id_of_json(text: bytes) -> RequestId:
     """The id of a request that cannot be decoded, or of which this is only the beginning; None where it cannot be read."""
     return _known(json_member(text, "id"))
+
+
+def id_of_msgpack(frame: bytes | memoryview) -> RequestId:
+    """The same of msgpack."""
+    return _known(msgpack_member(frame, "id"))
 
 
 def _known(identity: int | str | None) -> RequestId:

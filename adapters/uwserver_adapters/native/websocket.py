@@ -20,7 +20,15 @@ from uwserver.adapter import MESSAGE_LIMIT, is_host_known
 from uwserver.ports import ErrorCode, Fault
 from uwserver_adapters.native.codec import LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK
-from uwserver_adapters.native.requests import EXAMPLE, Malformed, Request, id_of_json, parse_json, parse_msgpack
+from uwserver_adapters.native.requests import (
+    EXAMPLE,
+    Malformed,
+    Request,
+    id_of_json,
+    id_of_msgpack,
+    parse_json,
+    parse_msgpack,
+)
 
 HTTP_ANSWER = (
     b"HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nContent-Type: text/plain; charset=utf-8\r\nConnection: close\r\n\r\n"
@@ -217,7 +225,9 @@ class WebSocketCodec(Codec):
             if not is_text:
                 self.encoding, self.frame = MSGPACK, _binary_frame
         if len(body) > LINE_LIMIT:
-            self._events.append(Malformed(self._too_large(LINE_LIMIT), id_of_json(body) if is_text else None))
+            self._events.append(
+                Malformed(self._too_large(LINE_LIMIT), id_of_json(body) if is_text else id_of_msgpack(body))
+            )
         elif not is_text:
             self._events.append(parse_msgpack(body))
         elif (

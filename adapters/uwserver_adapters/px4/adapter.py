@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, field
@@ -69,6 +70,10 @@ class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
     odometry_sigma: tuple[Positive, Positive, Positive] = (0.05, 0.02, 0.05)
     origin_deg: tuple[float, float] = (47.397742, 8.545594)
     outputs: dict[Name, OutputTable] = field(default_factory=dict)
+
+    def needs(self) -> Mapping[str, str]:
+        """The dialect."""
+        return {"pymavlink.dialects.v20.common": "uwserver[mavlink]"}
 
 
 class Px4Adapter:

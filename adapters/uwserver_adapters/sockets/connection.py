@@ -8,6 +8,7 @@ from uwserver import adapter
 from uwserver.adapter import STRANGER_LIMIT, Peer, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.native.codec import NEED_DATA, Codec, Control, JsonCodec, choose_codec
+from uwserver_adapters.native.encoding import RequestId
 from uwserver_adapters.native.outbox import Outbox
 from uwserver_adapters.native.requests import Malformed, Request
 from uwserver_adapters.native.service import NativeService
@@ -94,16 +95,16 @@ class Connection(adapter.Connection):
             self.write(self._session.codec.ending(None))
         super().close()
 
-    def _last_text(self, fault: Fault) -> bytes:
+    def _last_text(self, fault: Fault, request: RequestId = None) -> bytes:
         self._stats.errors += 1
         codec = self._session.codec if self._session is not None else JsonCodec()
-        last = codec.error(None, fault) + codec.ending(fault)
+        last = codec.error(request, fault) + codec.ending(fault)
         self._stats.bytes_sent += len(last)
         return last
 
-    def _dismiss(self, fault: Fault) -> None:
+    def _dismiss(self, fault: Fault, request: RequestId = None) -> None:
         if not self.is_closing:
-            self.farewell(self._last_text(fault))
+            self.farewell(self._last_text(fault, request))
 
     def _overflow(self, text: str) -> None:
         self._service.refusals.note("slow reader", text)
@@ -215,7 +216,7 @@ class Connection(adapter.Connection):
             self._service.refusals.note(event.fault.code, event.fault.text)
             if event.fatal:
                 self._outbox.flush()
-                self._dismiss(event.fault)
+                self._dismiss(event.fault, event.id)
             else:
                 session.refuse(event.id, event.fault)
 

@@ -10,12 +10,12 @@ import base64
 import hashlib
 import hmac
 import secrets
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from typing import cast
 
 import msgspec
 
-from uwserver.adapter import AdapterStats, Peer, Peers, RateMeter, host_of
+from uwserver.adapter import AdapterStats, DatagramTurns, Peer, Peers, RateMeter, host_of
 from uwserver.ports import Fault
 from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
@@ -205,7 +205,12 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         self._secret = secrets.token_bytes(32)
         self._is_paused = False
         self._strangers = RateMeter(STRANGERS_PER_S)
+        self._turns = DatagramTurns(peers.turns)
         self._loop = asyncio.get_running_loop()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """What waits is not carried out any more."""
+        self._turns.close()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin."""
@@ -235,13 +240,24 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         self._clients.pop(address, None)
 
     def datagram_received(self, data: bytes, address: Address) -> None:
-        """Take one datagram."""
+        """Take one datagram, at its sender's turn; those of strangers are one sender's, as their addresses may be forged."""
         client = self._clients.get(address)
         if not self._admits(client, len(data), address):
             return
         if client is None and len(data) > STRANGER_LIMIT:
             self._challenge(JSON, len(data), address)
             return
+        if not self._turns.put(client, len(data), lambda: self._work(data, address)):
+            self.service.refusals.note(
+                "datagrams", "more UDP datagrams wait for their turn than are kept: the newest is dropped"
+            )
+
+    def _work(self, data: bytes, address: Address) -> Iterator[None]:
+        self._take(data, address)
+        yield
+
+    def _take(self, data: bytes, address: Address) -> None:
+        client = self._clients.get(address)
         if len(data) > DATAGRAM_LIMIT:  # IPv6 carries a little more
             message: Request | Malformed = Malformed(
                 Fault("too_large", f"a datagram holds at most {DATAGRAM_LIMIT} bytes")

@@ -46,6 +46,10 @@ class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
     config_file: Name | None = None
     config: dict[str, Any] = field(default_factory=dict)
 
+    def needs(self) -> Mapping[str, str]:
+        """The package of zenoh itself."""
+        return {"zenoh": "uwserver[zenoh]"}
+
 
 def endpoints(config: ZenohConfig) -> tuple[str, ...]:
     """Where the session listens, with free ports in the place of TCP port 0."""

@@ -11,18 +11,21 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.hostile.decoding import costs
-from uwserver_bench.hostile.floods import FLOODS, HAS_MAVLINK, MAVLINK, SCENARIO, Flood
+from uwserver_bench.hostile.floods import FLOODS, HAS_MAVLINK, MAVLINK, RATE_HZ, SCENARIO, Flood
 from uwserver_bench.processes import BenchFailed, Load, loading, stop
 from uwserver_bench.rows import Row
-from uwserver_bench.traced import TICKS, open_trace
+from uwserver_bench.traced import TICKS, open_spent, open_trace
 
-ADDED_BAR_MS = 2.0
+DELAY_BAR_MS = 2.0
+TICK_NS = 10**9 // RATE_HZ
 _SETTLE_S = 1.0
 _LOAD = "uwserver_bench.hostile.load"
 
@@ -47,6 +50,21 @@ def bench_hostile(quick: bool, say: Callable[[str], None]) -> list[Row]:
     return rows
 
 
+class Delay(NamedTuple):
+    """What became of the ticks of some time, ms.
+
+    Attributes:
+        gap: longest time between the ends of two.
+        ours: longest delay of one by work of our own: neither longer than the loop's thread was on a processor meanwhile, nor than what is left
+            of the delay without the time for which our threads waited for a processor.
+        others: the rest of the longest gap, beyond the time of a tick: the processors were others'.
+    """
+
+    gap: float
+    ours: float
+    others: float
+
+
 @dataclass(frozen=True)
 class Target:
     """A running server: its addresses by name, and its trace of ticks."""
@@ -54,13 +72,30 @@ class Target:
     addresses: dict[str, str]
     trace: str
 
-    def longest_gap_ms(self, start_ns: int, end_ns: int) -> float:
-        """Longest time between the ends of two ticks, of those that ended within this time, ms."""
-        ends = np.sort(np.asarray(open_trace(self.trace)))
-        within = ends[(ends >= start_ns) & (ends <= end_ns)]
-        if len(within) < 2:
-            return (end_ns - start_ns) * 1e-6
-        return float(np.diff(within, prepend=start_ns, append=end_ns).max()) * 1e-6
+    def delay(self, start_ns: int, end_ns: int) -> Delay:
+        """Of the ticks that ended within this time."""
+        return delay_of(np.asarray(open_trace(self.trace)), np.asarray(open_spent(self.trace)), start_ns, end_ns)
+
+
+def delay_of(ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64], start_ns: int, end_ns: int) -> Delay:
+    """Of the ticks that ended within a time.
+
+    Args:
+        ends: of the ticks, ns, in any order.
+        spent: until each, as of `uwserver_bench.traced.Threads`.
+        start_ns, end_ns: the time.
+    """
+    found = np.flatnonzero((ends >= start_ns) & (ends <= end_ns))
+    found = found[np.argsort(ends[found])]
+    if len(found) < 2:
+        whole = (end_ns - start_ns) * 1e-6
+        return Delay(whole, whole, 0.0)  # nothing tells whose fault it was
+    gaps = np.diff(ends[found])
+    looped, waited = np.diff(spent[found], axis=0).T
+    late = np.maximum(0, gaps - TICK_NS)
+    ours = np.minimum(looped, np.maximum(0, late - waited))
+    longest = int(np.argmax(gaps))
+    return Delay(float(gaps.max()) * 1e-6, float(ours.max()) * 1e-6, float(late[longest] - ours[longest]) * 1e-6)
 
 
 @contextlib.contextmanager
@@ -68,7 +103,7 @@ def _serving() -> Iterator[Target]:
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         scenario, trace = Path(folder) / "hostile.toml", str(Path(folder) / "trace")
         scenario.write_text(SCENARIO + (MAVLINK if HAS_MAVLINK else ""), encoding="utf-8")
-        command = [sys.executable, "-m", "uwserver_bench.traced", str(scenario), trace]
+        command = [sys.executable, "-m", "uwserver_bench.traced", str(scenario), trace, "threads"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
             try:
                 assert process.stdout is not None
@@ -85,24 +120,27 @@ def _flooded(flood: Flood, target: Target, load: Load, repeats: int, seconds: fl
     if flood.address not in target.addresses:
         return [Row("flood", flood.name, "ms", (), note=f"not measured: the server has no {flood.address}")]
     clock = SystemTime()
-    calm: list[float] = []
-    flooded: list[float] = []
-    sent = 0
-    assert seconds * 2 < TICKS / 240
+    calm: list[Delay] = []
+    flooded: list[Delay] = []
+    sent = opened = 0
+    assert seconds * 2 < TICKS / RATE_HZ
     for _ in range(repeats):
         start = clock.now_ns()
         clock.wait(seconds, Event())
         middle = clock.now_ns()
         result = load.ask("attack", flood=flood.name, address=target.addresses[flood.address], seconds=seconds)
         end = clock.now_ns()
-        calm.append(target.longest_gap_ms(start, middle))
-        flooded.append(target.longest_gap_ms(middle, end))
+        if not result["opened"]:
+            return [Row("flood", flood.name, "ms", (), note=f"not measured: no connection ({result['reason']})")]
+        calm.append(target.delay(start, middle))
+        flooded.append(target.delay(middle, end))
         sent += int(result["bytes"])
+        opened += int(result["opened"])
         clock.wait(_SETTLE_S, Event())
-    added = tuple(there - before for there, before in zip(flooded, calm, strict=True))
-    megabytes = f"{sent / (repeats * seconds) * 1e-6:.1f} MB/s were taken"
+    taken = f"{sent / (repeats * seconds) * 1e-6:.1f} MB/s were taken, {opened} connections"
     return [
-        Row("flood", f"{flood.name}: longest gap of ticks, undisturbed", "ms", tuple(calm)),
-        Row("flood", f"{flood.name}: longest gap of ticks, flooded", "ms", tuple(flooded), note=megabytes),
-        Row("flood", f"{flood.name}: what the flood adds", "ms", added, at_most=ADDED_BAR_MS),
-    ]
+        Row("flood", f"{flood.name}: longest gap of ticks, undisturbed", "ms", tuple(each.gap for each in calm)),
+        Row("flood", f"{flood.name}: longest gap of ticks, flooded", "ms", tuple(each.gap for each in flooded), note=taken),
+        Row("flood", f"{flood.name}: of it for want of a processor", "ms", tuple(each.others for each in flooded)),
+        Row("flood", f"{flood.name}: what work of ours can delay a tick", "ms", tuple(each.ours for each in flooded), at_most=DELAY_BAR_MS),
+    ]  # fmt: skip

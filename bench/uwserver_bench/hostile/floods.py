@@ -14,14 +14,20 @@ from uwserver_bench.hostile.messages import JSON, MSGPACK
 CONNECTIONS = 3
 DATAGRAM_S = 0.001
 """Wall time between two datagrams of an attacker: nothing holds it back, and its own processor time is not what is measured."""
+BURST = 100
+BURST_S = BURST * CONNECTIONS / 50_000
+"""Of all connections together 50 000 datagrams a second."""
+HEARTBEAT = bytes.fromhex("fd09000000ffbe000000000000000608c00403e473")
+"""Of a ground station, system 255, component 190: MAVLink 2."""
 HELLO = b"hello"
 """Of a UDP flood: it begins with the cookie of a session."""
 
-SCENARIO = """\
+RATE_HZ = 240
+SCENARIO = f"""\
 schema = 1
 title = "bench hostile"
 [world]
-rate_hz = 240
+rate_hz = {RATE_HZ}
 [server]
 metrics = false
 [vehicles.rov]
@@ -58,6 +64,7 @@ class Flood:
         connections: at once.
         is_udp: datagrams.
         pause_s: wall time between two sendings of a connection.
+        burst: how often the bytes are sent at once, each time a datagram.
     """
 
     name: str
@@ -67,6 +74,7 @@ class Flood:
     connections: int = CONNECTIONS
     is_udp: bool = False
     pause_s: float = 0.0
+    burst: int = 1
 
 
 def _tcp(name: str, data: bytes, **more: float) -> Flood:
@@ -80,7 +88,7 @@ def _floods() -> Iterator[Flood]:
     ):  # fmt: skip
         yield _tcp(name, line(JSON[name]))
     yield _tcp("small pings, 1000 in a piece", line(b'{"id":1,"method":"ping"}') * 1000)
-    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 4 MiB"):
+    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 1 MiB"):
         yield _tcp(f"msgpack, {name}", frame(MSGPACK[name]))
     yield Flood(
         "UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True, pause_s=DATAGRAM_S
@@ -92,6 +100,10 @@ def _floods() -> Iterator[Flood]:
     writes = moos.packet([moos.encode(moos.notify("FLOOD", 1.0, 0.0, "flood"))] * 2048)
     yield Flood("MOOSDB: 2048 writes in a packet", "moos", writes, greeting)
     yield Flood("MOOS text: 256 writes in a line", "text", b"A=1 " * 256 + b"\n")
+    for name, size in (("hello", 100), ("one byte", 1)):
+        small = (b'{"id":1,"method":"hello","params":{"version":1}}').ljust(size) if size > 1 else b"{"
+        yield Flood(f"UDP strangers: 50 000/s of {name}", "udp", small, is_udp=True, pause_s=BURST_S, burst=BURST)
+    yield Flood("MAVLink UDP: 50 000 heartbeats/s", "mavlink", HEARTBEAT, is_udp=True, pause_s=BURST_S, burst=BURST)
     yield Flood("MAVLink UDP: 64 KiB of 0xFD", "mavlink", b"\xfd" * 65_507, is_udp=True, pause_s=DATAGRAM_S)
 
 

@@ -91,6 +91,7 @@ MSGPACK: Mapping[str, bytes] = {
     "4000 keys": _framed(msgpack.encode({str(i): 0 for i in range(4000)})),
     "1 MiB of text": _framed(msgpack.encode("x" * (MIB - 10))),
     "1 MiB of UTF-8": _framed(msgpack.encode("é" * (MIB // 2))),
+    "a buffer of 1 MiB": _framed(msgpack.encode(b"x" * MIB)),
     "a buffer of 4 MiB": _framed(msgpack.encode(b"x" * (4 * MIB))),
     "a list that claims 4 G entries": _framed(b"\xdd\xff\xff\xff\xff"),
 }

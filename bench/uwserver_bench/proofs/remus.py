@@ -27,7 +27,7 @@ OVERRIDE: dict[str, object] = {
     "foils": {"hull": {"inflow": "speed", "stall_deg": 178.0}},
     "propellers": {"main": {"inflow": "speed", "position_frd_m": [0.0, 0.0, 0.0]}},
 }
-"""Makes the shipped vehicle file the simulator's model to the last term: neutral in its water, propeller and hull with its inflow, no stall."""
+"""Makes the vehicle file remus100_pvs the simulator's model to the last term: neutral in its water, propeller and hull with its inflow, no stall."""
 
 
 FIVE = 0.0872664625997165
@@ -47,9 +47,9 @@ SIMULATED = {
 
 
 def remus_track(rate_hz: float, override: dict[str, object] | None = None) -> list[FloatArray]:
-    """States (13) of the kernel's REMUS 100 at the ends of STEPS, from the start; `override` replaces OVERRIDE."""
+    """States (13) of the kernel's remus100_pvs at the ends of STEPS, from the start; `override` replaces OVERRIDE."""
     changes = OVERRIDE if override is None else override
-    entry = VehicleEntry(model="remus100", position_ned_m=(0.0, 0.0, DEEP), override=changes)
+    entry = VehicleEntry(model="remus100_pvs", position_ned_m=(0.0, 0.0, DEEP), override=changes)
     environment = Environment(density_kgpm3=RHO)
     resolved = load(Scenario(schema=1, environment=environment, vehicles={"auv": entry}), adapters={}).vehicles["auv"]
     hydro = Hydrodynamics([body_params(resolved.vehicle, resolved.devices, environment)], 1.0 / rate_hz)

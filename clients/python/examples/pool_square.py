@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass, field
 
 import uwclient
+from uwclient import attitude
 
 SIDE_M = 5.0
 SPEED_MPS = 0.25
@@ -69,12 +70,6 @@ def reference(t: float) -> tuple[float, float]:
     return n0 + s * (n1 - n0), e0 + s * (e1 - e0)
 
 
-def yaw_of(q: tuple[float, ...]) -> float:
-    """Heading of an attitude w x y z, rad."""
-    w, x, y, z = q
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-
-
 class Controller:
     """PD in position and heading, PID in depth; velocities from filtered differences of the position, yaw rate from the gyro."""
 
@@ -123,7 +118,7 @@ def drive(client: uwclient.Client, seconds: float = 4 * SIDE_M / SPEED_MPS + 8.0
         mocap, depth, imu = (client.latest(f"{VEHICLE}/{name}") for name in ("mocap", "depth", "imu"))
         if mocap is None or depth is None or imu is None:
             continue
-        position, yaw = mocap.vector("p_NS"), yaw_of(mocap.vector("q_NS"))
+        position, yaw = mocap.vector("p_NS"), attitude.heading(mocap.vector("q_NS"))
         u = controller.command(t, position, depth.number("depth"), yaw, imu.vector("w_S")[2])
         client.send(f"{VEHICLE}/thrusters", u=u)
         log.t.append(t)

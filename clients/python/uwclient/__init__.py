@@ -7,7 +7,19 @@ from uwclient.buffers import Buffer
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout, UwError
 from uwclient.link import tls_context
 from uwclient.over_zenoh import connect_zenoh, connect_zenoh_async
-from uwclient.ports import Ack, Argument, Description, Event, Field, Port, Progress, Sample, Service, Subscription
+from uwclient.ports import (
+    Ack,
+    Argument,
+    Description,
+    Event,
+    Field,
+    Port,
+    Progress,
+    Propulsor,
+    Sample,
+    Service,
+    Subscription,
+)
 from uwclient.sync import Client
 
 __version__ = "0.1.0"
@@ -27,6 +39,7 @@ __all__ = [
     "Field",
     "Port",
     "Progress",
+    "Propulsor",
     "ProtocolError",
     "Sample",
     "Service",

@@ -1,4 +1,4 @@
-"""The command line: `uwclient topics | echo | hz | call | send | plot`.
+"""The command line: `uwclient topics | watch | echo | hz | call | send | plot`.
 
 Exit codes: 0 done, 1 refused or failed, 2 wrong usage, 130 interrupted.
 """
@@ -87,6 +87,14 @@ def _add_streams(add: Callable[..., argparse.ArgumentParser]) -> None:
     echo.add_argument("--json", action="store_true", help="one JSON object a line")
     echo.set_defaults(run=cli_verbs.echo)
 
+    watch = add("watch", help="show live values in one place of the terminal")
+    watch.add_argument(
+        "pattern", metavar="PATTERN", nargs="?", default="**", help="such as 'rov/*' (default: all sensors)"
+    )
+    watch.add_argument("--rate", type=_positive, default=4.0, metavar="HZ", help="how often (default %(default)s)")
+    watch.add_argument("--seconds", type=_positive, metavar="S", help="end after this (default: at Ctrl-C)")
+    watch.set_defaults(run=cli_verbs.watch)
+
     hz = add("hz", help="measure rate, jitter and drops")
     hz.add_argument("pattern", metavar="PATTERN")
     hz.add_argument("--seconds", type=_positive, default=5.0, metavar="S", help="wall seconds (default 5)")
@@ -102,6 +110,7 @@ def _add_streams(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 def _add_requests(add: Callable[..., argparse.ArgumentParser]) -> None:
     topics = add("topics", help="list ports and services")
+    topics.add_argument("--services", action="store_true", help="each service with its arguments")
     topics.add_argument("--json", action="store_true", help="everything the server describes, as JSON")
     topics.set_defaults(run=cli_verbs.topics)
 

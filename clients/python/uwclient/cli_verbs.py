@@ -11,12 +11,14 @@ import sys
 import time
 from collections.abc import Iterator
 
+from uwclient import live
 from uwclient.buffers import Buffer, as_text
 from uwclient.errors import Timeout, UwError
 from uwclient.figure import draw, require_matplotlib
-from uwclient.ports import Field, Port, Progress, Sample, Service
+from uwclient.ports import Progress, Sample
 from uwclient.rates import rate
 from uwclient.sync import Client
+from uwclient.topics import listing
 
 
 def topics(client: Client, options: argparse.Namespace) -> None:
@@ -28,10 +30,14 @@ def topics(client: Client, options: argparse.Namespace) -> None:
         whole = {"server": description.server, "world": description.world, "ports": ports, "services": services}
         print(json.dumps(whole, indent=2))
         return
-    for port in client.ports.values():
-        print(_port_line(port))
-    for service in client.services.values():
-        print(_service_line(service))
+    for line in listing(list(client.ports.values()), list(client.services.values()), options.services):
+        print(line)
+
+
+def watch(client: Client, options: argparse.Namespace) -> None:
+    """Show live values in one place; Ctrl-C is the normal end without --seconds."""
+    with contextlib.suppress(KeyboardInterrupt):
+        live.watch(client, options.pattern, options.rate, options.seconds, sys.stdout)
 
 
 def echo(client: Client, options: argparse.Namespace) -> None:
@@ -67,9 +73,12 @@ def hz(client: Client, options: argparse.Namespace) -> None:
 
 
 def call(client: Client, options: argparse.Namespace) -> None:
-    """Call a service and print its value as JSON; progress goes to standard error."""
+    """Call a service and print its value as JSON, if it has one; progress and "done" go to standard error."""
     value = client.call(options.service, dict(options.values), on_progress=_print_progress)
-    print(json.dumps(value, indent=2, default=as_text))
+    if value is None:
+        print(f"{options.service}: done", file=sys.stderr)
+    else:
+        print(json.dumps(value, indent=2, default=as_text))
 
 
 def send(client: Client, options: argparse.Namespace) -> None:
@@ -114,23 +123,6 @@ def _collect(client: Client, seconds: float) -> Iterator[Sample]:
 
 def _print_progress(progress: Progress) -> None:
     print(f"{progress.fraction:6.1%}", file=sys.stderr, flush=True)
-
-
-def _port_line(port: Port) -> str:
-    rate_hz = f"{port.rate_hz:g} Hz" if port.rate_hz else "-"
-    fields = ", ".join(_field(field) for field in port.fields)
-    return f"{port.path:32} {port.direction:9} {rate_hz:8} {fields}"
-
-
-def _field(field: Field) -> str:
-    shape = "x".join("n" if size < 0 else str(size) for size in field.shape)
-    shape = " ".join(filter(None, (field.dtype, shape)))
-    return field.name + (f"[{shape}]" if shape else "") + (f" {field.unit}" if field.unit not in ("", "1") else "")
-
-
-def _service_line(service: Service) -> str:
-    arguments = ", ".join(entry.name if entry.required else f"[{entry.name}]" for entry in service.arguments)
-    return f"{service.path:32} {'service':9} {'-':8} {arguments}".rstrip()
 
 
 def _json_line(sample: Sample) -> str:

@@ -20,7 +20,7 @@ from uwclient.wire import RequestId
 
 LINE_LIMIT = 512 << 10
 """Longest JSON line the server takes, bytes."""
-FRAME_LIMIT = 5 << 20
+FRAME_LIMIT = 2 << 20
 """Longest frame the server takes, bytes."""
 ANSWER_LIMIT = 16 << 20
 """Longest frame or JSON line accepted from the server, bytes."""

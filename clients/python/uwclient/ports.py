@@ -57,6 +57,26 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Propulsor:
+    """One thruster of a command: its place in B, m, and the direction in which it pushes at a positive command."""
+
+    name: str
+    r_B: tuple[float, ...]
+    axis_B: tuple[float, ...]
+
+    @classmethod
+    def from_wire(cls, value: object) -> Propulsor:
+        """Read one entry of a port's `propulsors`; raises ProtocolError."""
+        data = wire.as_map(value, "a propulsor")
+        r, axis = (wire.as_list(data.get(key, []), key) for key in ("r_B", "axis_B"))
+        return cls(
+            wire.text(data, "name", ""),
+            tuple(float(each) for each in r if isinstance(each, (int, float))),
+            tuple(float(each) for each in axis if isinstance(each, (int, float))),
+        )
+
+
+@dataclass(frozen=True)
 class Port:
     """One typed stream: a sensor (samples come out) or an actuator (commands go in)."""
 
@@ -67,6 +87,7 @@ class Port:
     rate_hz: float | None = None
     timeout_s: float | None = None
     doc: str = ""
+    propulsors: tuple[Propulsor, ...] = ()
 
     @classmethod
     def from_wire(cls, value: object) -> Port:
@@ -80,6 +101,9 @@ class Port:
             rate_hz=wire.number(data, "rate_hz"),
             timeout_s=wire.number(data, "timeout_s"),
             doc=wire.text(data, "doc", ""),
+            propulsors=tuple(
+                Propulsor.from_wire(entry) for entry in wire.as_list(data.get("propulsors", []), "propulsors")
+            ),
         )
 
 

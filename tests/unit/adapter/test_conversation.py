@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from uwserver.adapter import Conversation, Owed
+from uwserver.adapter.conversation import STOPS
 from uwserver.ports import Progress, Refused, Reply
 from uwserver.testing import FakeContext
 
@@ -77,6 +78,19 @@ def test_what_is_refused_or_fails_is_not_owed(service: str):
         assert talk.conversation.owed.count == 0
         assert not talk.conversation.is_running(1)
         assert talk.replies == []
+
+    within_loop(scene)
+
+
+def test_a_stop_has_places_of_its_own_when_too_many_wait():
+    async def scene(_: Talk) -> None:
+        talk = Talk(Owed(1))
+        talk.call(key=1)
+        for _ in range(STOPS):
+            talk.conversation.call("world/pause", {}, talk.replies.append)
+        with pytest.raises(Refused) as caught:
+            talk.conversation.call("world/pause", {}, talk.replies.append)
+        assert caught.value.fault.code == "overload"
 
     within_loop(scene)
 

@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from uwserver.adapter import Frames, Lines, Undecodable, decode, frame, framing, line
+from uwserver.adapter.framing import LARGE
 from uwserver.ports import Refused
 
 MANY = b"[" + b"1e5," * 17 + b"%s]"
@@ -63,6 +64,21 @@ def test_frames_in_pieces(piece: int):
             found.append(got)
     assert found == [b"one", b"", b"x" * 10]
     assert not reader.is_lost
+
+
+@pytest.mark.parametrize("behind", [b"", frame(b"next")[:3], frame(b"next")])
+def test_a_large_frame_is_not_copied_and_what_follows_it_is_not_lost(behind):
+    reader = Frames(1 << 20)
+    for piece in (frame(b"x" * LARGE)[:10], frame(b"x" * LARGE)[10:] + behind):
+        reader.receive(piece)
+    held = reader._buffer
+    large = reader.next_frame()
+    assert isinstance(large, memoryview)
+    assert large.obj is held
+    assert large.readonly
+    assert large == b"x" * LARGE
+    reader.receive(frame(b"next")[len(behind) :])
+    assert reader.next_frame() == b"next"
 
 
 def test_after_a_frame_that_is_too_long_nothing_is_taken():
@@ -152,5 +168,5 @@ def test_no_decoder_sees_what_would_cost_too_much(monkeypatch, data, encoding):
 def test_a_buffer_and_a_piece_of_a_state_are_taken():
     piece = b"QUJD" * (1 << 16)
     assert decode(b'{"data":"%s","offset":0}' % piece, "json") == {"data": piece.decode(), "offset": 0}
-    value = {"data": b"x" * (4 << 20), "shape": [2048, 2048], "piece": piece.decode()}
+    value = {"data": b"x" * (1 << 20), "shape": [1024, 1024], "piece": piece.decode()}
     assert decode(msgspec.msgpack.encode(value), "msgpack") == value

@@ -201,6 +201,18 @@ def test_it_comes_up(fly):
     assert f.vehicle.p_NB[2] < 0.3
 
 
+@pytest.mark.parametrize("model", ["bluerov2_heavy", "minerva", "rexrov"])
+def test_a_mission_ends_at_the_surface(fly, model):
+    """RexROV floats with its origin half a metre below the surface, its float 0.1 m out of it: it has come up all the same."""
+    f = fly(model)
+    f.call("set_mission", items=[{"kind": "surface"}])
+    f.call("arm")
+    f.call("start_mission")
+    f.run(25.0)
+    assert (f.state["mission_index"], f.state["reached"]) == (-1, 1)
+    assert f.vehicle.p_NB[2] < 0.75
+
+
 @pytest.mark.parametrize("model", ["bluerov2", "bluerov2_heavy"])
 def test_goto_tells_progress_and_arrives(fly, model):
     f = fly(model, current=(0.1, 0.0, 0.0))

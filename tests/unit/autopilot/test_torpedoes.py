@@ -6,21 +6,25 @@ import math
 
 import pytest
 
-FAST = {"remus100": 1.5, "lauv": 1.0, "tethys": 1.0, "eca_a9": 1.5}
+FAST = {"remus100": 1.5, "lauv": 1.0, "tethys": 0.9, "eca_a9": 1.5}
+LARGE = {"npsauv2": 1.6}
+"""Five tonnes, which turn on a circle of 60 m and come up slowly."""
+
+SPEEDS = FAST | LARGE
 
 
 def under_way(fly, model, **options):
-    f = fly(model, start=(0.0, 0.0, 10.0), speed=FAST[model], bottom=50.0, **options)
+    f = fly(model, start=(0.0, 0.0, 10.0), speed=SPEEDS[model], bottom=50.0, **options)
     f.call("arm")
     return f
 
 
-@pytest.mark.parametrize("model", FAST)
+@pytest.mark.parametrize("model", SPEEDS)
 def test_speed_depth_and_heading(fly, model):
     f = under_way(fly, model)
     f.call("set_mode", mode="velocity")
     f.send("depth", depth=13.0)
-    order = {"v_B": [FAST[model], 0, 0], "heading": 0.8}
+    order = {"v_B": [SPEEDS[model], 0, 0], "heading": 0.8}
     f.run(90.0, velocity=order)
     off, worst = 0.0, 0.0
     for _ in range(20):
@@ -29,7 +33,7 @@ def test_speed_depth_and_heading(fly, model):
         worst = max(worst, f.off_heading(0.8))
     assert off < 0.1
     assert worst < 2.0
-    assert f.vehicle.nu[0] == pytest.approx(FAST[model], abs=0.05)
+    assert f.vehicle.nu[0] == pytest.approx(SPEEDS[model], abs=0.05)
 
 
 @pytest.mark.parametrize("model", FAST)
@@ -104,11 +108,23 @@ def test_without_dvl_it_runs_by_its_propeller_and_holds_depth(fly):
     assert f.vehicle.nu[0] > 1.0
 
 
-def test_it_comes_up_under_way(fly):
-    f = under_way(fly, "remus100")
+@pytest.mark.parametrize("model", FAST)
+def test_it_comes_up_under_way_and_stops(fly, model):
+    """Ten metres at 0.25 to 0.3 rad of pitch: without vertical thrust it is the way that climbs."""
+    f = under_way(fly, model)
+    f.call("set_mode", mode="surface")
+    f.run(130.0)
+    assert f.vehicle.p_NB[2] < 0.3
+    assert abs(f.vehicle.nu[0]) < 0.3
+    assert f.state["outputs"][-1] == 0.0
+
+
+def test_a_large_one_comes_up(fly):
+    """Its hull is a metre high: its back is out of the water when its origin is half a metre deep."""
+    f = under_way(fly, "npsauv2")
     f.call("set_mode", mode="surface")
     f.run(70.0)
-    assert f.vehicle.p_NB[2] < 0.6
+    assert f.vehicle.p_NB[2] < 0.7
 
 
 def test_the_fins_and_the_propeller_are_held(fly):

@@ -71,11 +71,18 @@ def test_pythons_newer_than_those_tried_are_warned_of(
     assert ("use Python 3.13 or older" in finding.remedy) == (level == "warning")
 
 
-def test_a_missing_package_that_is_needed_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagnosis, "_REQUIRED", {"no-such-thing": "no_such_thing"})
-    (needed,) = diagnosis.wheels()
-    assert (needed.name, needed.level) == ("no-such-thing", "fault")
+    monkeypatch.setattr(diagnosis, "_OPTIONAL", {"nor-this": ("nor_this", "dreams", "dream")})
+    needed, optional = diagnosis.wheels()
+    assert (needed.name, needed.level, optional.name, optional.level) == (
+        "no-such-thing",
+        "fault",
+        "nor-this",
+        "warning",
+    )
     assert "no_such_thing" in needed.text
+    assert "uwserver[dream]" in optional.remedy
 
 
 @pytest.mark.parametrize(
@@ -99,6 +106,25 @@ def test_rays_without_embree_are_told_to_be_slower(monkeypatch: pytest.MonkeyPat
     finding = diagnosis.rays()
     assert finding.level == "warning"
     assert "slower tree of uwserver's own" in finding.text
+
+
+def test_a_scenario_that_lacks_a_package_gets_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert diagnosis.scenario("bluerov2_qgc").level == "ok"
+    monkeypatch.setattr("uwserver.scenario.load.extras.find_spec", lambda module: None if "pymavlink" in module else 1)
+    found = diagnosis.scenario("bluerov2_qgc")
+    assert (found.level, found.text) == ("fault", "not installed: pymavlink")
+    assert found.remedy == 'pip install "uwserver[mavlink]"'
+    monkeypatch.setattr(diagnosis, "wheels", lambda: iter(()))
+    done = CliRunner().invoke(command.doctor, ["bluerov2_qgc"])
+    assert done.exit_code == 1
+    assert found.remedy in done.output
+    assert "`uwserver run bluerov2_qgc` works" in done.output
+
+
+def test_a_scenario_with_a_fault_is_one_here_too() -> None:
+    found = diagnosis.scenario("bluerov2_pol")
+    assert found.level == "fault"
+    assert "bluerov2_pool" in found.text
 
 
 @pytest.mark.parametrize(
@@ -212,7 +238,7 @@ GOOD, DOUBTFUL, BAD = (
     [([GOOD, DOUBTFUL], 0, "ready: uwserver run"), ([GOOD, BAD, BAD], 1, "2 to repair before `uwserver run` works")],
 )
 def test_exit_status(findings: list[Finding], status: int, last: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "examine", lambda: findings)
+    monkeypatch.setattr(command, "examine", lambda _: findings)
     result = CliRunner().invoke(command.doctor)
     assert result.exit_code == status
     assert result.stdout.splitlines()[-1] == last
@@ -220,7 +246,7 @@ def test_exit_status(findings: list[Finding], status: int, last: str, monkeypatc
 
 
 def test_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "examine", lambda: [GOOD, BAD])
+    monkeypatch.setattr(command, "examine", lambda _: [GOOD, BAD])
     result = CliRunner().invoke(command.doctor, ["--json"])
     assert result.exit_code == 1
     assert json.loads(result.stdout) == {
@@ -237,7 +263,7 @@ def test_warming_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError("not finite")
 
     monkeypatch.setattr("uwserver.physics.warm.warm", broken)
-    monkeypatch.setattr(command, "examine", lambda: [GOOD])
+    monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 1
     assert "not finite" in result.stdout
@@ -249,7 +275,7 @@ def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypat
         os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
     monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", True, ""))
     monkeypatch.setattr("uwserver.physics.warm.warm", lambda say: say("kernels: immersed"))
-    monkeypatch.setattr(command, "examine", lambda: [GOOD])
+    monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 0
     assert "kernels: immersed" in result.stderr

@@ -78,7 +78,7 @@ def test_warnings_do_not_fail(folder: Path) -> None:
 def test_check_says_which_code_it_ran(folder: Path) -> None:
     (folder / "mine.py").write_text("SENSORS = ()\n")
     (folder / "a.toml").write_text('schema = 1\nextensions = ["mine.py"]\n')
-    assert run("check", "a.toml").stdout.endswith("adapters: none; ran mine.py\n")
+    assert run("check", "a.toml").stdout.endswith("adapters: sockets (sockets, port 7600); ran mine.py\n")
 
 
 @pytest.mark.parametrize(("option", "key"), [("--scenario", "vehicles"), ("--vehicle", "rigid_body")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import signal
 import subprocess
@@ -9,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+import uwclient
+from uwclient import live
 from uwclient.cli import main
 from uwclient_fake_server import FakeServer
 
@@ -22,13 +25,53 @@ def run(server: FakeServer, *arguments: str) -> int:
 def test_topics(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(server, "topics") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ["rov/imu", "sensor", "125", "Hz", "f_S[3]", "m/s^2,", "temperature", "degC"]
-    assert any(line.startswith("world/run_until") and line.endswith(" t") for line in lines)
+    assert lines[0] == "rov"
+    assert lines[1].split() == ["rov/imu", "sensor", "125", "Hz", "f_S[3]", "m/s^2,", "temperature", "degC"]
+    assert [line for line in lines if line.startswith("  rov/ services: ") and "goto" in line]
+    assert lines.index("world") > lines.index("rov")
+    assert run(server, "topics", "--services") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("  world/run_until") and line.endswith(" t") for line in lines)
     assert run(server, "topics", "--json") == 0
     described = json.loads(capsys.readouterr().out)
     assert [port["path"] for port in described["ports"]] == ["rov/imu", "rov/depth", "rov/thrusters"]
     assert described["ports"][0]["fields"][0]["unit"] == "m/s^2"
     assert described["world"]["scenario"] == "fake"
+
+
+def test_watch_shows_the_newest_values_of_all_sensors(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(server, "watch", "--rate", "10", "--seconds", "0.2") == 0
+    first, second = capsys.readouterr().out.split("\n\n")
+    for shown in (first, second):
+        assert [line.split()[0] for line in shown.splitlines() if line.startswith("rov/")] == ["rov/imu", "rov/depth"]
+    assert "f_S                  0.500      0.000     -9.810              m/s^2  INVALID" in second
+    assert run(server, "watch", "nothing/*") == 1
+    assert "no sensor matches" in capsys.readouterr().err
+
+
+class Terminal(io.StringIO):
+    """Says that it is one."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_watch_draws_in_one_place_of_a_terminal(server: FakeServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setenv("LINES", "4")
+    out = Terminal()
+    with uwclient.connect(port=server.port) as client:
+        live.watch(client, "**", 10.0, 0.2, out)
+    first, second = out.getvalue().split("\x1b[3F\x1b[J")
+    for shown in (first, second):
+        assert len(shown.splitlines()) == 3
+        assert max(map(len, shown.splitlines())) < 60
+
+
+def test_a_service_without_a_value_prints_no_null(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(server, "call", "world/reset") == 0
+    shown = capsys.readouterr()
+    assert (shown.out, shown.err) == ("", "world/reset: done\n")
 
 
 def test_echo(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:

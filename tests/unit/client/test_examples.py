@@ -1,4 +1,4 @@
-"""The README's ten lines, the C program and the shell script, each run against the fake server."""
+"""The C program and the shell script against the fake server; tests/integration/test_pages.py follows the pages on a real one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -33,19 +32,6 @@ def run(
     return subprocess.run(
         [str(word) for word in command], capture_output=True, text=True, timeout=30, env=env, cwd=cwd, encoding="utf-8"
     )
-
-
-def test_readme_example(server: FakeServer, clients: Path, environment: dict[str, str]) -> None:
-    readme = (clients / "python" / "README.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    assert len([line for line in example.splitlines() if line]) <= 11
-    program = example.replace("connect()", f"connect(port={server.port})")
-    assert program != example
-    done = run(sys.executable, "-c", program, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert "applied at 0.400 s" in done.stdout
-    assert done.stdout.count("m/s^2") == 5
-    assert server.told("command") == [{"port": "rov/thrusters", "value": json.loads(VALUE)}]
 
 
 @pytest.mark.parametrize("piece", [0, 1, 5])
@@ -86,7 +72,7 @@ def drive(clients: Path) -> list[str]:
 
 
 def test_nc_example(server: FakeServer, drive: list[str]) -> None:
-    done = run(*drive, str(server.port))
+    done = run(*drive, str(server.port), "rov/imu", "rov/thrusters")
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(lines[0]["result"]["ports"]) == 3
@@ -97,7 +83,7 @@ def test_nc_example(server: FakeServer, drive: list[str]) -> None:
 
 def test_nc_example_ends_without_samples_and_on_a_refusal(server: FakeServer, drive: list[str]) -> None:
     server.samples = 0
-    silent = run(*drive, str(server.port))
+    silent = run(*drive, str(server.port), "rov/imu", "rov/thrusters")
     assert (silent.returncode, "only 0 samples" in silent.stderr) == (1, True)
     refused = run(*drive, str(server.port), "rov/imu", "rov/thrusters", '{"u":[2]}')
     assert (refused.returncode, "refused" in refused.stderr) == (1, True)

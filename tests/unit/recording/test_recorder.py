@@ -279,6 +279,23 @@ def test_without_a_wall_clock_the_tick_waits_and_nothing_is_lost(
     assert len(messages(path, "rov/depth")) == 30
 
 
+def test_samples_and_commands_of_a_body_that_is_gone_are_written(
+    bench: Bench, path: Path, stalled: threading.Event
+) -> None:
+    with bench.running():
+        bench.recorder.put_samples([SAMPLE])  # at which the writer waits
+        bench.world.call("world/spawn", name="guest", like="rov", p_NB=[5.0, 0.0, 2.0])
+        bench.recorder.requested(Command("guest/thrusters", ((0.1,) * 8,), "a"), 1, 0)
+        bench.recorder.ticked(bench.world)
+        bench.recorder.put_samples([msgspec.structs.replace(SAMPLE, port="guest/depth")])
+        bench.world.call("world/remove", name="guest")
+        bench.recorder.ticked(bench.world)
+        bench.recorder.put_samples([SAMPLE])
+        stalled.set()
+    assert bench.recorder.status()["error"] == ""
+    assert [len(messages(path, topic)) for topic in ("rov/depth", "guest/depth", "guest/thrusters")] == [2, 1, 1]
+
+
 def test_a_flood_of_requests_ends_the_recording_with_a_reason(
     bench: Bench, stalled: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import struct
+import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 import pytest
+import zstandard
 
 from uwserver.ports import Call, Command
 from uwserver.recording import replay as replay_module
@@ -112,3 +117,35 @@ def test_what_changed_since_is_named(resolved, tmp_path: Path, monkeypatch: pyte
     done: Replayed = replay(path)
     assert done.changed_versions == {"numba": (versions_here().numba, "99")}
     assert (done.requests, done.hashes) == (1, 0), "requests at the end are carried out too"
+
+
+def test_a_hash_of_a_tick_far_ahead_is_not_waited_for(resolved, tmp_path: Path):
+    path = recorded(tmp_path / "run.mcap", resolved, [StateHash(0, 10**12, "")])
+    with pytest.raises(NotReplayable, match="no entry between the ticks 0 and 1000000000000"):
+        replay(path)
+
+
+@pytest.mark.parametrize("claimed", [1 << 40, 0])
+def test_a_chunk_that_grows_without_end_is_not_unpacked(claimed: int, resolved, tmp_path: Path):
+    """A gigabyte of zeros in a chunk of 30 kB: what the chunk says of its size, and what its frame says."""
+    path = recorded(tmp_path / "run.mcap", resolved, entries(resolved)[:1], end=False)
+    packed = zstandard.ZstdCompressor().compress(bytes(1 << 30))
+    body = struct.pack("<QQQII", 0, 0, claimed, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    with path.open("ab") as file:
+        file.write(b"\x06" + struct.pack("<Q", len(body)) + body)
+    tracemalloc.start()
+    try:
+        with pytest.raises(NotReplayable, match=r"a chunk of .* bytes, at most 268435456"):
+            replay(path)
+        assert tracemalloc.get_traced_memory()[1] < 100_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("make", "told"), [(os.mkfifo, "no plain file"), (Path.mkdir, "no plain file"), (lambda p: p.symlink_to(p), "Too many")]
+)  # fmt: skip
+def test_what_is_no_file_is_told_and_not_waited_for(make: Callable[[Path], object], told: str, tmp_path: Path):
+    make(tmp_path / "run.mcap")
+    with pytest.raises(OSError, match=told):
+        replay(tmp_path / "run.mcap")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from uwserver.frames import rotate
 from uwserver.physics.kernel.layout import NU
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig, MotionCaptureConfig, PressureConfig
-from uwserver.sensors.truth import TRUTH, Truth, TruthAcceleration, TruthPose, TruthVelocity, TruthWrench
+from uwserver.sensors.truth import TRUTH, Truth, TruthAcceleration, TruthFlow, TruthPose, TruthVelocity, TruthWrench
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -42,6 +43,14 @@ def test_what_truth_tells_of_one_instant(scope):
     assert TruthVelocity().measure(here) == (True, [(1, 2, 3), (4, 5, 6)])
     assert TruthAcceleration().measure(here) == (True, [(1, 2, 3), (4, 5, 6)])
     assert TruthWrench().measure(here) == (True, [(6, 5, 4), (3, 2, 1)])
+
+
+def test_the_flow_is_that_of_the_water_in_the_axes_of_the_body(world):
+    world.set_current((0.5, 0.2, 0.0))
+    (flow,) = [s.value[0] for s in world.step(1) if s.port == "rov/truth/flow"]
+    (q,) = [s.value[1] for s in world.step(1) if s.port == "rov/truth/pose"]
+    assert rotate(q, flow) == pytest.approx((0.5, 0.2, 0.0), abs=5e-3)  # it turns a little meanwhile
+    assert TruthFlow.fields[0].name == "v_NW_B"
 
 
 def test_every_truth_port_is_there_and_is_marked(world):

@@ -281,3 +281,38 @@ def test_who_stops_a_vehicle_does_not_wait_until_a_crowd_has_been_served(piloted
     assert piloted.reply(heard).fault is None
     assert piloted.reply(heard).fault is None
     assert [item.source for item in carried_out[:2]] == ["robots:4", "robots:3"]
+
+
+def test_a_stop_overtakes_what_its_own_client_asked_and_nothing_of_that_moves_the_vehicle_afterwards(
+    piloted: Loop,
+) -> None:
+    context, held, carried_out = Context(hub_of(piloted), "robots", False), Held(piloted), Notes.of(piloted)
+    older, stop, later = Heard(), Heard(), Heard()
+    context.command("rov/thrusters", {"u": [1.0] * 8}, "1", older)
+    context.call("rov/autopilot/arm", {"force": True}, "1 (name)", older)
+    for _ in range(20):
+        context.call("world/state_hash", {}, "1", later)
+    context.call("rov/autopilot/disarm", {}, "1 (name)", stop)
+    context.command("rov/thrusters", {"u": [0.1] * 8}, "1", later)
+    held.let_go()
+    faults = [piloted.reply(older).fault for _ in range(2)]
+    assert [fault and fault.code for fault in faults] == ["preempted"] * 2
+    assert piloted.reply(stop).fault is None
+    for _ in range(21):
+        assert piloted.reply(later).fault is None
+    services = [item.service if isinstance(item, Call) else item.value for item in carried_out]
+    assert services[0] == "rov/autopilot/disarm"
+    assert "rov/autopilot/arm" not in services
+    assert services[-1] == ((0.1,) * 8,), "what was sent after the stop acts"
+    assert len(services) == 22
+
+
+def test_where_nobody_waits_for_the_wall_clock_a_stop_keeps_the_order_of_its_client(resolved: Resolved) -> None:
+    with running(resolved, Timing(mode="lockstep", lockstep_clients=("a",), lockstep_timeout_s=0.0)) as rig:
+        context, heard = Context(hub_of(rig), "robots", False), Heard()
+        held, carried_out = Held(rig), Notes.of(rig)
+        context.command("rov/thrusters", {"u": [1.0] * 8}, "1", heard)
+        context.call("rov/thrusters/deactivate", {}, "1", heard)
+        held.let_go()
+        assert [heard.reply().fault for _ in range(2)] == [None, None]
+        assert isinstance(carried_out[0], Command)

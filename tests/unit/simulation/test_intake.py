@@ -128,12 +128,59 @@ def test_a_pause_does_not_wait_for_what_others_ask_of_the_clock_or_of_the_world(
     simulation = bench.simulation
     bench.post(*("crowd",) * 500)
     for _ in range(500):
-        simulation.steer(lambda: bench.time.pass_time(COSTS_S), "crowd")
+        simulation._steering.add(lambda: bench.time.pass_time(COSTS_S), "crowd")
     simulation.call("world/pause", {}, "", bench.noting("pause"), "me")
     simulation._turn()
     bench.bus.drain()
     assert bench.replies[0] == ("pause", 0)
     assert simulation.paused
+
+
+def test_a_pause_does_not_wait_for_what_its_own_client_asked_of_the_clock(resolved) -> None:
+    bench, faults = Bench(resolved), []
+    for _ in range(50):
+        bench.simulation.call("world/set_speed", {"speed": 2.0}, "", lambda reply: faults.append(reply.fault), "me")
+    bench.simulation.call("world/resume", {}, "", lambda reply: faults.append(reply.fault), "me (name)")
+    bench.simulation.call("world/pause", {}, "", bench.noting("pause"), "me (name)")
+    for _ in range(3):
+        bench.simulation._turn()
+    bench.bus.drain()
+    assert bench.simulation.paused, "what was asked before the pause must not end it"
+    assert bench.replies == [("pause", 0)]
+    assert [fault.code for fault in faults] == ["preempted"] * 51
+
+
+@pytest.mark.parametrize("between", ["", "test/change"])
+def test_the_state_is_hashed_once_a_tick_however_many_ask_unless_something_changed(
+    resolved, monkeypatch, between
+) -> None:
+    bench, taken, hashes = Bench(resolved), [], []
+    bench.world.offer(Service("test/change", "Moves it."), lambda _: bench.world.hydro.state.__setitem__((0, 0), 5.0))
+    take = snapshot.take
+    monkeypatch.setattr(snapshot, "take", lambda world: (taken.append(world.tick), take(world))[1])
+    services = ["world/state_hash", "world/state_hash", "world/snapshot", between, "world/state_hash", "world/snapshot"]
+    for service in filter(None, services):
+        args: dict[str, Json] = {"name": "a"} if service == "world/snapshot" else {}
+        bench.mailbox.post(Call(service, args, "me"), lambda reply: hashes.append(reply.result))
+    bench.run(1)
+    assert taken == [0] * (2 if between else 1)
+    told = [result["hash"] for result in hashes if result]
+    assert len(set(told)) == (2 if between else 1)
+    assert told[0] == told[2]
+    assert (told[-1] == told[0]) is not bool(between)
+    bench.mailbox.post(Call("world/state_hash", {}, "me"), lambda reply: hashes.append(reply.result))
+    bench.run(1)
+    assert hashes[-1]["hash"] != told[-1], "another tick"
+
+
+def test_whoever_has_his_hands_in_the_world_gets_the_hash_of_now(resolved) -> None:
+    world = build(resolved)
+    before = world.call("world/state_hash")
+    world.hydro.state[0, 0] += 1.0
+    moved = world.call("world/state_hash")
+    assert moved["hash"] != before["hash"]
+    world.step()
+    assert world.call("world/state_hash")["hash"] != moved["hash"]
 
 
 def test_what_the_clock_is_asked_has_a_budget_too_in_real_time(resolved) -> None:
@@ -144,7 +191,7 @@ def test_what_the_clock_is_asked_has_a_budget_too_in_real_time(resolved) -> None
         bench.time.pass_time(0.0001)
 
     for _ in range(7):
-        bench.simulation.steer(action, "crowd")
+        bench.simulation._steering.add(action, "crowd")
     bench.run(4)
     assert done == [0, 0, 0, 1, 1, 1, 2]
 

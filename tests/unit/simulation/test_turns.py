@@ -60,3 +60,26 @@ def test_many_cannot_shut_out_one_who_asks_little() -> None:
     ):
         turns.put("a", "")
     turns.put("a", "", always=True)
+
+
+def test_a_stop_is_done_before_all_that_its_client_asked_and_takes_back_what_it_must() -> None:
+    turns: Turns[str] = Turns()
+    for item in ("b0", "a-go", "a1", "a-go too", "a2"):
+        turns.put(item[0], item)
+    assert turns.overtake("a", "a-stop", lambda item: "go" in item) == ["a-go", "a-go too"]
+    assert len(turns) == 4
+    turns.put("a", "a-go again")
+    assert taken(turns) == ["a-stop", "b0", "a1", "a2", "a-go again"]
+
+
+def test_a_stop_is_taken_though_its_client_has_used_up_its_limit_but_not_for_ever() -> None:
+    turns: Turns[str] = Turns()
+    fill(turns)
+    for _ in range(FREE_PLACES):
+        assert turns.overtake("crowd 0", "stop", lambda item: False) == []
+    with pytest.raises(Refused, match="1040 requests of this client wait") as caught:
+        turns.overtake("crowd 0", "stop", lambda item: False)
+    assert caught.value.fault.code == "overload"
+    assert len(turns) == MAX_WAITING_OF_ALL + FREE_PLACES
+    assert turns.overtake("nobody", "stop", lambda item: True) == []
+    assert turns.take() == "stop"

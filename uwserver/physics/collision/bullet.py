@@ -61,6 +61,8 @@ class BulletEngine:
         self._client: int = self._bullet.connect(self._bullet.DIRECT)
         if self._client < 0:
             raise RuntimeError("Bullet gives no further world: close some")
+        self._placed_of: dict[int, Placed] = {}
+        self._idle: dict[int, list[int]] = {}
 
     def close(self) -> None:
         """As `Engine`."""
@@ -70,11 +72,14 @@ class BulletEngine:
 
     def remove(self, handle: int) -> None:
         """As `Engine`."""
-        self._bullet.removeBody(handle, physicsClientId=self._client)
+        # Bullet never gives back the memory of a shape that a body had: the body waits for the next of this shape.
+        self._idle.setdefault(id(self._placed_of[handle]), []).append(handle)
 
     def add(self, placed: Placed, rows: Part) -> int:
         """As `Engine`."""
         bullet, shape = self._bullet, placed.shape
+        if self._idle.get(id(placed)):  # nobody else has this id: `_placed_of` keeps it alive
+            return self._idle[id(placed)].pop()
         form: dict[str, Any]
         if isinstance(shape, Box):
             form = {"shapeType": bullet.GEOM_BOX, "halfExtents": list(shape.half)}
@@ -90,7 +95,9 @@ class BulletEngine:
         made = bullet.createCollisionShape(physicsClientId=self._client, **form)
         if made < 0:
             raise BadSolid(f"Bullet refuses a {type(shape).__name__}")
-        return int(bullet.createMultiBody(0.0, made, physicsClientId=self._client))
+        body = int(bullet.createMultiBody(0.0, made, physicsClientId=self._client))
+        self._placed_of[body] = placed
+        return body
 
     def way_out(self, a: int, pose_a: Pose, b: int, pose_b: Pose) -> FloatArray:
         """As `Engine`."""

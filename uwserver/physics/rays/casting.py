@@ -2,8 +2,9 @@
 
 Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else a picker says which triangle a ray meets
 first: Embree, which works in float32, or where that is not installed a slower tree of our own. Range and normal are computed from the triangle
-in float64, and scenes are kept about an origin of their own. A picker knows no instances: what moves has a scene in its own frame, shared by
-equal solids, and only rays that pass it go there. Imported only when a world has something solid.
+in float64, and each scene is kept about an origin near it. That of what never moves is the nearest point of a fixed lattice, so that something
+far away changes no range, not in its last bit. A picker knows no instances: what moves has a scene in its own frame, shared by equal solids,
+and only rays that pass it go there. Imported only when a world has something solid.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ _HIDDEN_SIDES = 16
 """A ray gives up behind this many hidden sides."""
 _KEPT = 16
 """Numbers of rays for which a scene keeps arrays."""
+LATTICE_M = 1024.0
+"""Between origins of what never moves. Nothing small is farther than half of it from its own along an axis, where float32 has steps of 0.03 mm:
+that far beside its edge a triangle may be missed, or met."""
 _STILL: FloatArray = np.zeros(13)
 _STILL[Q] = 1.0
 
@@ -67,17 +71,20 @@ class _Work(NamedTuple):
 
 
 class _Scene:
-    """Triangles of solids in one frame, in the engine about their own centre.
+    """Triangles of solids in one frame.
 
     Args:
         solids: by id; an id is given only if a ray is cast without one.
+        origin: (3) of the picker in that frame, m; default: their centre.
     """
 
-    def __init__(self, solids: Mapping[int, Solid]) -> None:
+    def __init__(self, solids: Mapping[int, Solid], origin: tuple[float, ...] | None = None) -> None:
         each = {body: facets(solid) for body, solid in solids.items()}
         parts = Facets(*(np.concatenate(columns) for columns in zip(*each.values(), strict=True)))
         owners: IntArray = np.repeat(np.array([*each], dtype=np.int64), [len(part.corners) for part in each.values()])
-        self._box = np.array(middle(parts))
+        centre, half = middle(parts)
+        about = centre if origin is None else np.array(origin)
+        self._box = np.array((about, half + np.abs(centre - about)))
         self._sides, self._owners = sides(parts, self._box[0]), owners
         self._works: dict[int, _Work] = {}
         self._picker = make_picker(self._sides["corners"])
@@ -132,7 +139,7 @@ class Rays:
     def __init__(self) -> None:
         self._static: dict[int, Solid] = {}
         self._moving: dict[int, _Carried] = {}
-        self._still: _Scene | None = None
+        self._still: tuple[_Scene, ...] | None = None
         self._simple: tuple[Simple, IntArray] | None = None
 
     def add_static(self, body: int, solid: Solid) -> None:
@@ -172,8 +179,8 @@ class Rays:
         answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
         _, table = self._simple or self._gather()
         hits.intersect_simple(table, origin, direction, limit, state, *answer)
-        if self._still is not None:
-            self._still.cast(_STILL, -1, origin, direction, limit, answer)
+        for scene in self._still or ():
+            scene.cast(_STILL, -1, origin, direction, limit, answer)
         for body, carried in self._moving.items():
             if carried.scene is not None:
                 carried.scene.cast(state[carried.row], body, origin, direction, limit, answer)
@@ -181,9 +188,8 @@ class Rays:
 
     def _gather(self) -> tuple[Simple, IntArray]:
         """What the first rays after a change need; the rows stay alive beside their table."""
-        meshed = {b: s for b, s in self._static.items() if any(not isinstance(x.shape, HalfSpace) for x in s.shapes)}
-        if self._still is None and meshed:
-            self._still = _Scene(meshed)
+        if self._still is None:
+            self._still = tuple(_Scene(solids, about) for about, solids in self._by_origin().items())
         rows, each, places = [], [np.empty(0, SIDE)], {}
         first = 0
         for body, (solid, row, scene) in self._moving.items():
@@ -199,6 +205,16 @@ class Rays:
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
         return self._simple
+
+    def _by_origin(self) -> dict[tuple[float, ...], dict[int, Solid]]:
+        """What never moves and is meshed, by the point of the lattice that each is kept about."""
+        found: dict[tuple[float, ...], dict[int, Solid]] = {}
+        for body, solid in self._static.items():
+            if any(not isinstance(placed.shape, HalfSpace) for placed in solid.shapes):
+                centre, _ = middle(facets(solid))
+                about = tuple((LATTICE_M * np.round(centre / LATTICE_M)).tolist())
+                found.setdefault(about, {})[body] = solid
+        return found
 
 
 class Instant:

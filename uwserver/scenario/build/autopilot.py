@@ -35,8 +35,9 @@ from uwserver.autopilot.state import Six
 from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
-from uwserver.physics.dynamics.params import BodyParams, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, ThrusterParams, shape_rows
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.layout import SHAPE_SPHERE
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.tables import VehicleFile
@@ -48,6 +49,8 @@ from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10
 _ONLY_ONE = ("imu", "attitude", "pressure", "battery")
+_LEAST_UP_M, _AWASH_M = 0.3, 0.1
+"""A vehicle has come up when its origin is no deeper than the first, or the top of its displaced volume no deeper than the second."""
 _UNKNOWN_PUSH = 0.5
 """Acceleration (m/s2, rad/s2) that a vehicle without thrusters is taken to be able to give itself where its file says nothing."""
 
@@ -103,6 +106,7 @@ def build_autopilot(
         divisor=divisor,
         dt=dt,
         flies=isinstance(helm, Torpedo),
+        up=_up(params),
         mode=config.mode,
         armed=config.armed,
         on_leak=config.on_leak,
@@ -114,6 +118,15 @@ def build_autopilot(
     pilot.begin()
     state = _state_slot(world, path, pilot, config, row)
     return Piloted(Piloting(pilot), state, tuple(slots.values()), tuple(services(pilot)))
+
+
+def _up(params: BodyParams) -> float:
+    """Depth of the origin (m) from which on the vehicle has come up: a tall one floats with its origin far below its top."""
+    tops = [
+        float(shape["half"][0 if shape["kind"] == SHAPE_SPHERE else 2] - shape["center"][2])
+        for shape in shape_rows(params)
+    ]
+    return max(_LEAST_UP_M, max(tops, default=0.0) + _AWASH_M)
 
 
 def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
@@ -229,7 +242,7 @@ def _controls(
     if PropellerConfig in kinds and kinds & {FinConfig, FinsConfig}:
         fins = _fins(file, params, actuators, hands)
         weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
-        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft, dt)
+        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft, _up(params), dt)
     allocation: Allocation
     if kinds & {ThrusterConfig, ThrustersConfig}:
         allocation = _thrusters(file, params, actuators, hands)

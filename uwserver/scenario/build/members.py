@@ -162,5 +162,6 @@ def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> Ac
     actuator = config.build(body)
     fields: tuple[Field, ...] = actuator.fields
     kind = str(config.__struct_config__.tag)
-    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=config.timeout_s or None)
+    propulsors = getattr(actuator, "propulsors", UNSET)  # thrusters have some
+    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=config.timeout_s or None, propulsors=propulsors)
     return ActuatorSlot(port, actuator, world.rate_hz, round(physics_rate(config.timeout_s) * world.rate_hz))

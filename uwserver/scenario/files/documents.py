@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -11,12 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted
-from uwserver.scenario.files.locate import Locations, locate
+from uwserver.scenario.files.locate import MOST_PARTS, Locations, locate, longest_key
+from uwserver.scenario.files.opening import NOT_PLAIN, is_plain, read_whole
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+
+MOST_BYTES = 1 << 20
+"""Of a TOML file: a scenario of a thousand vehicles has 150 kB."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ def read(path: Path) -> Document:
     """
     label = label_of(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_whole(path, MOST_BYTES).decode("utf-8-sig")
         return parse(text, label, path.resolve())
     except OSError as error:
         raise ScenarioError([Problem(label, 0, 0, "", f"cannot read it: {error.strerror}")]) from error
@@ -64,6 +70,10 @@ def read(path: Path) -> Document:
 
 def parse(text: str, label: str, path: Path) -> Document:
     """The parsed text; ScenarioError as `read`."""
+    parts, offset = longest_key(text)
+    if parts > MOST_PARTS:  # the parser's time grows with the cube of them
+        what = f"no valid scenario: a key of {parts} parts; at most {MOST_PARTS}"
+        raise ScenarioError([Problem(label, *_end(text[:offset]), "", what)])
     try:
         raw = tomllib.loads(text)
         return Document(label, raw, locate(text), path)
@@ -110,12 +120,12 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
     noun = {"": "scenario", "vehicles": "vehicle", "devices": "device"}[folder]
     if reference.endswith(".toml") or "/" in reference or "\\" in reference:
         path = beside / reference
-        if path.is_file():
+        if is_plain(path):
             return path
-        fail(f'there is no {noun} file "{label_of(path)}"')
+        fail(f'there is no {noun} file "{label_of(path)}"{why_not(path)}')
         return None
     path = _shipped(folder) / f"{reference}.toml"
-    if path.is_file():
+    if is_plain(path):
         return path
     names = list(shipped(folder))
     hint, there = did_you_mean(reference, names), ", ".join(names) or "none"
@@ -129,8 +139,25 @@ def _shipped(folder: str) -> Path:
 
 def label_of(path: Path) -> str:
     """The path as a user would type it: relative where it lies below the working folder."""
-    absolute, here = path.resolve(), Path.cwd().resolve()
+    try:
+        # Links are left as they are: one may lead in a circle.
+        absolute, here = Path(os.path.abspath(path)), Path.cwd()  # noqa: PTH100
+    except ValueError:  # a NUL in the name
+        return str(path)
     return str(absolute.relative_to(here)) if absolute.is_relative_to(here) else str(absolute)
+
+
+def why_not(path: Path) -> str:
+    """What to put behind the word that there is no such file; "" where nothing at all is there."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return ": it is a link to nothing" if path.is_symlink() else ""
+    except OSError as error:
+        return f": {error.strerror}"
+    except ValueError as error:
+        return f": no file can have this name: {error}"
+    return f": {NOT_PLAIN}"
 
 
 def _end(text: str) -> tuple[int, int]:

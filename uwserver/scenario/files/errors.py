@@ -12,6 +12,8 @@ KeyPath = tuple[str | int, ...]
 """Keys and array indices (0-based) from the top of a file."""
 Severity = Literal["error", "warning"]
 
+_LONGEST_WORD = 100
+"""What is longer is no misspelt key, and costs much to compare."""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -70,7 +72,10 @@ def dotted(path: KeyPath) -> str:
 
 def closest(word: str, allowed: Sequence[str]) -> str | None:
     """What was probably meant by a word that is not allowed; None where nothing is like it."""
+    if len(word) > _LONGEST_WORD:
+        return None
     close = get_close_matches(word, allowed, 1) or [name for name in allowed if name.lower() == word.lower()]
+    close = close or [name for name in allowed if word.lower() in name.lower().split("_")]
     return close[0] if close else None
 
 

@@ -18,6 +18,10 @@ _KEY = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\])*"|'[^']*'""")
 _STRING = re.compile(r'''"""(?:\\[\s\S]|[^\\])*?"{3,5}|\'\'\'[\s\S]*?'{3,5}|"(?:\\.|[^"\\])*"|'[^']*\'''')
 _BARE_VALUE = re.compile(r"[^,\]}#\r\n]+")  # numbers, booleans, and dates, which may hold a space
 
+MOST_PARTS = 32
+"""Of a dotted key or of a header."""
+_PART_OR_NOT = re.compile(rf"{_STRING.pattern}|#[^\n]*|[A-Za-z0-9_+-]+|[ \t]+|[\s\S]")
+
 Locations = dict[KeyPath, tuple[int, int]]
 
 
@@ -38,6 +42,28 @@ def locate(text: str) -> Locations:
         line = bisect_right(line_starts, offset)
         places[path] = (line, offset - line_starts[line - 1] + 1)
     return places
+
+
+def longest_key(text: str) -> tuple[int, int]:
+    """Parts of the dotted key with most of them, and its offset; in any text, valid or not, in a time that grows as its length."""
+    most, longest, parts, start, joined = 0, 0, 0, 0, False
+    for match in _PART_OR_NOT.finditer(text):
+        token = match.group()
+        if token.isspace() and token != "\n":
+            continue
+        if token == ".":
+            joined = True
+            continue
+        if not (token[0].isalnum() or token[0] in "_-+\"'"):
+            parts = 0
+        elif joined and parts:
+            parts += 1
+        else:
+            parts, start = 1, match.start()
+        joined = False
+        if parts > most:
+            most, longest = parts, start
+    return most, longest
 
 
 class _Scanner:

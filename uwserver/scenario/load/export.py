@@ -19,7 +19,9 @@ _NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")
 
 def to_toml(scenario: Scenario) -> str:
     """The scenario file. Loading it gives an equal Scenario; keys at their defaults are left out."""
-    return _toml(tables(scenario))
+    whole = tables(scenario)
+    whole.setdefault("adapters", {})  # a file without this table would get the default one
+    return _toml(whole)
 
 
 def explain(resolved: Resolved) -> str:

@@ -16,8 +16,9 @@ from uwserver.environment.currents import CurrentConfig, CurrentTable
 from uwserver.logs import place_of
 from uwserver.modifiers import ModifierConfig, ModifierTable
 from uwserver.scenario.files.convert import More, kinds_of
-from uwserver.scenario.files.documents import label_of
+from uwserver.scenario.files.documents import MOST_BYTES, label_of, why_not
 from uwserver.scenario.files.errors import KeyPath, Problem
+from uwserver.scenario.files.opening import is_plain, read_whole
 from uwserver.sensors import SensorConfig, SensorTable
 from uwserver.world.faults import FaultConfig, FaultTable
 
@@ -32,7 +33,11 @@ _LISTS: Mapping[str, tuple[type, Any]] = {
 
 
 def extension_kinds(
-    names: object, beside: Path, report: Callable[[KeyPath, str], None], add: Callable[[Problem], None]
+    names: object,
+    beside: Path,
+    report: Callable[[KeyPath, str], None],
+    add: Callable[[Problem], None],
+    within: Path | None = None,
 ) -> More:
     """Kinds of all extensions of a scenario. Runs their files.
 
@@ -41,14 +46,19 @@ def extension_kinds(
         beside: folder that they start from.
         report: takes in faults of the scenario file.
         add: takes in faults of the Python files, with their own places.
+        within: folder that they must lie in, links followed, so that who reads a scenario's folder has seen all that it runs; None: anywhere.
     """
     more: dict[type, dict[str, Any]] = {base: {} for base, _ in _LISTS.values()}
     for k, name in enumerate(names if isinstance(names, (list, tuple)) else ()):
         path = beside / name if isinstance(name, str) and name else None
         if path is None:
             continue
-        if path.suffix != ".py" or not path.is_file():
-            report(("extensions", k), f'there is no Python file "{label_of(path)}"')
+        if path.suffix != ".py" or not is_plain(path):
+            report(("extensions", k), f'there is no Python file "{label_of(path)}"{why_not(path)}')
+            continue
+        if within is not None and not path.resolve().is_relative_to(within.resolve()):
+            text = f'"{label_of(path)}" is outside the folder of this file, and it is code: put it beside this file or below'
+            report(("extensions", k), text)
             continue
         for problem in _run_and_list(path.resolve(), more):
             add(problem)
@@ -59,12 +69,17 @@ def _run_and_list(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Prob
     """Run a file and add the kinds that it lists; yields its faults."""
     label = label_of(path)
     try:
-        source = path.read_text(encoding="utf-8")
+        source = read_whole(path, MOST_BYTES).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is no UTF-8"
+        yield Problem(label, 0, 0, "", f"cannot read it: {why}")
+        return
+    try:
         module = _run(path, source)
     except SyntaxError as error:
         yield Problem(label, error.lineno or 0, error.offset or 0, "", f"no valid Python: {error.msg}")
         return
-    except Exception as error:  # noqa: BLE001 - a file of the user may fail in any way
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - a file of the user may fail in any way
         text = f"it failed while it was loaded: {type(error).__name__}: {error}"
         yield Problem(label, place_of(error, str(path))[1], 1, "", text)
         return

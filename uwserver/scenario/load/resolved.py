@@ -57,6 +57,7 @@ class Resolved:
         static: seabed and structures, in N, by name.
         objects: free objects, in the order of the file.
         materials: name of each material's number.
+        missing: packages that a server of it needs and that are not installed, and what to type; "" where nothing is missing.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Resolved:
     static: Mapping[str, Solid] = field(default_factory=dict)
     objects: Mapping[str, ResolvedObject] = field(default_factory=dict)
     materials: tuple[str, ...] = ()
+    missing: str = ""
 
     @property
     def is_solid(self) -> bool:

@@ -16,9 +16,12 @@ from uwserver.scenario.files.documents import Document, find, from_tables, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, suggestion
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.checks import check_scenario
+from uwserver.scenario.load.default_adapter import with_default_adapter
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
+from uwserver.scenario.load.extras import missing_extras
 from uwserver.scenario.load.fault_checks import check_faults
+from uwserver.scenario.load.plausibility import check_plausible, check_reachable
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
@@ -33,6 +36,9 @@ from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
+
+MOST_PROBLEMS = 200
+"""Told at once, warnings too; a file with more is not what it was meant to be."""
 
 
 def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Resolved:
@@ -75,15 +81,17 @@ class _Load:
 
     def __init__(self, document: Document, adapters: Mapping[str, type]) -> None:
         self._problems: list[Problem] = []
+        self._document = document
         self._files: dict[Path, Document | None] = {}
         self._models: dict[Path, Document] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
         self._profiles: dict[Path, Mapping[str, Any] | None] = {}
         beside = document.path.parent if document.path else Path.cwd()
         given, report = document.raw.get("extensions"), self._report(document)
-        self._more = extension_kinds(given, beside, report, self._problems.append)
+        within = document.path.parent if document.path else None
+        self._more = extension_kinds(given, beside, report, self._problems.append, within)
         self._known: Known = {}
-        self._document = document = self._with_profiles(document)
+        self._document = document = with_default_adapter(self._with_profiles(document), adapters)
         self._tree = scenario_tree(document.raw, adapters, self._converter(document))
         self._world: WorldTable | None = self._tree.at("world").value
         self._environment: Environment | None = self._tree.at("environment").value
@@ -103,19 +111,30 @@ class _Load:
         files = {name: _without_disabled(file) for name, (file, _) in self._vehicles.items() if file is not None}
         if files.keys() == self._tree.at("vehicles").parts.keys() and self._environment is not None:
             check_faults(self._tree, files, self._environment, report)
-        problems = _in_order(self._problems)
         scenario: Scenario | None = self._tree.value
-        if scenario is None or any(problem.severity == "error" for problem in problems):
-            raise ScenarioError(problems)
-        vehicles = {
-            name: ResolvedVehicle(name, entry, files[key], devices, self._solids.vehicles.get(key))
+        missing = "" if scenario is None else missing_extras(scenario, len(self._solids.vehicles) > 1)
+        if scenario is None or self._errors():
+            if missing:
+                self._problems.append(Problem(self._document.label, 0, 0, "", missing, "warning"))
+            raise ScenarioError(_in_order(self._problems))
+        by_table = {
+            key: [
+                ResolvedVehicle(name, entry, files[key], devices, self._solids.vehicles.get(key))
+                for name, entry in entries(key, scenario.vehicles[key]).items()
+            ]
             for key, (_, devices) in self._vehicles.items()
-            for name, entry in entries(key, scenario.vehicles[key]).items()
         }
+        check_plausible(scenario, by_table, self._solids.objects, self._warn(self._document))
+        if self._document.path is not None and "adapters" in self._document.raw:
+            check_reachable(scenario, self._warn(self._document))
+        return self._resolved(scenario, by_table, missing)
+
+    def _resolved(self, scenario: Scenario, by_table: Mapping[str, list[ResolvedVehicle]], missing: str) -> Resolved:
+        vehicles = {vehicle.name: vehicle for group in by_table.values() for vehicle in group}
         scenario = msgspec.structs.replace(scenario, vehicles={name: each.entry for name, each in vehicles.items()})
-        path, solids = self._document.path, self._solids
+        path, solids, problems = self._document.path, self._solids, _in_order(self._problems)
         name, materials = path.stem if path else self._document.label, solids.materials.names
-        return Resolved(name, scenario, vehicles, path, problems, solids.static, solids.objects, materials)
+        return Resolved(name, scenario, vehicles, path, problems, solids.static, solids.objects, materials, missing)
 
     def _vehicle(self, name: str, entry: Mapping[str, Any]) -> None:
         document, path = self._document, ("vehicles", name, "model")
@@ -222,6 +241,9 @@ class _Load:
     def _report(self, place: Document | MergedFile, severity: Severity = "error") -> Report:
         def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
             self._problems.append(place.problem(path, text, at, severity))
+            if len(self._problems) >= MOST_PROBLEMS:  # each may cost a search for what was meant
+                last = Problem(self._document.label, 0, 0, "", f"{MOST_PROBLEMS} faults: the rest is not looked at")
+                raise ScenarioError([*_in_order(self._problems), last])
 
         return report
 

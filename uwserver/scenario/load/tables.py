@@ -42,9 +42,11 @@ class Server(Table, kw_only=True, frozen=True):
 class Scenario(Table, kw_only=True, frozen=True):
     """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`.
 
+    A file without a table `adapters` is served by `sockets` on TCP port 7600; with an empty one nobody can reach it.
+
     Attributes:
-        extensions: Python files, beside this one, with further kinds of sensor, modifier, actuator, current and fault. They are run: do not
-            load what you do not trust.
+        extensions: Python files, in the folder of this one or below, with further kinds of sensor, modifier, actuator, current and fault. They
+            are run: do not load what you do not trust.
     """
 
     schema: Literal[1]

@@ -32,7 +32,12 @@ def unpack(text: str) -> dict[str, Solid]:
         ValueError: the text is none of `pack`'s.
     """
     try:
-        packed = zstandard.ZstdDecompressor().decompress(base64.b85decode(text), max_output_size=LARGEST_BYTES)
+        compressed = base64.b85decode(text)
+        if (
+            zstandard.frame_content_size(compressed) > LARGEST_BYTES
+        ):  # where it is told, the decompressor knows no limit
+            raise ValueError(f"the solid things have more than {LARGEST_BYTES} bytes")
+        packed = zstandard.ZstdDecompressor().decompress(compressed, max_output_size=LARGEST_BYTES)
         plain = msgspec.msgpack.decode(packed)
         return {name: _solid_from(table) for name, table in plain.items()}
     except (zstandard.ZstdError, msgspec.MsgspecError, KeyError, TypeError, AttributeError) as error:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid, ConvexHull, TriangleMesh, has_area
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.scenario.files.opening import read_whole
+from uwserver.scenario.solids.mesh_checks import MOST_BYTES, MOST_TRIANGLES, Beside, checked
 
 FORMATS = (".glb", ".gltf", ".obj", ".stl", ".ply")
-MOST_TRIANGLES = 2_000_000
-MOST_BYTES = 500_000_000
 
 _FROM_UP: dict[str, FloatArray] = {
     # FLU to FRD, and the axes of glTF (y up, z out of the picture) to FRD; x stays x.
@@ -107,19 +108,24 @@ def _read(path: Path) -> Any:
     if path.suffix.lower() not in FORMATS:
         raise BadSolid(f'"{path.name}" is of no known kind: use {", ".join(FORMATS)}')
     try:
-        size = path.stat().st_size
+        data = checked(path, read_whole(path, MOST_BYTES))
     except OSError as error:
         raise BadSolid(f'cannot read "{path}": {error.strerror}') from error
-    if size > MOST_BYTES:
-        raise BadSolid(f'"{path.name}" has {size / 1e6:.0f} MB: simplify it to at most {MOST_BYTES / 1e6:.0f} MB')
     try:
         import trimesh
     except ImportError as error:
         raise BadSolid('mesh files need the extra "solid": pip install "uwserver[solid]"') from error
     try:
-        mesh = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
+        kind, beside = path.suffix.lower()[1:], cast("Any", Beside(path))
+        scene = trimesh.load_scene(io.BytesIO(data), kind, resolver=beside, process=False, skip_materials=True)
+        mesh = scene.to_mesh()
         if np.isfinite(mesh.vertices).all():  # the caller tells otherwise
             mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    except BadSolid:
+        raise
+    except MemoryError as error:
+        text = f'there is too little memory for "{path.name}", {len(data) / 1e6:.0f} MB: simplify it'
+        raise BadSolid(text) from error
     except Exception as error:  # a parser of foreign files may raise anything
         raise BadSolid(f'cannot read "{path.name}": {type(error).__name__}: {error}') from error
     return mesh

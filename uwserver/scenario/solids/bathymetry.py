@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,11 +16,16 @@ from msgspec import UNSET
 from uwserver.environment.geodesy import north_east
 from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.scenario.files.documents import why_not
+from uwserver.scenario.files.opening import is_plain, opened
+from uwserver.scenario.solids.array_files import Array, NoArray
 from uwserver.scenario.solids.tables import GridSeabed
 from uwserver.units import deg, rad
 
 MOST_POINTS = 4_000_000
 """Of a grid after `extent_m`: 8 million triangles."""
+MOST_BYTES = 1_000_000_000
+"""Of a classic NetCDF file."""
 _DEGREE = rad(1.0) * 6_356_752.0
 """The shortest degree of latitude or longitude that is not shortened by its latitude, m."""
 _HALF_TURN = deg(math.pi)
@@ -46,8 +52,8 @@ def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None)
     Raises:
         BadSolid: missing, unreadable, of wrong form or size, without its variables, or with depths that are not finite.
     """
-    if not path.is_file():
-        raise BadSolid(f'there is no grid file "{path}"')
+    if not is_plain(path):
+        raise BadSolid(f'there is no grid file "{path}"{why_not(path)}')
     suffix = path.suffix.lower()
     if suffix == ".npy":
         grid = _from_numpy(table, path)
@@ -91,21 +97,39 @@ def _from_numpy(table: GridSeabed, path: Path) -> Grid:
     if table.spacing_m is UNSET:
         raise BadSolid(f'"{path.name}" needs spacing_m, the distances of its rows and columns')
     try:
-        values = np.load(path, allow_pickle=False, mmap_mode="r")
-    except (OSError, ValueError, EOFError) as error:
-        raise BadSolid(f'"{path.name}" is no .npy array: {error}') from error
-    if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "fiu":
-        raise BadSolid(f'"{path.name}" must hold an array of numbers with rows and columns')
-    if table.extent_m is UNSET and values.size > MOST_POINTS:
-        raise _too_many(path, values.size)
-    depth = values.astype(np.float64)
-    if table.values == "elevation":
-        depth = -depth
-    extent = [(n - 1) * step for n, step in zip(depth.shape, table.spacing_m, strict=True)]
-    first = [-0.5 * e for e in extent] if table.origin_north_east_m is UNSET else list(table.origin_north_east_m)
-    axes = [f + step * np.arange(n) for f, step, n in zip(first, table.spacing_m, depth.shape, strict=True)]
+        with opened(path) as file:
+            whole = Array.of(file)
+            part, axes = _in_reach(table, table.spacing_m, whole.shape)
+            if math.prod(p.stop - p.start for p in part) > MOST_POINTS:
+                raise _too_many(path, math.prod(whole.shape))
+            depth = whole.read(file, *part).astype(np.float64)
+    except OSError as error:
+        raise BadSolid(f'cannot read "{path.name}": {error.strerror}') from error
+    except NoArray as error:
+        raise BadSolid(f'"{path.name}" {error}') from error
     north, east = np.meshgrid(*axes, indexing="ij")
-    return Grid(north, east, depth)
+    return Grid(north, east, -depth if table.values == "elevation" else depth)
+
+
+def _in_reach(
+    table: GridSeabed, spacing: tuple[float, float], shape: tuple[int, int]
+) -> tuple[list[slice], list[FloatArray]]:
+    """Rows and columns worth reading, and where they lie in N, m. The file may be much larger than what is in reach."""
+    extent = [(n - 1) * step for n, step in zip(shape, spacing, strict=True)]
+    first = [-0.5 * e for e in extent] if table.origin_north_east_m is UNSET else list(table.origin_north_east_m)
+    part: list[slice] = []
+    axes: list[FloatArray] = []
+    for f, step, n in zip(first, spacing, shape, strict=True):
+        low, high = 0, n
+        if table.extent_m is not UNSET:
+            # More than `_within` keeps, as the places are rounded; then as it does.
+            low = int(min(max(math.floor((-table.extent_m - f) / step) - 2, 0), n))
+            high = int(min(max(math.ceil((table.extent_m - f) / step) + 3, low), n, low + MOST_POINTS + 9))
+            near = low + np.flatnonzero(np.abs(f + step * np.arange(low, high)) <= table.extent_m)
+            low, high = (max(int(near[0]) - 1, 0), min(int(near[-1]) + 2, n)) if len(near) else (low, low)
+        part.append(slice(low, high))
+        axes.append(f + step * np.arange(low, min(high, low + MOST_POINTS + 1), dtype=np.float64))
+    return part, axes
 
 
 def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | None) -> Grid:
@@ -117,6 +141,8 @@ def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | No
         if missing:
             there = ", ".join(sorted(variables)) or "none"
             raise BadSolid(f'"{path.name}" has no variable {" and no ".join(missing)}; there are: {there}')
+        for name in names:
+            _check_variable(path, name, variables[name])
         axes = [_scaled(variables[name], np.s_[...]) for name in names[:2]]
         shape = tuple(variables[table.variable].shape)
         if any(axis.ndim != 1 for axis in axes) or shape != tuple(len(axis) for axis in axes):
@@ -161,8 +187,17 @@ def _window(axes: list[FloatArray], origin: tuple[float, float], table: GridSeab
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """The variables of a NetCDF file; scipy reads the classic form (version 3), h5netcdf the one on HDF5 (version 4)."""
-    with path.open("rb") as file:
-        classic = file.read(3) == b"CDF"
+    try:
+        with opened(path) as file:
+            classic = file.read(3) == b"CDF"
+            size = os.fstat(file.fileno()).st_size
+    except OSError as error:
+        raise BadSolid(f'cannot read "{path.name}": {error.strerror}') from error
+    if classic and size > MOST_BYTES:  # which scipy reads whole
+        text = (
+            f"has {size / 1e6:.0f} MB: at most {MOST_BYTES / 1e6:.0f} MB, or as NetCDF 4, of which a part can be read"
+        )
+        raise BadSolid(f'"{path.name}" {text}')
     try:
         reader: Any = importlib.import_module("scipy.io" if classic else "h5netcdf")
     except ImportError as error:
@@ -175,6 +210,21 @@ def _opened(path: Path) -> Iterator[Any]:
         raise
     except Exception as error:  # a parser of foreign files may raise anything
         raise BadSolid(f'cannot read "{path.name}": {type(error).__name__}: {error}') from error
+
+
+def _check_variable(path: Path, name: str, variable: Any) -> None:
+    """Refuse what costs memory without end however small the file is, or reads other files.
+
+    Raises:
+        BadSolid: see there.
+    """
+    dataset = getattr(variable, "_h5ds", None)  # h5netcdf has no public name for it
+    if dataset is not None and (dataset.external or dataset.is_virtual):
+        raise BadSolid(f'"{path.name}": the values of {name} are in other files: copy them into this one')
+    if math.prod(getattr(variable, "chunks", None) or ()) > MOST_POINTS:
+        raise BadSolid(f'"{path.name}": {name} is in chunks of {variable.chunks}: at most {MOST_POINTS} points each')
+    if len(variable.shape) == 1 and variable.shape[0] > MOST_POINTS:
+        raise _too_many(path, variable.shape[0])
 
 
 def _scaled(variable: Any, part: Any) -> FloatArray:

@@ -22,9 +22,18 @@ def check_rate(rate_hz: float, physics_hz: float, path: KeyPath, report: Report)
         return
     nearest = "it is far too low"
     if math.isfinite(ratio):
-        below, above = physics_hz / math.ceil(ratio), physics_hz / math.floor(ratio)
+        below, above = _neighbours(rate_hz, physics_hz)
         nearest = f"the nearest that do are {below:.12g} and {above:.12g}"
     report(path, f"{rate_hz:g} Hz does not divide the physics rate of {physics_hz:g} Hz: {nearest}")
+
+
+def _neighbours(rate_hz: float, physics_hz: float) -> tuple[float, float]:
+    """The nearest rates below and above that divide the physics rate: whole numbers, as people write them, where there are some."""
+    if rate_hz > 1.0 and physics_hz.is_integer():
+        whole = [rate for rate in range(1, int(physics_hz) + 1) if physics_hz % rate == 0]
+        return max(rate for rate in whole if rate < rate_hz), min(rate for rate in whole if rate > rate_hz)
+    ratio = physics_hz / rate_hz
+    return physics_hz / math.ceil(ratio), physics_hz / math.floor(ratio)
 
 
 def check_time(world: WorldTable, report: Report) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from uwserver.adapter import AdapterContext, Refusals
+from uwserver.adapter import AdapterContext, Refusals, TurnTimes
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.mavlink.links.routes import Routes
 from uwserver_adapters.mavlink.links.tlog import Tlog
@@ -43,6 +43,7 @@ class Router:
         channels: those that are open, by number.
         dialect: the messages.
         refusals: of links.
+        turns: of peers by UDP.
 
     Raises:
         OSError: the log cannot be written.
@@ -62,6 +63,7 @@ class Router:
         self._config = config
         self.context = context
         self.refusals = Refusals(context.name, context.stats, steady)
+        self.turns = TurnTimes()
         self.dialect = dialect
         self._steady = steady
         self._offset = unix_s - steady()
@@ -121,6 +123,11 @@ class Router:
 
     def receive(self, channel: Channel, data: bytes) -> None:
         """Bytes of a peer, all taken at once; what a flood brings is not even looked at."""
+        for _ in self.frames(channel, data):
+            pass
+
+    def frames(self, channel: Channel, data: bytes) -> Iterator[None]:
+        """The same, a frame at a time."""
         if channel.meter.is_flooded(self._steady()):
             self._counters["flood"] += 1
             return
@@ -128,6 +135,7 @@ class Router:
         for _ in range(_AT_ONCE):
             if not self.work(channel):
                 return
+            yield
         self._counters["flood"] += 1
         channel.decoder.clear()
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Hashable, Iterator
 from typing import Protocol, cast
 
-from uwserver.adapter import cannot_listen
+from uwserver.adapter import DatagramTurns, cannot_listen
 from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RIVAL, WAITING, Address, Link, shown
 from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
@@ -32,6 +33,19 @@ class _Socket(Link, asyncio.DatagramProtocol):
         super().__init__(shown(kind, address), router)
         self._given = address
         self._transport: _Datagrams | None = None
+        self._turns: DatagramTurns | None = None
+
+    def _take(self, sender: Hashable, data: bytes, work: Callable[[], Iterator[None]]) -> None:
+        """Take a datagram at its sender's turn."""
+        if self._turns is None:
+            self._turns = DatagramTurns(self._router.turns)
+        if not self._turns.put(sender, len(data), work):
+            self._router.count("flood")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """What waits is not looked at any more."""
+        if self._turns is not None:
+            self._turns.close()
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there, yet or any more: they may come, and silence tells who is gone."""
@@ -82,8 +96,9 @@ class UdpOut(_Socket):
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         """Take a datagram."""
-        if self._channel is not None:
-            self._router.receive(self._channel, data)
+        channel = self._channel
+        if channel is not None:
+            self._take(channel, data, lambda: self._router.frames(channel, data))
 
 
 class UdpIn(_Socket):
@@ -120,23 +135,30 @@ class UdpIn(_Socket):
             self._transport.abort()
 
     def datagram_received(self, data: bytes, addr: tuple[object, ...]) -> None:
-        """Take a datagram of an old or a new peer."""
+        """Take a datagram of an old or a new peer. What a flood brings does not even wait."""
         peer = cast(Address, addr[:2])
+        channel = self._channels.get(peer)
+        if channel is not None and channel.meter.is_flooded(asyncio.get_running_loop().time()):
+            self._router.count("flood")
+            return
+        # Those of whom nothing is known have one turn together: their addresses may be forged.
+        self._take(channel, data, lambda: self._frames(peer, cast(Address, addr), data))
+
+    def _frames(self, peer: Address, full: Address, data: bytes) -> Iterator[None]:
         channel = self._channels.get(peer)
         if channel is None:
             if len(self._channels) >= PEERS:
                 self._stats.dropped += 1
                 self._stats.last_error = f"link {self.address}: more than {PEERS} peers"
                 return
-            full = cast(Address, addr)
             channel = self._router.open(shown("udp", peer), lambda sent: self._write(sent, full), self._is_ready)
             self._channels[peer] = channel
-        self._router.receive(channel, data)
+        yield from self._router.frames(channel, data)
         if (
             not channel.has_peer
         ):  # what it said was no MAVLink: it hears nothing, so that nobody is flooded by a forged address
             self._router.close(channel)
-            del self._channels[peer]
+            self._channels.pop(peer, None)
 
 
 def _is_silent(channel: Channel) -> bool:

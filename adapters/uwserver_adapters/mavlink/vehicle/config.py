@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from msgspec import Meta, field
@@ -33,3 +34,8 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
     passphrase: Name | None = None
     tlog: Name | None = None
     frames_per_s: Annotated[int, Meta(ge=10)] = 2000
+
+    def needs(self) -> Mapping[str, str]:
+        """The dialect, and what its links speak through."""
+        needed = {"pymavlink.dialects.v20.ardupilotmega": "uwserver[mavlink]"}
+        return needed | ({"zenoh": "uwserver[zenoh]"} if any(link.startswith("zenoh:") for link in self.links) else {})

@@ -7,13 +7,25 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, Conversation, Undecodable, decode, port_of_kind, vehicle_of, vehicles_of
-from uwserver.ports import Event, Fault, Field, Port, Refused, Reply, Sample, matches
+from uwserver.adapter import (
+    AdapterContext,
+    CannotServe,
+    Conversation,
+    Undecodable,
+    decode,
+    port_of_kind,
+    vehicle_of,
+    vehicles_of,
+)
+from uwserver.ports import Event, Fault, Field, Port, Progress, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.bridge.mixing import Mixer
 from uwserver_adapters.moos.bridge.names import Outlet, variable
 from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
-from uwserver_adapters.moos.bridge.usm import MOMENTARY, UsmInputs
+from uwserver_adapters.moos.bridge.pilot import Pilot
+from uwserver_adapters.moos.bridge.quota import Faults, Quota
+from uwserver_adapters.moos.bridge.report import APPCAST, APPCAST_REQUEST, AppCasts, Pace
+from uwserver_adapters.moos.bridge.usm import ELSEWHERE, FREE, MOMENTARY, UsmInputs
 from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
@@ -27,6 +39,14 @@ ERROR = "UWSERVER_ERROR"
 EVENT = "UWSERVER_EVENT"
 TIME = "UWSERVER_TIME"
 MODE = "SIMULATION_MODE"
+STATUS = "world/status"
+
+CALLS_PER_S = 50
+"""Calls that one client may begin in a second."""
+STATES_PER_S = 200
+"""Resets, currents, pauses and the like, likewise: a current ten times a second, at warp 20."""
+COMMANDS_PER_S = 4000
+"""Writes of actuators' variables, likewise: 20 times a second three of them, at warp 60."""
 
 
 class Bridge:
@@ -38,6 +58,10 @@ class Bridge:
         post: publishes variables that belong together.
         listen: asks for writes of variables that mean something only now, as their vehicle came later.
         source: name of the connection, for the world's view of who commands.
+        steady: a clock that never jumps, s.
+
+    Attributes:
+        appcasts: of this adapter; its `node` is the community.
 
     Raises:
         CannotServe: the table names what is not there.
@@ -50,7 +74,15 @@ class Bridge:
         post: Callable[[Pairs], None],
         listen: Callable[[Sequence[str]], None],
         source: str,
+        steady: Callable[[], float],
     ) -> None:
+        self.appcasts = AppCasts()
+        self._steady = steady
+        self._pace = Pace()
+        self._faults = Faults(context.stats, lambda text: post([(ERROR, text)]), steady)
+        self._call_quota, self._state_quota = Quota(CALLS_PER_S, steady), Quota(STATES_PER_S, steady)
+        self._command_quota = Quota(COMMANDS_PER_S, steady)
+        self._t_s = 0.0
         self._table = table
         self._context = context
         self._post = post
@@ -67,7 +99,16 @@ class Bridge:
         self._peer = Conversation(context, source)
         fix = self._nav.fix if self._nav is not None else Fix()
         teleport = port_of_kind("teleport", ports, vehicle)
-        self._usm = UsmInputs(self._peer, teleport, fix, self._neutral, lambda name, value: post([(name, value)]))
+        self._pilot = self._make_pilot()
+        self._usm = UsmInputs(
+            self._peer,
+            teleport,
+            fix,
+            self._neutral,
+            self._pilot.override,
+            lambda name, value: post([(name, value)]),
+            listen,
+        )
         self._direct: dict[str, tuple[Port, Field]] = {}
         self._open_ports()
 
@@ -76,6 +117,16 @@ class Bridge:
         table, ports = self._table, self._context.ports
         belongs = table.vehicle is not None or table.nav is not None or bool(table.commands)
         return vehicle_of(table.vehicle, ports) if belongs or len(vehicles_of(ports)) == 1 else ""
+
+    def _make_pilot(self) -> Pilot:
+        table = self._table
+        pilot = Pilot(table.pid, table.hold_depth_m)
+        missing = [name for name in pilot.drives if name not in self._mixer.names]
+        if pilot.drives and self._nav is None:
+            raise CannotServe("pid and hold_depth_m: give a `nav` table too, which says where the vehicle is")
+        if missing:
+            raise CannotServe(f"pid and hold_depth_m: `commands` lacks {', '.join(missing)}")
+        return pilot
 
     def _open_ports(self) -> None:
         table = self._table
@@ -90,32 +141,73 @@ class Bridge:
     @property
     def listens_to(self) -> tuple[str, ...]:
         """Variables of others that mean something here."""
-        names = dict.fromkeys((*self._mixer.names, *self._direct))
+        names = dict.fromkeys((*self._mixer.names, *self._direct, *self._pilot.hears, APPCAST_REQUEST))
         if self._table.usm:
             names.update(dict.fromkeys(self._usm.names))
         if self._table.services:
             names[CALL] = None
         return tuple(names)
 
-    def begin(self) -> None:
+    def begin(self, community: str = "") -> None:
         """Others can hear now, for the first time or again."""
+        self.appcasts.node = community
         self._passed_over.clear()
+        self._pilot.reset()
         self._post([(MODE, "TRUE")])
+
+    def attend(self) -> None:
+        """Tell how the world does; to be called each second."""
+        self._faults.flush()
+        wall_s = self._steady()
+
+        def on_status(answer: Reply | Progress) -> None:
+            said = answer.result if isinstance(answer, Reply) else None
+            pairs = self._pace.observe(said, wall_s, self._context.name) if isinstance(said, dict) else []
+            if pairs:
+                self._post(pairs)
+
+        self._context.call(STATUS, {}, self._peer.source, on_status)
+        if self.appcasts.due(wall_s):
+            self._post([(APPCAST, self.appcasts.text(self._report(), self._pace))])
+
+    def _report(self) -> list[str]:
+        world = self._context.world
+        lines = [
+            f"Scenario: {world.scenario}",
+            f"Mode: {world.mode}, speed {world.speed:g}, reached {self._pace.factor:.3g}",
+        ]
+        lines += [f"Simulation time: {self._t_s:.2f} s", f"Enabled: {str(self._usm.is_enabled).lower()}"]
+        lines += self._pilot.report()
+        if self._nav is not None:
+            lines += [f"{name}: {value:.6g}" for name, value in self._nav.known() if isinstance(value, float)]
+        return lines
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """All variables of a tick, together."""
         pairs: list[tuple[str, float | str]] = []
+        self._t_s = seconds(samples[-1].t_sent_ns) if samples else self._t_s
         for sample in samples:
             outlet = self._outlets.get(sample.port)
             if outlet is not None and (self._raster is None or self._raster.is_due(sample.port, sample.t_sent_ns)):
                 pairs += outlet.pairs(sample)
         if self._nav is not None:
-            pairs += self._nav.pairs(samples)
+            told = self._nav.pairs(samples)
+            if told and self._usm.is_enabled:
+                pairs += told
+                pairs += self._steer(self._nav.fix)
         if pairs:
-            pairs.append((TIME, seconds(samples[-1].t_sent_ns)))
+            pairs.append((TIME, self._t_s))
             self._post(pairs)
+
+    def _steer(self, fix: Fix) -> list[tuple[str, float]]:
+        """Let our own autopilot act; returns what it did."""
+        outputs = self._pilot.outputs(fix, self._t_s)
+        paths = dict.fromkeys(path for name, value in outputs.items() for path in self._mixer.take(name, value))
+        for path in paths:
+            self._command(path, self._mixer.command(path), self._peer.source)
+        return list(outputs.items())
 
     def put_event(self, event: Event) -> None:
         """Tell everybody."""
@@ -129,18 +221,15 @@ class Bridge:
                 self._raster.reset()
             if self._nav is not None:
                 self._nav.reset()
+            self._usm.forget()
+            self._pilot.reset()
         self._post([(EVENT, msgspec.json.encode(event).decode())])
 
     def _reply(self, answer: Answer) -> None:
         self._post([(REPLY, msgspec.json.encode(answer).decode())])
 
     def _tell(self, name: str, value: float | str | bytes, source: str, fault: Fault) -> None:
-        stats = self._context.stats
-        stats.errors += 1
-        stats.last_error = f"{name}: {fault.text}"
-        said = {"variable": name, "value": _shown(value), "src": source}
-        text = msgspec.json.encode({**said, "code": fault.code, "message": fault.text, "where": fault.where})
-        self._post([(ERROR, text.decode())])
+        self._faults.note(name, value, source, fault)
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
@@ -192,13 +281,18 @@ class Bridge:
         return name in self._usm.names and name not in MOMENTARY
 
     def _obey(self, name: str, value: float | str | bytes, source: str, commanded: dict[str, str]) -> None:
+        quota = self._quota_of(name)
+        if quota is not None and not quota.take(source):
+            if quota.is_first_too_many(source):
+                self._refuse_flood(name, value, source, quota.most)
+            return
         if isinstance(value, bytes):
             self._obey_bytes(name, value, source)
-            return
-        if name in self._mixer.names:
-            if isinstance(value, str):
-                raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
-            commanded.update(dict.fromkeys(self._mixer.take(name, value), source))
+        elif name in self._pilot.hears:
+            self._pilot.hear(name, _number(name, value), self._t_s)
+        elif name in self._mixer.names:
+            if self._usm.is_enabled and self._pilot.admits(name, _number(name, value), self._t_s):
+                commanded.update(dict.fromkeys(self._mixer.take(name, _number(name, value)), source))
         elif name in self._direct:
             port, field = self._direct[name]
             given = value if field.type == "str" else _given(value)
@@ -206,8 +300,31 @@ class Bridge:
         elif name == CALL:
             if self._table.services:
                 self._calls.take(str(value), source, self._reply)
-        elif self._table.usm and name in self._usm.names:
+        elif name == APPCAST_REQUEST:
+            self.appcasts.ask(str(value), self._steady())
+        elif self._table.usm:
+            self._obey_usm(name, value, source)
+
+    def _obey_usm(self, name: str, value: float | str, source: str) -> None:
+        if name in self._usm.names:
             self._usm.take(name, value, source, lambda fault: self._tell(name, value, source, fault))
+        elif name in ELSEWHERE:
+            self._usm.hear_elsewhere(name, value)
+
+    def _quota_of(self, name: str) -> Quota | None:
+        """Which limit a variable falls under; None for one that costs nothing."""
+        if name in self._mixer.names or name in self._direct:
+            return self._command_quota
+        if name == CALL:
+            return self._call_quota
+        return self._state_quota if name in self._usm.names and name not in FREE else None
+
+    def _refuse_flood(self, name: str, value: float | str | bytes, source: str, most: int) -> None:
+        fault = Fault("overload", f"more than {most} in a second: what is above is not carried out", name)
+        if name == CALL and not isinstance(value, bytes):
+            self._calls.refuse(str(value), source, fault, self._reply)
+        else:
+            self._tell(name, value, source, fault)
 
     def _obey_bytes(self, name: str, value: bytes, source: str) -> None:
         if name not in self._direct or not self._direct[name][1].is_packed:
@@ -216,6 +333,7 @@ class Bridge:
         self._command(port.path, {field.name: value}, source, name)
 
     def _neutral(self) -> None:
+        self._pilot.rest()
         for path in self._mixer.neutral():
             self._command(path, self._mixer.command(path), self._peer.source)
 
@@ -238,11 +356,10 @@ class Bridge:
         self._peer.close()
 
 
-def _shown(value: float | str | bytes) -> float | str:
-    """A value as a refusal repeats it."""
-    if isinstance(value, bytes):
-        return f"<binary> {len(value)} bytes"
-    return value[:80] if isinstance(value, str) else value
+def _number(name: str, value: float | str) -> float:
+    if isinstance(value, str):
+        raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
+    return value
 
 
 def _given(value: float | str) -> object:

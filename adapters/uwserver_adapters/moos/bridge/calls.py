@@ -125,6 +125,12 @@ class Calls:
         except Refused as refused:
             fail(refused.fault)
 
+    def refuse(self, text: str, source: str, fault: Fault, answer: Callable[[Answer], None]) -> None:
+        """Answer a call that is not even begun."""
+        self._stats.errors += 1
+        error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
+        answer({"id": id_of(text), "service": "", "src": source, "error": error})
+
     def close(self) -> None:
         """Cancel what is under way; nobody is answered any more."""
         self._peer.close()

@@ -37,7 +37,7 @@ class Community:
         self._clock = clock
         self._link: Link | None = None
         self._alog: Alog | None = None
-        self.bridge = Bridge(table, context, self._post, self._listen, name)
+        self.bridge = Bridge(table, context, self._post, self._listen, name, asyncio.get_running_loop().time)
         self.address = f"{table.host}:{table.port}"
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -127,8 +127,8 @@ class Community:
                 log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
                 link.register(self.bridge.listens_to)
                 link.ask_kinds()
-                self.bridge.begin()
-                await link.stay(self._timeout_s)
+                self.bridge.begin(link.community)
+                await link.stay(self._timeout_s, self.bridge.attend)
             finally:
                 self._link = None
                 stats.peers -= 1

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Sequence
 from typing import cast
 
+from uwserver.adapter import TURN_S
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import MoosClock
-from uwserver_adapters.moos.wire import Malformed, Message, Packet
+from uwserver_adapters.moos.wire import Malformed, Message, Packet, Skipped
+
+log = logging.getLogger(__name__)
 
 BEAT_S = 1.0
 """Wall time between two heartbeats; a MOOSDB gives up after 5 s of silence."""
 WAITING = 4 << 20
 """Bytes that may wait for a database that does not read; samples are dropped above."""
+REST_S = 0.004
+"""Wall time in which others have their turn, once the database has used up its own."""
 
 
 class LinkLost(Exception):
@@ -43,7 +49,9 @@ class Link(asyncio.Protocol):
         self._name = name
         self._clock = clock
         self._take = take
-        self._decoder = wire.Decoder()
+        self._decoder = wire.Decoder(skips=True)
+        self._turn: asyncio.TimerHandle | None = None
+        self._has_skipped = False
         self._transport: asyncio.Transport
         self._is_connected = False
         self._loop = asyncio.get_running_loop()
@@ -67,15 +75,34 @@ class Link(asyncio.Protocol):
         """Take packets in pieces of any size."""
         self._heard = self._loop.time()
         self._decoder.receive(data)
+        if self._turn is None:
+            self._work()
+
+    def _work(self) -> None:
+        """Take what is there, for one turn: what others write comes through the database, which holds none of them back."""
+        self._turn = None
+        end = self._loop.time() + TURN_S
         while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Malformed):
                 self._end(f"the peer is no MOOSDB: {event.text}")
                 return
-            assert isinstance(event, Packet)
-            if self.is_joined:
-                self._packet(event.messages)
-            elif not self._welcome(event.messages):
+            if isinstance(event, Packet) and not self._packet_or_welcome(event):
                 return
+            if isinstance(event, Skipped) and not self._has_skipped:
+                self._has_skipped = True
+                log.warning("%s passes over what the MOOSDB sends: %s", self._name, event.text)
+            if self._loop.time() >= end:
+                self._transport.pause_reading()
+                self._turn = self._loop.call_later(REST_S, self._work)
+                return
+        self._transport.resume_reading()
+
+    def _packet_or_welcome(self, event: Packet) -> bool:
+        """Whether the connection goes on."""
+        if not self.is_joined:
+            return self._welcome(event.messages)
+        self._packet(event.messages)
+        return self.is_joined
 
     def connection_lost(self, error: Exception | None) -> None:
         """The database went, or we closed."""
@@ -83,6 +110,9 @@ class Link(asyncio.Protocol):
 
     def _end(self, text: str) -> None:
         self.is_joined = False
+        if self._turn is not None:
+            self._turn.cancel()
+            self._turn = None
         for future in (self._joined, self._lost):
             if not future.done():
                 future.set_exception(LinkLost(text))
@@ -117,7 +147,9 @@ class Link(asyncio.Protocol):
                 elif message.kind in wire.KINDS:  # else nobody has written it yet
                     self.kinds[message.key] = message.kind
             elif message.type == wire.TIMING:
-                self._clock.observe(message.time, message.number, self._clock.now())
+                # A step of the database's clock moves the instant at which we came with it: else all that is written after a step back
+                # would count as history.
+                self.joined_at += self._clock.observe(message.time, message.number, self._clock.now())
         if mail:
             self._take(mail)
 
@@ -127,13 +159,18 @@ class Link(asyncio.Protocol):
         """Wait for the welcome. Raises LinkLost when there is none."""
         await self._joined
 
-    async def stay(self, timeout_s: float) -> None:
+    async def stay(self, timeout_s: float, attend: Callable[[], None]) -> None:
         """Beat until the connection is over.
+
+        Args:
+            timeout_s: wall time without a word of the database after which it is over.
+            attend: called with each beat.
 
         Raises:
             LinkLost: it is, or the database said nothing for `timeout_s`.
         """
         while True:
+            attend()
             beat = Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=self._clock.now())
             self._transport.write(wire.packet([wire.encode(beat)]))
             await asyncio.wait([self._lost], timeout=BEAT_S)

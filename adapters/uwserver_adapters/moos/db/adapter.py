@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, serve_tcp, serving
-from uwserver_adapters.moos.clock import MoosClock, warp_of
+from uwserver_adapters.moos.clock import DatabaseClock, warp_of
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.guests import Batch, Guest
@@ -29,8 +29,9 @@ class MoosDbAdapter:
     def __init__(self, config: MoosDbConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        self.clock = MoosClock(warp_of(context, config.warp), asyncio.get_running_loop().time)
-        self.database = Database(config.community, self.clock.now, config.max_variables)
+        self.clock = DatabaseClock(warp_of(context, config.warp))
+        steady, warp = asyncio.get_running_loop().time, self.clock.warp
+        self.database = Database(config.community, self.clock.now, config.max_variables, lambda: steady() * warp)
         self.peers: Peers[Guest] = Peers(
             config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         )
@@ -52,17 +53,18 @@ class MoosDbAdapter:
                 stats.details["warp"] = self.clock.warp
                 address = address_text(config.bind, server.port)
                 with serving(self.context, world.bridge, address, ready):
-                    await self._attend()
+                    await self._attend(world)
             finally:
                 if self._sending is not None:
                     self._sending.cancel()
                 world.close()
 
-    async def _attend(self) -> None:
+    async def _attend(self, world: LocalClient) -> None:
         """Tell how the database does, and end who is silent."""
         loop = asyncio.get_running_loop()
         while True:
             self.database.tell()
+            world.bridge.attend()
             self.context.stats.details["refused_writes"] = self.database.refused
             await asyncio.sleep(TELL_S)
             for guest in self.peers:

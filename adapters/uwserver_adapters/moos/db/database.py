@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from msgspec.structs import replace
 
 from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
 from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.wire import Message
 
@@ -41,7 +42,7 @@ class Letter:
 
 
 class Subscription:
-    """Where writes of a variable go, how often at most, and when one last did (MOOS time)."""
+    """Where writes of a variable go, how often at most, and when one last did (by the steady clock)."""
 
     __slots__ = ("deliver", "interval", "last")
 
@@ -57,13 +58,14 @@ class Variable:
     Attributes:
         letter: its last value; None before the first.
         written: MOOS time of that by our clock.
+        last: the same by the steady clock.
         writes: how many.
         frequency: mean number of writes in a MOOS second.
     """
 
     def __init__(self) -> None:
         self.letter: Letter | None = None
-        self.written = 0.0
+        self.written = self.last = 0.0
         self.writes = 0
         self.frequency = 0.0
         self.subscribers: dict[str, Subscription] = {}
@@ -95,6 +97,7 @@ class Database:
         community: its name.
         now: MOOS time, s.
         max_variables: more are refused.
+        steady: a clock that never jumps, MOOS seconds: intervals are measured by it, so that a step of `now` holds no mail back; default: `now`.
 
     Attributes:
         name: under which it writes variables of its own.
@@ -102,18 +105,22 @@ class Database:
         log: called with each write that was taken.
     """
 
-    def __init__(self, community: str, now: Callable[[], float], max_variables: int) -> None:
+    def __init__(
+        self, community: str, now: Callable[[], float], max_variables: int, steady: Callable[[], float] | None = None
+    ) -> None:
         self.community = community
         self.name = f"MOOSDB_{community}"
         self.refused = 0
         self.log: Callable[[Message], None] = _ignore
         self.variables: dict[str, Variable] = {}
         self._now = now
-        self._start = now()
+        self._steady = now if steady is None else steady
+        self._start, self._steady_start = now(), self._steady()
         self._max_variables = max_variables
         self._clients: dict[str, _Client] = {}
         self._kept = 0
         self._is_refusing = False
+        self._told = Quota(FAULTS_PER_S, self._steady)
 
     @property
     def clients(self) -> tuple[str, ...]:
@@ -155,9 +162,9 @@ class Database:
             self._answer(name, message)
 
     def _refuse(self, client: str, key: str, reason: str) -> str:
-        """Tell everybody; returns the reason."""
+        """Tell everybody, sparingly; returns the reason."""
         self.refused += 1
-        if not self._is_refusing:  # a full database cannot even say so
+        if not self._is_refusing and self._told.take(client):  # a full database cannot even say so
             self._is_refusing = True
             self.say(REFUSED, f"client={client[:60]},variable={key[:60]},reason={reason}")
             self._is_refusing = False
@@ -175,7 +182,7 @@ class Database:
         variable.subscribers[name] = subscription
         client.hears[key] = None
         if variable.letter is not None:
-            subscription.last = self._now()
+            subscription.last = self._steady()
             client.deliver(variable.letter)
 
     def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
@@ -239,14 +246,14 @@ class Database:
             message = replace(message, community=self.community)
         self.log(message)
         letter = Letter(message)
-        now = self._now()
+        now = self._steady()
         variable.letter = letter
         if old is None:
             self._find_subscribers(message.key, message.src, variable)
         else:
-            elapsed = max(now - variable.written, 1e-3)
+            elapsed = max(now - variable.last, 1e-3)
             variable.frequency += _MEAN * (1.0 / elapsed - variable.frequency)
-        variable.written = now
+        variable.written, variable.last = self._now(), now
         variable.writes += 1
         writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
         if writer is not None:
@@ -282,7 +289,7 @@ class Database:
     def tell(self) -> None:
         """Write the DB_ variables; those that cost much only when somebody listens. To be called every second or two."""
         self.say("DB_TIME", self._now())
-        self.say("DB_UPTIME", self._now() - self._start)
+        self.say("DB_UPTIME", self._steady() - self._steady_start)
         self.say("DB_CLIENTS", "".join(f"{name}," for name in self._clients))
         for key, text in (("DB_VARSUMMARY", self._summary), ("DB_RWSUMMARY", self._traffic), ("DB_QOS", self._quality)):
             if key in self.variables and self.variables[key].subscribers:

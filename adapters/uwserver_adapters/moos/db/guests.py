@@ -10,7 +10,7 @@ from typing import Protocol
 from uwserver.adapter import AdapterContext, Connection, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.wire import Malformed, Message, Packet
@@ -21,6 +21,8 @@ NAME_S = 5.0
 """Wall time in which a client must have said its name."""
 TOGETHER = 1000
 """Messages in one packet at most: C++ clients throw away mail above 2048 that are unread."""
+AT_ONCE = 256
+"""Notifications of a packet that take effect together: about 2 ms. Behind so many of them others may have their turn."""
 HELD = 2048
 """Mail that waits for a synchronous client to ask; the oldest is dropped above, and above `queue_bytes`."""
 CLIENT_NAME_LIMIT = 128
@@ -42,7 +44,7 @@ class Host(Protocol):
 
     config: MoosDbConfig
     context: AdapterContext
-    clock: MoosClock
+    clock: DatabaseClock
     database: Database
     peers: Peers[Guest]
 
@@ -109,8 +111,8 @@ class Guest(Connection):
         return False
 
     def _read(self) -> Iterator[None]:
-        """Take one packet after the other. Others may have their turn between them, and also within: not behind notifications, which take
-        effect together, but requests may cost much."""
+        """Take one packet after the other. Others may have their turn between them, and also within: behind each request, which
+        may cost much, and behind many notifications: fewer of them take effect together."""
         while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Malformed):
                 self._fault(event.text)
@@ -153,9 +155,9 @@ class Guest(Connection):
             if self._is_asynchronous:
                 echo = Message(wire.TIMING, first.key, host.clock.now(), src=first.src, time=first.time, number2=0.0)
                 self._send(wire.packet([wire.encode(echo)]), 1)
-        for message in messages:
+        for number, message in enumerate(messages, 1):
             host.database.take(self.name, message)
-            if message.type != wire.NOTIFY:
+            if message.type != wire.NOTIFY or number % AT_ONCE == 0:
                 yield
         if not self._is_asynchronous:
             self._answer()

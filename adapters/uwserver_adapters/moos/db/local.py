@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import TURN_S, AdapterContext
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.wire import Message
@@ -17,6 +17,10 @@ from uwserver_adapters.moos.wire import Message
 OWN_NAME = "uwserver"
 RIVAL = "a MOOSDB"
 """Who most likely holds a port that is in use."""
+AT_ONCE = 256
+"""Writes that take effect together; behind so many of them others may have their turn."""
+REST_S = 0.004
+"""Wall time before the next of them, once a turn is used up."""
 
 
 class LocalClient:
@@ -29,20 +33,21 @@ class LocalClient:
         clock: MOOS time.
     """
 
-    def __init__(self, table: BridgeTable, context: AdapterContext, database: Database, clock: MoosClock) -> None:
+    def __init__(self, table: BridgeTable, context: AdapterContext, database: Database, clock: DatabaseClock) -> None:
         self._context = context
         self._database = database
         self._clock = clock
         self._mail: list[tuple[str, float | str | bytes, str, float]] = []
         self._waking: asyncio.Handle | None = None
-        self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME)
+        self._loop = asyncio.get_running_loop()
+        self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME, self._loop.time)
         # After the bridge: a table that does not fit makes no file at each try.
         self._alog = Alog(table.alog, clock.now, context) if table.alog else None
         if self._alog is not None:
             database.log = self._log
         database.join(OWN_NAME, self._deliver)
         self._listen(self.bridge.listens_to)
-        self.bridge.begin()
+        self.bridge.begin(database.community)
 
     def _post(self, pairs: Pairs) -> None:
         now = self._clock.now()
@@ -60,12 +65,21 @@ class LocalClient:
         self._mail.append((message.key, message.value, message.src, message.time))
         if self._waking is None:
             # What a client wrote in one packet takes effect together.
-            self._waking = asyncio.get_running_loop().call_soon(self._take)
+            self._waking = self._loop.call_soon(self._take)
 
     def _take(self) -> None:
+        """Take what is there, for one turn; what is left has its own, after a rest."""
         self._waking = None
-        mail, self._mail = self._mail, []
-        self.bridge.take(mail)
+        end = self._loop.time() + TURN_S
+        at = 0
+        while at < len(self._mail):
+            if at and self._loop.time() >= end:
+                self._waking = self._loop.call_later(REST_S, self._take)
+                break
+            mail = self._mail[at : at + AT_ONCE]
+            at += len(mail)
+            self.bridge.take(mail)
+        del self._mail[:at]
 
     def _log(self, message: Message) -> None:
         if self._alog is not None:

@@ -17,7 +17,7 @@ from uwserver.adapter import (
 )
 from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.database import Database, Letter
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
@@ -118,8 +118,8 @@ class MoosTextAdapter:
     def __init__(self, config: MoosTextConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        self.clock = MoosClock(1.0, asyncio.get_running_loop().time)
-        self.database = Database("text", self.clock.now, config.max_variables)
+        self.clock = DatabaseClock(1.0)
+        self.database = Database("text", self.clock.now, config.max_variables, asyncio.get_running_loop().time)
         self.peers: Peers[TextConnection] = Peers(
             config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         )
@@ -144,6 +144,7 @@ class MoosTextAdapter:
                 with serving(self.context, world.bridge, address, ready):
                     while True:
                         self.database.tell()
+                        world.bridge.attend()
                         if line is not None:
                             line.attend()
                         await asyncio.sleep(TELL_S)

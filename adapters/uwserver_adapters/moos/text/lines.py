@@ -26,8 +26,9 @@ NUMBER_LIMIT = 64
 _TAG = re.compile(r"#(\S{1,64})(?:\s+|$)")
 _NAME = re.compile(r"[^\s=,;\"#]{1,256}")
 _QUOTED = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
-_BARE = re.compile(r"[^\s,;\"]+")
+_BARE = re.compile(r"[^\s,;\"=]+")
 _GAP = re.compile(r"[\s,;]*")
+_ADVICE = 'separate pairs by spaces, commas or semicolons, and quote a text with such or with "=" in it: USM_RESET="x=0,y=-20"'
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -105,7 +106,7 @@ def _pairs(text: str) -> tuple[tuple[str, float | str], ...]:
         gap = _GAP.match(text, at)
         assert gap is not None
         if gap.end() == at and at < len(text):
-            raise ValueError(f'"{text[at : at + 40]}" behind a value: separate pairs by spaces, commas or semicolons')
+            raise ValueError(f'"{text[at : at + 40]}" behind a value: {_ADVICE}')
         at = gap.end()
     if not pairs:
         raise ValueError("nothing behind the tag")

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Protocol
 
 import msgspec
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, RateMeter
 from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.bridge.bridge import CALLS_PER_S
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.codec import finite
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.database import Database, Letter, glob
@@ -32,7 +34,7 @@ class Host(Protocol):
 
     config: MoosTextConfig
     context: AdapterContext
-    clock: MoosClock
+    clock: DatabaseClock
     database: Database
 
     def joined(self, session: TextSession) -> None:
@@ -69,6 +71,8 @@ class TextSession:
         }
         self._heard: set[str] = set()
         self._calls = Calls(host.context)
+        self._steady = asyncio.get_running_loop().time
+        self._rate = RateMeter(CALLS_PER_S)
         host.joined(self)
 
     @property
@@ -163,6 +167,9 @@ class TextSession:
         return len(letters)
 
     def _call(self, event: Verb) -> None:
+        if not self._rate.take(self._steady()):
+            self.refuse("overload", f"more than {CALLS_PER_S} calls in a second: it is not carried out", event.tag)
+            return
 
         def answer(said: Answer) -> None:
             error = said.get("error")

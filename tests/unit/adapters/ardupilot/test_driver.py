@@ -11,8 +11,9 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
+from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, RESTART_S, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.wire import Scale
 from uwserver_adapters.sil.channels import Outputs, OutputTable
 from uwserver_bench.ardupilot_peer import ArduPilotPeer, read, servo_packet
@@ -229,6 +230,7 @@ def test_an_autopilot_that_restarts_is_taken_up_again() -> None:
 def test_one_that_restarts_has_another_address() -> None:
     with rig() as r, another(r) as second:
         r.step([1500] * 8, 700)
+        r.now += RESTART_S
         second.send([1500] * 8, 0)
         assert r.order() is not None
         r.driver.answer(r.t_ns)
@@ -251,6 +253,40 @@ def test_a_second_autopilot_is_kept_out_until_the_first_is_silent() -> None:
         assert r.stats.peers == 0
         second.send([1900] * 8, 34)
         assert r.order() is not None
+
+
+def test_who_plays_back_what_an_autopilot_said_gets_neither_a_tick_nor_an_answer() -> None:
+    """From its first frame on, beside the autopilot that speaks."""
+    with rig() as r, another(r) as thief:
+        for number in range(100, 120):
+            r.step([1500] * 8, number)
+            for replayed in range(21):
+                thief.send([1900] * 8, replayed)
+            assert r.order() is None
+            assert thief.receive(0.001) is None
+        assert r.count("strangers") == 20 * 21
+        assert (r.count("frames"), r.count("restarts"), r.stats.peers) == (20, 0, 1)
+
+
+def test_garbage_at_random_moves_nothing_and_the_autopilot_goes_on() -> None:
+    dice = np.random.default_rng(14)
+    frame = servo_packet(0, [1900] * 8)
+    with rig() as r, another(r) as stranger:
+        r.step([1500] * 8, 7)
+        sent = 0
+        for number in range(8, 28):
+            for _ in range(50):
+                data = bytearray(frame)
+                for _ in range(dice.integers(1, 4)):
+                    data[dice.integers(len(data))] = dice.integers(256)
+                stranger.send_raw(bytes(data[: dice.choice((len(data), len(data), dice.integers(len(data)), 2))]))
+                sent += 1
+            assert r.order() is None
+            r.step([1500] * 8, number)
+        counted = sum(r.count(name) for name in ("strangers", "bad_magic", "bad_length"))
+        assert counted == sent
+        assert stranger.receive(0.001) is None
+        assert (r.count("frames"), r.count("restarts"), r.count("lost")) == (21, 0, 0)
 
 
 def test_a_simulator_that_restarts_takes_any_number() -> None:

@@ -95,6 +95,8 @@ class Client:
             raise ConnectionError("closed")
         self.decoder.receive(data)
         while (event := self.decoder.next_event()) is not None:
+            if isinstance(event, wire.Reading):
+                continue
             assert isinstance(event, wire.Packet), event
             for message in event.messages:
                 (self.mail if message.type == wire.NOTIFY else self.others).append(message)

@@ -19,6 +19,7 @@ LISTINGS = re.findall(r"^ *```toml\n(.*?)^ *```", PAGE, re.S | re.M)
 CLIENT, DATABASE = (listing for listing in LISTINGS if listing.startswith("schema"))
 (OWN_GAINS,) = (listing for listing in LISTINGS if "159.7" in listing)
 (RESET,) = (listing for listing in LISTINGS if "teleport" in listing)
+(AUTOPILOT,) = (listing for listing in LISTINGS if "yaw_pid_kp" in listing)
 (BUOYANCY,) = re.findall(r"`(BUOYANCY_RATE = .*?)`", PAGE)
 COMMANDS = re.compile(r"(?m)^DESIRED_.*\n")
 LAUV = """
@@ -47,22 +48,29 @@ def table(listing: str, folder: Path) -> tuple[BridgeTable, FakeContext]:
         CLIENT,
         DATABASE,
         DATABASE + RESET,
+        CLIENT + AUTOPILOT,
         COMMANDS.sub("", CLIENT) + OWN_GAINS,
         COMMANDS.sub("", DATABASE).replace("remus100", "lauv") + LAUV,
-        COMMANDS.sub("", DATABASE).replace("remus100", "tethys") + BUOYANCY,
+        COMMANDS.sub("", DATABASE).replace("remus100", "tethys").replace("hold_depth_m = 0\n", "") + BUOYANCY,
     ],
-    ids=["client", "database", "reset", "own gains", "lauv", "buoyancy"],
+    ids=["client", "database", "reset", "autopilot", "own gains", "lauv", "buoyancy"],
 )
 async def test_listings_fit_the_vehicles(listing, tmp_path):
     config, context = table(listing, tmp_path)
     posted: list[tuple[str, float | str]] = []
-    bridge = Bridge(config, context, posted.extend, lambda names: None, "moos")
+    bridge = Bridge(config, context, posted.extend, lambda names: None, "moos", lambda: 0.0)
     assert set(config.commands) <= set(bridge.listens_to)
     bridge.take([(name, 10.0, "pMarinePIDV22", 1.0) for name in config.commands])
     assert {command.port for command in context.commands} == {
         f"auv/{target.port}" for targets in config.commands.values() for target in targets
     }
     assert posted == []
+
+
+def test_a_depth_is_held_in_the_pages_scenarios(tmp_path):
+    """Else a hull with fins leaves its depth in a mission that has none."""
+    for listing in (CLIENT, DATABASE):
+        assert table(listing, tmp_path)[0].hold_depth_m == 0.0
 
 
 def test_the_page_says_of_the_lauv_what_is_tested_here():

@@ -207,6 +207,38 @@ def test_each_fault_is_named_and_ends_the_connection(data, text):
     assert text in events[0].text
 
 
+def test_a_packet_of_many_messages_is_read_in_pieces():
+    """So many a call, and one packet at the end: a fault in the last message leaves none of the others."""
+    said = [wire.notify("A", float(k), 0.0, "x") for k in range(3 * wire.AT_ONCE + 1)]
+    data = wire.packet([wire.encode(message) for message in said])
+    decoder = Decoder()
+    decoder.receive(data + NAME)
+    events = [decoder.next_event() for _ in range(5)]
+    assert events[:3] == [wire.Reading()] * 3
+    assert events[3] == Packet(tuple(said))
+    assert isinstance(events[4], Packet)
+    broken = Decoder()
+    broken.receive(data[:-1] + b"\xff")
+    events = list(iter(broken.next_event, None))
+    assert events[:-1] == [wire.Reading()] * 3
+    assert isinstance(events[-1], Malformed)
+
+
+def test_what_a_database_sends_may_be_long_and_many():
+    """A client's decoder passes over what is too long, in pieces of any size, and counts no messages; what is no packet still ends it."""
+    long = wire.packet([wire.encode(wire.notify("A", "x" * wire.PACKET_LIMIT, 0.0))])
+    many = wire.packet([wire.encode(Message(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1))
+    decoder = Decoder(skips=True)
+    found = []
+    for start in range(0, len(long), 100_000):
+        decoder.receive(long[start : start + 100_000] + (many + NAME if start + 100_000 >= len(long) else b""))
+        found += [event for event in iter(decoder.next_event, None) if not isinstance(event, wire.Reading)]
+    assert [type(event) for event in found] == [wire.Skipped, Packet, Packet]
+    assert len(found[1].messages) == wire.MESSAGES_LIMIT + 1
+    decoder.receive(struct.pack("<i", wire.SKIP_LIMIT + 1))
+    assert isinstance(decoder.next_event(), Malformed)
+
+
 def test_a_long_value_that_is_no_ascii_is_not_read_as_a_text():
     for data in (b"\xff" * wire.TEXT_LIMIT, b"x" * (1 << 20)):
         assert Message(wire.NOTIFY, "A", data=data, kind=wire.STRING).value == data.decode("utf-8", "surrogateescape")

@@ -7,6 +7,7 @@ import math
 import socket
 from typing import Any
 
+import numpy as np
 import pytest
 
 mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
@@ -176,6 +177,42 @@ def test_garbage_is_counted_and_the_next_message_understood() -> None:
         assert r.stats.details["controls"] == 1
         assert r.stats.details["bad"] > 0
         assert r.stats.errors == r.stats.details["bad"]
+
+
+def test_what_was_said_before_and_pieces_of_it_give_no_output_that_is_none() -> None:
+    """Messages cut, bent and played back at random: each step has outputs between -1 and 1 or none, and whoever speaks no MAVLink goes."""
+    dice = np.random.default_rng(14)
+    with rig() as r:
+        px4, steps = r.connect(), 0
+        px4.greet()
+        said = [
+            px4.mav.hil_actuator_controls_encode(t_us, [level] * 16, 129, 1).pack(px4.mav)
+            for t_us, level in ((2**40, 0.5), (0, 1.0), (2**63, math.nan), (2**64 - 1, -math.inf), (2**40, 1e30))
+        ]
+        for _ in range(400):
+            data = bytearray(said[dice.integers(len(said))])
+            if dice.random() < 0.5:
+                data[dice.integers(len(data))] = dice.integers(256)
+            if dice.random() < 0.2:
+                del data[dice.integers(len(data)) :]
+            try:
+                px4.stream.sendall(bytes(data))
+            except OSError:
+                px4.stream.close()
+                px4 = r.connect()
+                px4.greet()
+            order = r.order()
+            if order is not None:
+                steps += 1
+                assert order.ticks == 4
+                for _, value in order.commands:
+                    levels: Any = value["u"]
+                    assert all(-1.0 <= level <= 1.0 for level in levels)
+                r.tick()
+        px4.stream.close()
+        assert steps > 50
+        assert r.stats.details["bad"] > 50
+        assert r.stats.details["limited"] > 0
 
 
 def test_an_autopilot_that_restarts_connects_again() -> None:

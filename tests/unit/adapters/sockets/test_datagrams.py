@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import socket
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from uwserver_adapters.native.requests import Malformed, Request
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.datagrams import DATAGRAM_LIMIT, numbered, parse_datagram
 
-from uwserver.adapter import CannotListen
+from uwserver.adapter import CannotListen, connection
 from uwserver.ports import Event, Field, Port
 from uwserver.testing import FakeContext, TcpPeer, sample_of
 
@@ -318,6 +319,66 @@ def test_a_flood_is_not_even_decoded(serving: Serving, monkeypatch: pytest.Monke
         assert sum(b"stranger" in data for data in decoded) <= 20
 
     play(serving, scene, 2, max_requests_per_s=10)
+
+
+def test_what_comes_at_once_is_worked_off_in_turns(serving: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing holds datagrams back: a client whose costly ones are within its rate must not have all of them carried out at once."""
+    decoded: list[bytes] = []
+
+    def counted(data: bytes) -> Any:
+        decoded.append(data)
+        return parse_datagram(data)
+
+    async def scene(context: Any, crowd: Talker, other: Talker) -> None:
+        await crowd.enter()
+        await other.enter()
+        monkeypatch.setattr(datagrams, "parse_datagram", counted)
+        for n in range(6):
+            crowd.send({"id": n, "method": "ping"})
+        other.send({"id": 7, "method": "ping"})
+        await asyncio.sleep(0.15)
+        assert len(decoded) <= 1, "then there is a rest"
+        replies = [await other.hear(), *[await crowd.hear() for _ in range(6)]]
+        assert [reply["id"] for reply in replies] == [7, 0, 1, 2, 3, 4, 5]
+        assert 7 in [json.loads(data)["id"] for data in decoded[:3]], "each client in turn"
+
+    monkeypatch.setattr(connection, "TURN_S", 1e-9)
+    monkeypatch.setattr(connection, "REST_S", 0.3)
+    play(serving, scene, 2)
+
+
+def test_bytes_back_are_never_more_than_bytes_sent_before_a_cookie_has_come_back(serving: Serving) -> None:
+    """Whatever is sent: a forged sender's address must not be made to receive more than was spent on it."""
+    told = {"version": 1, "cookie": "A" * 16, "token": "sesame", "name": "x"}
+    messages: list[object] = [
+        HELLO,
+        {"id": 1, "method": "hello", "params": told},
+        {"id": "x" * 300, "method": "hello", "params": {"version": 2}},
+        {"method": "describe"},
+        {"id": 1, "method": "subscribe", "params": {"pattern": "**"}},
+        [HELLO] * 3,
+        {"cookie": 1},
+        None,
+    ]
+    bodies = [encode(message) for message in messages for encode in (json.dumps, msgpack.packb)]
+    sent = [body.encode() if isinstance(body, str) else body for body in bodies]
+    sent += [body[:cut] for body in sent for cut in (1, 10, len(body) - 1)]
+    sent += [b"", b"\x00", b"GET / HTTP/1.1\r\n\r\n", b"{" * 2048, b"x" * 2049, b"\x80" * 60_000, b"\xde\xff\xff"]
+
+    async def scene(context: Any, talker: Talker) -> None:
+        back = 0
+        for data in sent:
+            talker.send(data)
+            await asyncio.sleep(0.005)
+            with contextlib.suppress(BlockingIOError):
+                while answer := talker.socket.recv(1 << 17):
+                    back += len(answer)
+                    assert len(answer) <= len(data), (data[:100], answer)
+        assert back > 0
+        assert context.stats.bytes_sent == back
+        assert context.stats.peers == 0
+
+    play(serving, scene, token="sesame")
 
 
 async def until_quiet(heard: list[bytes]) -> None:

@@ -114,6 +114,50 @@ def test_old_versions_are_refused(serving: Serving, certificate: Any, trusting: 
     play(serving, certificate, scene)
 
 
+@pytest.mark.parametrize("ciphers", ["NULL", "aNULL", "RC4:3DES:EXPORT"])
+def test_nobody_is_talked_into_weak_ciphers(serving: Serving, certificate: Any, ciphers: str) -> None:
+    async def scene(context: Any) -> None:
+        weak = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        weak.check_hostname, weak.verify_mode = False, ssl.CERT_NONE
+        weak.maximum_version = ssl.TLSVersion.TLSv1_2
+        try:
+            weak.set_ciphers(f"{ciphers}:@SECLEVEL=0")
+        except ssl.SSLError:
+            pytest.skip("this OpenSSL has none of these")
+        weak.set_ciphers(f"{ciphers}:@SECLEVEL=0")
+        with pytest.raises((ssl.SSLError, ConnectionError)):
+            await dial(context, weak)
+
+    play(serving, certificate, scene)
+
+
+@pytest.mark.parametrize(("options", "is_taken"), [(["-tls1_2"], True), (["-tls1_2", "-fallback_scsv"], False)])
+def test_a_client_that_was_made_to_fall_back_is_told(
+    serving: Serving, certificate: Any, options: list[str], is_taken: bool
+) -> None:
+    """Somebody between the two who breaks the handshakes of TLS 1.3 gets no older one (RFC 7507)."""
+
+    async def scene(context: Any) -> None:
+        command = ["openssl", "s_client", "-connect", context.stats.address, "-quiet", *options]
+        client = await asyncio.create_subprocess_exec(
+            *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+        )
+        assert client.stdin
+        assert client.stdout
+        assert client.stderr
+        client.stdin.write(b'{"id":1,"method":"ping","params":5}\n')
+        answer = await asyncio.wait_for(client.stdout.readline(), 15)
+        if is_taken:
+            client.kill()  # else it waits for more
+        said = await asyncio.wait_for(client.stderr.read(), 15)
+        await client.wait()
+        client.stdin.close()
+        assert (b'"result":5' in answer) is is_taken, said
+        assert context.stats.details.get("refused", {}) == ({} if is_taken else {"tls failure": 1})
+
+    play(serving, certificate, scene)
+
+
 def test_client_certificates(
     serving: Serving, certificate: Any, client_certificate: Any, trusting: ssl.SSLContext
 ) -> None:

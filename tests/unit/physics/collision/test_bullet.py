@@ -61,6 +61,25 @@ def test_what_was_removed_is_gone_and_the_others_stay(shape: Shape) -> None:
     engine.close()  # nothing more
 
 
+def test_what_comes_and_goes_is_made_once() -> None:
+    """Bullet keeps the memory of every shape that it ever had: it is used again, and answers as if new."""
+    engine, fresh = BulletEngine(), BulletEngine()
+    ball, block = Placed(Sphere(0.2)), Placed(Box((0.3, 0.2, 0.1)))
+    ways = []
+    for k in range(20):
+        handles = [added(engine, ball), added(engine, block)]
+        ways.append(
+            engine.way_out(handles[0], at(ball, 0.1 * k + 0.45, 0.0, 0.0), handles[1], at(block, 0.1 * k, 0.0, 0.0))
+        )
+        for handle in handles[:: (-1) ** k]:
+            engine.remove(handle)
+    assert engine._bullet.getNumBodies(physicsClientId=engine._client) == 2
+    new = fresh.way_out(added(fresh, ball), at(ball, 2.35, 0.0, 0.0), added(fresh, block), at(block, 1.9, 0.0, 0.0))
+    assert ways[-1].tolist() == new.tolist()
+    engine.close()
+    fresh.close()
+
+
 def test_the_engine_does_not_greet() -> None:
     """pybullet writes its date of birth to standard error."""
     done = subprocess.run(

@@ -247,6 +247,22 @@ def test_what_is_removed_is_gone_and_others_keep_their_keys():
             solids.remove(first)
 
 
+def test_what_comes_and_goes_touches_as_if_new():
+    """An engine may keep what it made, and use it again."""
+    floor, form = grid(5, 1.0), body(Box((0.3, 0.2, 0.1)), Placed(Cylinder(0.1, 0.2), (0.0, 0.0, 0.2)))
+    with world(floor) as solids, world(floor) as fresh:
+        for k in range(20):
+            both = [solids.add_moving(form, row) for row in (0, 1)]
+            touching = state(((0.1 * k, 0.0, -0.25), (0.0, 0.1, 0.0)), ((0.1 * k, 0.3, -0.3), (0.0, 0.0, 0.1 * k)))
+            found = solids.find_contacts(touching, DT)
+            for one in both[:: (-1) ** k]:
+                solids.remove(one)
+        for row in (0, 1):
+            fresh.add_moving(form, row)
+        assert same(found, fresh.find_contacts(touching, DT))
+        assert len(found.gap) > 4
+
+
 def test_what_is_spawned_under_a_seabed_is_pushed_up():
     with world(FLOORS["coarse mesh"]) as solids:
         solids.add_moving(body(Box((0.3, 0.2, 0.1))), 0)

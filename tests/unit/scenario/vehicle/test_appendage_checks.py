@@ -20,6 +20,7 @@ def faults(override, model="tethys"):
 FOIL = {"source": "x", "status": "guess", "position_frd_m": [0, 0, 0], "hinge_frd": [0, 1, 0]}
 FIN = {**FOIL, "limit_deg": 10}
 PROPELLER = {"source": "x", "status": "guess", "position_frd_m": [-1, 0, 0], "diameter_m": 0.2, "max_speed_radps": 100}
+CURVE = [[0, 0.4, 0.0], [1, 0.1, 0.0]]
 NONE = [0, 0, 0, 0]
 
 
@@ -36,9 +37,9 @@ NONE = [0, 0, 0, 0]
         ({"propellers": {"main": {"axis_frd": [0, 0, 0]}}}, "propellers.main.axis_frd: the axis has no direction"),
         ({"propellers": {"main": {"curve": [[0.5, 1, 1], [0.1, 1, 1]]}}}, "propellers.main.curve: the advance numbers J"),
         ({"propellers": {"main": {"curve": [[0.5, 1, 1]]}}}, "propellers.main.curve"),
-        ({"propellers": {"main": {"pitch_ratio": 1.0}}}, "propellers.main.pitch_ratio: gives four quadrants, but the curve gives the first alone"),
-        ({"propellers": {"main": {"quadrants": [NONE]}}}, "propellers.main.quadrants: gives four quadrants"),
-        ({"propellers": {"main": {"damping_includes_stopped": True}}}, "damping_includes_stopped: by a curve a stopped propeller has no drag"),
+        ({"propellers": {"main": {"curve": CURVE}}}, "propellers.main.pitch_ratio: gives four quadrants, but the curve gives the first alone"),
+        ({"propellers": {"main": {"curve": CURVE, "quadrants": [NONE]}}}, "propellers.main.quadrants: gives four quadrants"),
+        ({"propellers": {"main": {"curve": CURVE, "damping_includes_stopped": True}}}, "damping_includes_stopped: by a curve a stopped propeller"),
         ({"propellers": {"new": {**PROPELLER, "pitch_ratio": 1.5}}}, "propellers.new.pitch_ratio"),
         ({"propellers": {"new": {**PROPELLER, "astern_factor": 0.8}}}, "propellers.new.astern_factor: belongs to a curve"),
         ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE], "pitch_ratio": 1.0}}}, "propellers.new.pitch_ratio: belongs to the B4-70"),

@@ -17,9 +17,10 @@ import pytest
 from uwserver_adapters.mavlink.adapter import MavlinkAdapter
 from uwserver_adapters.mavlink.links import zenoh_json
 from uwserver_adapters.mavlink.links.endpoint import BadLink
+from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 
-from uwserver.adapter import STRANGERS, CannotListen, CannotServe
+from uwserver.adapter import STRANGERS, CannotListen, CannotServe, connection
 
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 mavutil = pytest.importorskip("pymavlink.mavutil")
@@ -167,6 +168,30 @@ async def test_what_speaks_no_mavlink_hears_nothing(serve, make_rov):
             with pytest.raises(BlockingIOError):
                 stranger.recv(1000)
         assert context.stats.peers == 0
+
+
+async def test_of_a_flood_by_udp_no_more_is_looked_at_than_a_peer_may_send(serve, make_rov, monkeypatch):
+    monkeypatch.setattr(connection, "TURN_S", 1e-9)
+    monkeypatch.setattr(connection, "REST_S", 0.01)
+    seen = []
+    work = Router.work
+    monkeypatch.setattr(Router, "work", lambda self, channel: (seen.append(channel.number), work(self, channel))[1])
+    async with serve(adapter(make_rov(), "udpin:127.0.0.1:0", frames_per_s=20)) as context:
+        with (
+            client(f"udpout:127.0.0.1:{port_of(context)}") as flood,
+            client(f"udpout:127.0.0.1:{port_of(context)}", 254) as calm,
+        ):
+            for _ in range(2000):
+                flood.mav.heartbeat_send(6, 8, 0, 0, 4)
+
+            def is_calm_heard() -> bool:
+                calm.mav.heartbeat_send(6, 8, 0, 0, 4)  # again: the flood may have filled the socket's buffer
+                return len(set(seen)) == 2
+
+            await until(is_calm_heard, "the other is heard")
+            assert context.stats.peers == 2
+            await until(lambda: context.stats.details.get("counters", {}).get("flood", 0) > 50, "counted")
+            assert len(seen) < 150
 
 
 async def test_too_many_peers_are_refused_and_told(serve, make_rov, monkeypatch):

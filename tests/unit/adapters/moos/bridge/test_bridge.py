@@ -17,7 +17,7 @@ from uwserver_adapters.moos.bridge.bridge import Bridge
 from uwserver_adapters.moos.config import BridgeTable, NavTable, Target
 
 from uwserver.adapter import CannotServe
-from uwserver.ports import Event, Field, Port, Sample
+from uwserver.ports import Event, Fault, Field, Port, Reply, Sample
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import IMU
 
@@ -44,12 +44,14 @@ class Bench:
         self.context = context
         self.posts: list[list[tuple[str, float | str]]] = []
         self.listened: list[str] = []
+        self.now_s = 0.0
         self.bridge = Bridge(
             BridgeTable(**table),
             self.context,
             lambda pairs: self.posts.append(list(pairs)),
             self.listened.extend,
             "moos",
+            lambda: self.now_s,
         )
 
     def put(self, *samples) -> dict[str, float | str]:
@@ -205,7 +207,7 @@ def test_the_conventional_set_by_hand(make):
         {
             "NAV_X": 20.0, "NAV_Y": 10.0, "NAV_DEPTH": 5.0, "NAV_Z": -5.0, "NAV_HEADING": 90.0, "NAV_YAW": -math.pi / 2, "NAV_PITCH": 0.0,
             "NAV_ROLL": 0.0, "NAV_SPEED": 2.0, "NAV_SPEED_OVER_GROUND": 2.0, "NAV_HEADING_OVER_GROUND": 90.0, "NAV_ALTITUDE": 25.0,
-            "UWSERVER_TIME": 0.0,
+            "TRUE_X": 20.0, "TRUE_Y": 10.0, "UWSERVER_TIME": 0.0,
         }, abs=1e-12,
     )  # fmt: skip
 
@@ -218,6 +220,57 @@ def test_speed_is_the_surge_and_the_course_is_over_ground(make):
     assert said["NAV_SPEED"] == 1.0
     assert said["NAV_SPEED_OVER_GROUND"] == pytest.approx(math.sqrt(2.0))
     assert said["NAV_HEADING_OVER_GROUND"] == pytest.approx(45.0)
+
+
+FLOW = Port("auv/truth/flow", "sensor", "truth_flow", (Field("v_NW_B", "m/s", "water", "B", (3,)),), "Flow.", 20.0)
+DVL = Port(
+    "auv/dvl", "sensor", "dvl",
+    (Field("v_S", "m/s", "over ground", "S", (3,)), Field("v_water_S", "m/s", "through the water", "S", (3,))), "DVL.", 5.0,
+)  # fmt: skip
+
+
+@pytest.fixture
+def in_a_current(make_auv) -> FakeContext:
+    context = make_auv()
+    context.set_ports([*context.ports.values(), FLOW, DVL])
+    return context
+
+
+def test_speed_is_through_the_water_and_never_negative(make, in_a_current):
+    """In 0.5 m/s of following current 2 m/s over ground are 1.5 through the water; backwards is 0, as uSimMarine has it."""
+    bench = make(in_a_current, publish=(), nav=NavTable())
+    still = (0.0, 0.0, 0.0)
+    bench.put(sample(FLOW.path, (0.5, 0.2, 0.0)), sample(VELOCITY, (2.0, 0.0, 0.0), still))
+    said = bench.put(sample(POSE, (0.0, 0.0, 1.0), LEVEL))
+    assert (said["NAV_SPEED"], said["NAV_SPEED_OVER_GROUND"]) == (1.5, 2.0)
+    bench.put(sample(VELOCITY, (-1.0, 0.0, 0.0), still))
+    assert bench.put(sample(POSE, (0.0, 0.0, 1.0), LEVEL))["NAV_SPEED"] == 0.0
+
+
+def test_speed_can_be_that_of_a_water_track(make, in_a_current):
+    bench = make(in_a_current, publish=(), nav=NavTable(velocity="dvl", flow="dvl"))
+    bench.put(sample(DVL.path, (2.0, 0.0, 0.0), (1.25, 0.0, 0.0)))
+    said = bench.put(sample(POSE, (0.0, 0.0, 1.0), LEVEL))
+    assert (said["NAV_SPEED"], said["NAV_SPEED_OVER_GROUND"]) == (1.25, 2.0)
+
+
+def test_the_ground_truth_stands_beside_what_sensors_say(make, in_a_current):
+    bench = make(in_a_current, publish=(), nav=NavTable(depth="depth", ground_truth=True, water_depth_m=50.0))
+    bench.put(sample(DEPTH, 2.5), sample(VELOCITY, (2.0, 0.0, 0.0), (0.0,) * 3), sample(FLOW.path, (0.5, 0.0, 0.0)))
+    said = bench.put(sample(POSE, (10.0, 20.0, 3.0), EAST))
+    assert (said["NAV_DEPTH"], said["NAV_GT_DEPTH"], said["NAV_GT_ALTITUDE"]) == (2.5, 3.0, 47.0)
+    assert (said["NAV_GT_X"], said["NAV_GT_Y"], said["NAV_GT_SPEED"]) == (20.0, 10.0, 1.5)
+    assert (said["TRUE_X"], said["TRUE_Y"]) == (20.0, 10.0)
+
+
+def test_what_sensors_say_is_not_called_true(make, make_auv):
+    context = make_auv()
+    port = msgspec.structs.replace(context.ports[POSE], path="auv/mocap", kind="motion_capture")
+    context.set_ports([*context.ports.values(), port])
+    bench = make(context, publish=(), nav=NavTable(position="mocap", attitude="mocap", velocity=""))
+    said = bench.put(sample("auv/mocap", (1.0, 2.0, 3.0), LEVEL))
+    assert said["NAV_X"] == 2.0
+    assert "TRUE_X" not in said
 
 
 @pytest.mark.parametrize(("yaw_deg", "heading"), [(0, 0), (-90, 270), (-1e-15, 0.0), (179, 179), (-179, 181)])
@@ -473,12 +526,56 @@ async def test_reset_moves_the_vehicle(make):
     assert bench.commands == [
         ("auv/teleport", ((-20.0, 10.0, 4.0), pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12), (1.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
     ]  # fmt: skip
+    await asyncio.sleep(0)  # the answer
+    bench.put(sample(POSE, (1.0, 2.0, 3.0), EAST, t_ns=S))
     bench.write(USM_RESET="depth=9")
     ((_, (p, q, v, _)),) = bench.commands
     assert (p, q, v) == ((1.0, 2.0, 9.0), pytest.approx(EAST), (0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("text", ["x", "x=", "x=nan", "z=3", "x=1;y=2", "x=1e999", 5.0])
+@pytest.mark.parametrize(
+    "text", ["x=10,y=-20,hdg=180,spd=1.5,dep=4", " X = 10, Y=-20, deg=180, speed=1.5, DEP=4,", "10,-20,180,1.5,4"]
+)
+async def test_a_reset_may_be_short_or_a_list(make, text):
+    bench = make()
+    bench.write(USM_RESET=text)
+    ((_, (p, q, v, _)),) = bench.commands
+    assert (p, q, v) == ((-20.0, 10.0, 4.0), pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12), (1.5, 0.0, 0.0))
+
+
+async def test_two_partial_resets_in_one_packet_both_count(make):
+    """The second stands on the first, of which no position has told yet; so does one that comes before a position does."""
+    bench = make(nav=NavTable())
+    bench.put(sample(POSE, (1.0, 2.0, 3.0), EAST, t_ns=5 * S))
+    bench.context.tick = 1_000_000  # of the answers: later than all positions here
+    texts = ("x=10,spd=2", "hdg=0,y=7")
+    bench.bridge.take([("USM_RESET", text, "uPokeDB", 10.0) for text in texts])
+    (_, last) = bench.commands
+    assert last == ("auv/teleport", ((7.0, 10.0, 3.0), LEVEL, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    await settle(lambda: bench.posted("USM_RESET_COUNT")[-1:] == [2.0])
+    bench.put(sample(POSE, (1.0, 2.0, 3.0), EAST, t_ns=0))  # from before
+    bench.write(USM_RESET="dep=9")
+    ((_, (p, *_)),) = bench.commands
+    assert p == (7.0, 10.0, 9.0)
+
+
+async def test_a_reset_that_the_world_refuses_is_no_base_for_the_next(make):
+    bench = make(nav=NavTable())
+    bench.put(sample(POSE, (1.0, 2.0, 3.0), EAST, t_ns=5 * S))
+    bench.context.held.add("auv/teleport")
+    bench.write(USM_RESET="x=10")
+    (held,) = (call for call in bench.context.calls if call.service == "auv/teleport")
+    held.finish(Reply(0, 0, fault=Fault("busy", "not now")))
+    assert bench.errors
+    bench.context.commands.clear()
+    bench.write(USM_RESET="y=7")
+    ((_, (p, *_)),) = bench.commands
+    assert p == (7.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "x", "x=", "x=nan", "z=3", "x=1;y=2", "x=1e999", 5.0, "1,2,3,4,5,6", "x=1,x=2", "y=1,2", "1,,3"]
+)
 async def test_a_reset_that_cannot_be_read_is_told_and_stops_nothing(make, text):
     bench = make(commands=COMMANDS)
     bench.write(USM_RESET=text)
@@ -529,6 +626,160 @@ async def test_water_depth_gives_the_altitude(make):
     bench = make(nav=NavTable())
     bench.write(WATER_DEPTH=50.0)
     assert bench.put(sample(POSE, (0.0, 0.0, 10.0), LEVEL))["NAV_ALTITUDE"] == 40.0
+
+
+@pytest.mark.parametrize("depth", [-1.0, "-0.5", math.nan, math.inf, "deep"])
+async def test_a_water_depth_that_is_none_is_told(make, depth):
+    bench = make(nav=NavTable(water_depth_m=50.0))
+    bench.write(WATER_DEPTH=depth)
+    (error,) = bench.errors
+    assert error["variable"] == "WATER_DEPTH"
+    assert bench.put(sample(POSE, (0.0, 0.0, 10.0), LEVEL))["NAV_ALTITUDE"] == 40.0
+    bench.write(WATER_DEPTH=0.0)  # not known, as in uSimMarine
+    assert "NAV_ALTITUDE" not in bench.put(sample(POSE, (0.0, 0.0, 10.0), LEVEL))
+    bench.write(WATER_DEPTH=5.0)
+    assert bench.put(sample(POSE, (0.0, 0.0, 10.0), LEVEL))["NAV_ALTITUDE"] == 0.0
+
+
+async def test_a_current_is_told_back(make):
+    bench = make()
+    bench.write(DRIFT_VECTOR="90,2")
+    await settle(lambda: bench.posted("USM_DRIFT_SUMMARY"))
+    assert bench.posted("USM_DRIFT_SUMMARY") == ["ang=90.00, mag=2.00, xmag=2.000, ymag=0.000"]
+
+
+async def test_switched_off_it_leaves_the_vehicle_to_another_simulator(make):
+    """No NAV_*, no commands; switched on again it goes on where the other one says that the vehicle is."""
+    bench = make(commands=COMMANDS, nav=NavTable(), publish=())
+    bench.put(sample(POSE, (1.0, 2.0, 3.0), EAST, t_ns=S))
+    bench.write(DESIRED_THRUST=40.0)
+    assert bench.commands
+    bench.write(USM_ENABLED="false")
+    assert bench.listened == ["NAV_X", "NAV_Y", "NAV_HEADING"]
+    assert dict(bench.commands)["auv/propeller"] == ((0.0,),)
+    bench.write(DESIRED_THRUST=40.0, NAV_X=100.0, NAV_Y=50.0, NAV_HEADING=180.0)
+    assert bench.commands == []
+    assert bench.put(sample(POSE, (1.0, 2.0, 3.5), EAST, t_ns=2 * S)) == {}
+    bench.write(USM_ENABLED="true")
+    moved = dict(bench.commands)["auv/teleport"]
+    assert moved[:2] == ((50.0, 100.0, 3.5), pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12))
+    bench.write(NAV_X=0.0, DESIRED_THRUST=40.0)
+    assert bench.commands == [("auv/propeller", ((0.4,),))]
+    assert "NAV_X" in bench.put(sample(POSE, (50.0, 100.0, 3.5), EAST, t_ns=3 * S))
+
+
+# -- floods -----------------------------------------------------------------------------------------------------------------------------
+
+
+async def test_a_flood_of_resets_is_bounded_and_told_once_a_second(make):
+    bench = make(nav=NavTable())
+    for number in range(2000):
+        bench.write(USM_RESET=f"x={number}")
+    assert sum(path == "auv/teleport" for path, _ in bench.commands) == module.STATES_PER_S
+    (error,) = bench.errors
+    assert (error["code"], error["src"]) == ("overload", "pMarinePID")
+    bench.now_s = 1.1
+    bench.write(USM_RESET="x=7")
+    assert bench.commands == [("auv/teleport", ((0.0, 7.0, 0.0), LEVEL, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))]
+
+
+async def test_a_flood_of_calls_is_bounded_answered_once_and_delays_no_other_client(make):
+    bench = make()
+    for number in range(2000):
+        bench.bridge.take([("UWSERVER_CALL", f"{number} world/echo", "flood", 10.0)])
+    bench.bridge.take([("UWSERVER_CALL", "mine world/echo", "helm", 10.0)])
+    await settle(lambda: len(bench.posted(module.REPLY)) == module.CALLS_PER_S + 2)
+    replies = [json.loads(text) for text in bench.posted(module.REPLY)]
+    (refused,) = [reply for reply in replies if "error" in reply]
+    assert (refused["id"], refused["error"]["code"]) == (str(module.CALLS_PER_S), "overload")
+    assert [reply["id"] for reply in replies if reply["src"] == "helm"] == ["mine"]
+    assert len(bench.calls) == module.CALLS_PER_S + 1
+    assert bench.errors == []
+
+
+async def test_many_names_of_one_flood_share_a_limit(make):
+    bench = make()
+    for number in range(5000):
+        bench.bridge.take([("UWSERVER_CALL", "world/echo", f"flood{number}", 10.0)])
+    assert len(bench.calls) <= 4 * module.CALLS_PER_S
+
+
+async def test_faults_are_told_sparingly_and_counted(make):
+    """Of 500 a second 20 are told, and then how many were not; another writer's is told all the same."""
+    bench = make(commands=COMMANDS)
+    for _ in range(500):
+        bench.write(DESIRED_THRUST="fast")
+    bench.bridge.take([("DESIRED_THRUST", "slow", "helm", 10.0)])
+    assert [error["src"] for error in bench.errors] == ["pMarinePID"] * 20 + ["helm"]
+    assert bench.context.stats.errors == 501
+    bench.posts.clear()
+    bench.bridge.attend()
+    (error,) = bench.errors
+    assert error["message"].startswith("480 more")
+    bench.posts.clear()
+    bench.bridge.attend()
+    assert bench.errors == []
+
+
+# -- the world's pace, appcasts ---------------------------------------------------------------------------------------------------------
+
+
+def seconds_go_by(bench: Bench, speed: float, count: int, **status: object) -> None:
+    """Seconds of wall time in which the world advances by `speed`."""
+    for _ in range(count):
+        bench.now_s += 1.0
+        bench.t_ns = getattr(bench, "t_ns", 0) + round(speed * S)
+        said = {"mode": "realtime", "speed": 20.0, "paused": False, "t_ns": bench.t_ns, **status}
+        bench.context.scripts["world/status"] = lambda _, said=said: said
+        bench.bridge.attend()
+
+
+def test_a_world_that_cannot_keep_the_warp_says_so(make, caplog):
+    bench = make()
+    seconds_go_by(bench, 20.0, 5)
+    assert bench.posted("UWSERVER_RTF") == [pytest.approx(20.0)] * 4
+    seconds_go_by(bench, 12.5, 2)  # a hiccup is none
+    assert bench.posted("UWSERVER_WARNING") == []
+    seconds_go_by(bench, 12.5, 5)
+    (warning,) = bench.posted("UWSERVER_WARNING")
+    assert "12.5 of the wanted 20" in warning
+    assert "MOOSTimeWarp" in warning
+    assert len([r for r in caplog.records if "12.5 of the wanted" in r.getMessage()]) == 1
+    seconds_go_by(bench, 20.0, 2)
+    assert bench.posted("UWSERVER_WARNING") == [warning, ""]
+
+
+@pytest.mark.parametrize("status", [{"paused": True}, {"mode": "freerun"}, {"mode": "lockstep"}])
+def test_a_world_that_is_not_paced_has_no_warp_to_keep(make, status):
+    bench = make()
+    seconds_go_by(bench, 0.0, 6, **status)
+    assert bench.posted("UWSERVER_RTF") == [0.0] * 5
+    assert bench.posted("UWSERVER_WARNING") == []
+
+
+def test_an_appcast_comes_while_it_is_asked_for(make):
+    bench = make(nav=NavTable())
+    bench.bridge.begin("alpha")
+    bench.put(sample(POSE, (1.0, 2.0, 3.0), EAST, t_ns=S))
+    for other in (
+        "node=bravo,app=all,duration=3,key=a",
+        "node=alpha,app=pHelmIvP,duration=3,key=a",
+        "node=alpha,app=all,duration=3",
+    ):
+        bench.write(APPCAST_REQ=other)
+    seconds_go_by(bench, 20.0, 1)
+    assert bench.posted("APPCAST") == []
+    bench.write(APPCAST_REQ="node=alpha,app=uwserver,duration=3.0,key=uMAC_77,thresh=any")
+    seconds_go_by(bench, 20.0, 6)
+    casts = bench.posted("APPCAST")
+    assert len(casts) == 3
+    parts = dict(part.split("=", 1) for part in casts[-1].split("!@#"))
+    assert (parts["proc"], parts["node"], parts["run_warning_total"]) == ("uwserver", "alpha", "0")
+    assert "NAV_X: 2" in parts["messages"].split("!@")
+    bench.write(APPCAST_REQ="node=all,app=all,duration=30,key=uMAC_77")
+    seconds_go_by(bench, 10.0, 4)
+    parts = dict(part.split("=", 1) for part in bench.posted("APPCAST")[-1].split("!@#"))
+    assert "10 of the wanted 20" in parts["run_warnings"]
 
 
 async def test_usm_can_be_off(make):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+from datetime import datetime, timezone
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, wire
 from uwserver_adapters.moos.client import adapter, link
-from uwserver_adapters.moos.clock import MoosClock
+from uwserver_adapters.moos.clock import DatabaseClock, MoosClock
 from uwserver_adapters.moos.config import BridgeTable, CommunityTable, MoosConfig, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.wire import Message
 
@@ -319,6 +320,72 @@ def test_moos_time_is_warped():
     assert clock.now() == 20_000.0
     steady.now = 0.5
     assert clock.now() == 20_010.0
+
+
+def test_the_databases_clock_is_the_machines_steps_of_it_included():
+    """A laptop that slept, or a date that was put right: clients on the same machine follow it at once, and throw other mail away."""
+    machine = Steady()
+    clock = DatabaseClock(20.0, machine)
+    times = []
+    for machine.now in (1000.0, 1001.0, 4601.0, 401.0):
+        times.append(clock.now())
+    assert times == [20_000.0, 20_020.0, 92_020.0, 8_020.0]
+
+
+async def test_after_a_step_back_of_the_databases_clock_commands_are_still_obeyed(join, until):
+    """What is written an hour "before" we joined is no history then."""
+    step = -3600.0
+    loop_time = asyncio.get_running_loop().time
+    unix = datetime.now(timezone.utc).timestamp() - loop_time()
+
+    async def database(reader, writer):
+        decoder = wire.Decoder(expects_hello=True)
+        while data := await reader.read(1 << 16):
+            decoder.receive(data)
+            while (event := decoder.next_event()) is not None:
+                for said in event.messages if isinstance(event, wire.Packet) else ():
+                    if said.type == wire.DATA:
+                        writer.write(WELCOME)
+                    if said.type == wire.TIMING:
+                        now = unix + loop_time() + step
+                        writer.write(packet(Message(wire.TIMING, said.key, now, time=said.time)))
+                        writer.write(packet(wire.notify("DESIRED_THRUST", 60.0, now + 0.01, "helm")))
+        writer.close()
+
+    server = await asyncio.start_server(database, "127.0.0.1", 0)
+    try:
+        async with join(server.sockets[0].getsockname()[1]) as context:
+            await until(lambda: context.commands, "the command is obeyed")
+            assert context.commands[0].value == ((0.6,),)
+    finally:
+        server.close()
+
+
+async def test_a_packet_that_is_too_long_is_passed_over(join, until, caplog):
+    """Another client's picture in the database ends no connection; it is told once."""
+    long = packet(wire.notify("PICTURE", "x" * wire.PACKET_LIMIT, 2e9, "camera"))
+    command = packet(wire.notify("DESIRED_THRUST", 60.0, 4e9, "helm"))
+    async with Peer(WELCOME + long + long + command) as peer, join(peer.port) as context:
+        await until(lambda: context.commands, "what came behind it")
+        assert peer.connections == 1
+        assert len([r for r in caplog.records if "passes over" in r.getMessage()]) == 1
+
+
+async def test_what_a_database_floods_us_with_is_taken_in_turns(join, until, monkeypatch):
+    """With no time in a turn each read has its own; all is taken, in its order."""
+    monkeypatch.setattr(link, "TURN_S", 0.0)
+    monkeypatch.setattr(link, "REST_S", 0.0)
+    many = packet(*(wire.notify("DESIRED_THRUST", float(k % 100), 4e9, "helm") for k in range(3000)))
+    turns = []
+    work = link.Link._work
+    monkeypatch.setattr(link.Link, "_work", lambda self: (turns.append(1), work(self))[1])
+    async with (
+        Peer(WELCOME + many + packet(wire.notify("AUV_RUDDER_ANGLE_RAD", 0.1, 4e9, "helm"))) as peer,
+        join(peer.port) as context,
+    ):
+        await until(lambda: any(c.port == "auv/rudder" for c in context.commands), "the last")
+        assert [c.value for c in context.commands if c.port == "auv/propeller"] == [((0.99,),)]
+        assert len(turns) > 3000 // wire.AT_ONCE
 
 
 def test_equal_clocks_are_left_alone():

@@ -102,6 +102,26 @@ def test_registering_fixes_no_type(tank):
     assert tank.heard("b") == [("X", "text")]
 
 
+@pytest.mark.parametrize("step", [-3600.0, 3600.0])
+def test_a_step_of_the_clock_holds_no_mail_back(step):
+    """Intervals are measured by the steady clock; times of mail are those of the stepped one."""
+    now, steady = 1000.0, 0.0
+    database = Database("tank", lambda: now, 100, lambda: steady)
+    heard: list[Message] = []
+    database.join("a", lambda letter: None)
+    database.join("b", lambda letter: heard.append(letter.message))
+    database.take("b", Message(wire.REGISTER, "X", 0.5, src="b"))
+    for value in (0.0, 1.0, 2.0, 3.0):
+        database.take("a", wire.notify("X", value, now, "a"))
+        now, steady = now + 0.25, steady + 0.25
+        if value == 1.0:
+            now += step
+    assert [message.value for message in heard] == [0.0, 2.0]
+    database.tell()
+    assert database.variables["DB_UPTIME"].letter.message.value == 1.0
+    assert database.variables["DB_TIME"].letter.message.value == now
+
+
 def test_intervals_thin_out(tank):
     tank.register("b", "X", 0.5)
     for k in range(21):

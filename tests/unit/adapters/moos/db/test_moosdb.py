@@ -10,8 +10,10 @@ from pathlib import Path
 import msgspec
 import pytest
 from uwserver_adapters.moos import MoosDbAdapter, wire
+from uwserver_adapters.moos.bridge.bridge import CALLS_PER_S, STATES_PER_S, Bridge
+from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
-from uwserver_adapters.moos.db import guests
+from uwserver_adapters.moos.db import guests, local
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.wire import Message
 
@@ -248,6 +250,98 @@ async def test_notifications_of_a_packet_stay_together_however_long_they_take(ta
         await asyncio.sleep(0)
         assert [c.value for c in context.commands] == [((0.5, 0.25),)]
         await client.close()
+
+
+async def test_a_packet_of_many_writes_lets_others_have_their_turn(tank, connect, monkeypatch):
+    """2048 writes: another client's heartbeat is echoed before all of them are taken; none is lost, and their order is kept. No step
+    takes more than so many of them."""
+    monkeypatch.setattr("uwserver.adapter.connection.TURN_S", 0.0)
+    taken: list[float] = []
+    in_a_step: list[int] = []
+    write, step = Database.write, guests.Guest.step
+
+    def measured(self):
+        before = len(taken)
+        more = step(self)
+        in_a_step.append(len(taken) - before)
+        return more
+
+    monkeypatch.setattr(guests.Guest, "step", measured)
+
+    def count(self, message):
+        if message.key == "FLOOD":
+            taken.append(message.number)
+        return write(self, message)
+
+    monkeypatch.setattr(Database, "write", count)
+    async with tank() as context:
+        greedy, other = await connect(context.stats.address, "greedy"), await connect(context.stats.address, "other")
+        greedy.send(*(wire.notify("FLOOD", float(k), 2e9, "greedy") for k in range(wire.MESSAGES_LIMIT)))
+        await asyncio.sleep(0.01)
+        other.others.clear()
+        other.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+        await other.until(lambda c: c.others)
+        assert len(taken) < wire.MESSAGES_LIMIT
+        other.register("FLOOD")
+        await other.until(lambda c: c.last("FLOOD") == wire.MESSAGES_LIMIT - 1.0)
+        assert taken == list(map(float, range(wire.MESSAGES_LIMIT)))
+        assert max(in_a_step) <= guests.AT_ONCE
+        await greedy.close()
+        await other.close()
+
+
+async def test_the_world_takes_a_flood_in_turns_and_loses_nothing(tank, connect, until, monkeypatch):
+    monkeypatch.setattr("uwserver_adapters.moos.db.local.TURN_S", 0.0)
+    bridge = BridgeTable(commands={"DESIRED_THRUST": (Target(port="propeller", field="u", full=1.0),)})
+    taken: list[int] = []
+    async with tank(bridge=bridge) as context:
+        take = Bridge.take
+        monkeypatch.setattr(
+            Bridge, "take", lambda self, mail, *rest: (taken.append(len(mail)), take(self, mail, *rest))[1]
+        )
+        client = await connect(context.stats.address, "a")
+        client.send(*(wire.notify("DESIRED_THRUST", k / 1000.0, 2e9, "a") for k in range(2000)))
+        await until(lambda: sum(taken) == 2000, "all are taken")
+        assert max(taken) <= local.AT_ONCE
+        assert context.commands[-1].value == ((pytest.approx(0.01999),),)
+        await client.close()
+
+
+async def test_a_flood_of_resets_and_calls_is_bounded_and_other_clients_hear_little_of_it(tank, connect):
+    """Of 2000 of each within a second few are carried out, and few refusals are mailed to those who listen."""
+    async with tank() as context:
+        flood, helm = await connect(context.stats.address, "flood"), await connect(context.stats.address, "helm")
+        helm.register("UWSERVER_ERROR", "UWSERVER_REPLY", "DONE")
+        for start in range(0, 2000, 100):
+            writes = range(start, start + 100)
+            flood.send(
+                *(wire.notify("USM_RESET", f"x={k}", 2e9, "flood") for k in writes),
+                *(wire.notify("UWSERVER_CALL", f"{k} world/echo", 2e9, "flood") for k in writes),
+            )
+        flood.notify(DONE=1.0)
+        await helm.hear("DONE")
+        helm.notify(UWSERVER_CALL="mine world/echo")
+        await helm.until(lambda c: any(m.key == "UWSERVER_REPLY" and '"mine"' in m.text for m in c.mail))
+        seconds = 2  # the flood may fall into two windows
+        assert len(context.commands) <= STATES_PER_S * seconds
+        mailed = [m.key for m in helm.mail]
+        assert mailed.count("UWSERVER_ERROR") <= 2 * seconds
+        assert mailed.count("UWSERVER_REPLY") <= (CALLS_PER_S + 1) * seconds + 1
+        await flood.close()
+        await helm.close()
+
+
+async def test_a_flood_of_writes_that_are_refused_is_told_sparingly(tank, connect):
+    async with tank() as context:
+        flood, helm = await connect(context.stats.address, "flood"), await connect(context.stats.address, "helm")
+        helm.register("DB_REFUSED", "DONE")
+        flood.notify(X=1.0)
+        flood.send(*(wire.notify("X", "text", 2e9, "flood") for _ in range(1000)))
+        flood.notify(DONE=1.0)
+        await helm.hear("DONE")
+        assert 1 <= [m.key for m in helm.mail].count("DB_REFUSED") <= 2 * FAULTS_PER_S
+        await flood.close()
+        await helm.close()
 
 
 async def test_bytes_that_are_no_text_are_told_and_harm_nobody(tank, connect):

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from uwserver_adapters.moos import MoosTextAdapter
+from uwserver_adapters.moos.bridge.bridge import CALLS_PER_S
 from uwserver_adapters.moos.config import BridgeTable, MoosTextConfig, NavTable, Target
 from uwserver_adapters.moos.text import lines
 from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, Verb, Write
@@ -32,7 +33,7 @@ LINES = [
     ("words are texts", b"MODE=true X=0x10 Y=nan Z=1.2.3\n", Write((("MODE", "true"), ("X", "0x10"), ("Y", "nan"), ("Z", "1.2.3")))),
     ("quotes", b'USM_RESET="x=1, y=2" N="3.5" E=""\n', Write((("USM_RESET", "x=1, y=2"), ("N", "3.5"), ("E", "")))),
     ("escapes", rb'T="a\"b\\c\n\u00e4" U=1' + b"\n", Write((("T", 'a"b\\c\nä'), ("U", 1.0)))),
-    ("equal signs in a word", b"DRIFT=x=1\n", Write((("DRIFT", "x=1"),))),
+    ("equal signs in a quoted text", b'DRIFT="x=1"\n', Write((("DRIFT", "x=1"),))),
     ("UTF-8", "NAMÉ=é\n".encode(), Write((("NAMÉ", "é"),))),
     ("tag", b"#7 NAV_X=1\n", Write((("NAV_X", 1.0),), "7")),
     ("verbs in any case", b"subscribe NAV_* 5\n", Verb("SUBSCRIBE", "NAV_* 5")),
@@ -48,6 +49,8 @@ BAD = [
     (b'A="x"B=1\n', "separate pairs by spaces"),
     (rb'A="\q"' + b"\n", "quote as in JSON"),
     (b"A=1 nonsense\n", '"nonsense" is neither'),
+    (b"USM_RESET=x=0,y=-20\n", 'quote a text with such or with "=" in it'),
+    (b"USM_RESET=0,-20\n", '"-20" is neither'),
     (b"A=1e999\n", "1e999 is too large"),
     (b"A=\xff\n", "no UTF-8 at byte 2"),
     (b"#7\n", "nothing behind the tag"),
@@ -223,6 +226,17 @@ async def test_calls(bridge):
         assert (await user.ask("#3 CALL world/echo {")).startswith("#3 ERROR parse_error")
         assert (await user.ask("CALL")).startswith("ERROR invalid_request")
         assert json.loads((await user.ask("CALL world/status")).removeprefix("OK "))["mode"] == "realtime"
+
+
+async def test_a_flood_of_calls_is_bounded_and_every_line_answered(bridge):
+    async with bridge(2) as (context, flood, other):
+        flood.say(*(f"#{number} CALL world/echo" for number in range(500)))
+        answers = [await flood.line() for _ in range(500)]
+        refused = [line for line in answers if "ERROR overload" in line]
+        assert {line.split()[0] for line in answers} == {f"#{number}" for number in range(500)}
+        assert len(refused) >= 500 - 2 * CALLS_PER_S  # the flood may fall into two windows
+        assert await other.ask("#1 CALL world/echo") == "#1 OK null"
+        assert len(context.calls) <= 2 * CALLS_PER_S + 20
 
 
 async def test_refusals_go_to_who_asked(bridge):

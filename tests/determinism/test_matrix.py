@@ -1,0 +1,151 @@
+"""Equal runs are equal bit for bit, however they are run: scenarios by ways. What a way is stands in `ways`, what happens in a run in `stories`.
+
+The short table is of every day; in the slow one each scenario runs for 10^5 ticks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+from served import served
+from stories import CHAPTER, SCENARIOS, Act, Story, story
+from traces import Trace, difference
+from ways import SILENT, WAYS, in_process, other_process, recorded, recording, replayed
+
+SHORT = CHAPTER
+LONG = 100_000
+SERVED = ("rov_autopilot", "push_the_crate")
+
+
+@cache
+def told(scenario: str, steps: int) -> Story:
+    return story(scenario, steps)
+
+
+@cache
+def expected(scenario: str, steps: int) -> Trace:
+    return in_process(told(scenario, steps))
+
+
+@cache
+def elsewhere(steps: int) -> dict[str, Trace]:
+    return other_process([told(scenario, steps) for scenario in SCENARIOS])
+
+
+def check(way: str, scenario: str, steps: int) -> None:
+    found = difference(expected(scenario, steps), WAYS[way](told(scenario, steps)), replies=way not in SILENT)
+    assert not found, f"{scenario}, {way}: {found}"
+
+
+def check_recorded(scenario: str, steps: int, path: Path) -> None:
+    """The run itself, what the file says of its samples, and its replay."""
+    run = recorded(told(scenario, steps), path)
+    for name, trace in {"recorded": run, "its file": recording(path, run)}.items():
+        found = difference(expected(scenario, steps), trace)
+        assert not found, f"{scenario}, {name}: {found}"
+    assert replayed(path).ticks == steps
+
+
+def check_served(scenario: str, steps: int, path: Path) -> None:
+    run = recording(path, served(told(scenario, steps), path))
+    found = difference(expected(scenario, steps), run, replies=False)
+    assert not found, f"{scenario}, served: {found}"
+    assert replayed(path).ticks == steps
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_story_is_worth_telling(scenario: str) -> None:
+    replies = expected(scenario, SHORT).replies
+    done = [reply for reply in replies.values() if isinstance(reply, list) and reply[3] is None]
+    assert len(replies) >= SHORT // 6
+    assert len(done) > len(replies) / 4
+    assert len({state for _, state in expected(scenario, SHORT).states.values()}) == len(
+        expected(scenario, SHORT).states
+    )
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_is_equal(way: str, scenario: str) -> None:
+    check(way, scenario, SHORT)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_another_process_is_equal(scenario: str) -> None:
+    assert not difference(expected(scenario, SHORT), elsewhere(SHORT)[scenario])
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_recorded_run_its_file_and_its_replay_are_equal(scenario: str, tmp_path: Path) -> None:
+    check_recorded(scenario, SHORT, tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize("scenario", SERVED)
+def test_a_server_with_a_recorder_and_eight_subscribers_is_equal(scenario: str, tmp_path: Path) -> None:
+    check_served(scenario, SHORT, tmp_path / "run.mcap")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("way", WAYS)
+def test_every_long_way_is_equal(way: str, scenario: str) -> None:
+    check(way, scenario, LONG)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_another_process_is_equal_for_long(scenario: str) -> None:
+    assert not difference(expected(scenario, LONG), elsewhere(LONG)[scenario])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_long_recorded_run_its_file_and_its_replay_are_equal(scenario: str, tmp_path: Path) -> None:
+    check_recorded(scenario, LONG, tmp_path / "run.mcap")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_server_is_equal_for_long(scenario: str, tmp_path: Path) -> None:
+    check_served(scenario, LONG // 10, tmp_path / "run.mcap")
+
+
+# The table itself can fail.
+
+
+def changed(scenario: str, at: int, act: Act) -> Story:
+    before = told(scenario, SHORT)
+    return replace(before, acts={**before.acts, at: (*before.acts.get(at, ()), act)})
+
+
+def test_a_change_in_the_last_bits_of_one_command_is_seen() -> None:
+    told_so = told("push_the_crate", SHORT)
+    at = next(at for at, acts in told_so.acts.items() if acts[0].is_command)
+    u = [*told_so.acts[at][0].given["u"]]
+    u[4] += 1e-15
+    other = changed("push_the_crate", at, Act(told_so.acts[at][0].path, {"u": u}, is_command=True))
+    acts = {**told_so.acts, at: (*told_so.acts[at], told_so.acts[at][0])}
+    twice = replace(told_so, acts=acts)  # the same command twice is the same run
+    assert not difference(expected("push_the_crate", SHORT), in_process(twice), replies=False)
+    assert "the state is" in difference(expected("push_the_crate", SHORT), in_process(other), replies=False)
+
+
+def test_a_command_one_tick_late_is_seen() -> None:
+    before = told("pool_inspection", SHORT)
+    at = next(at for at in before.acts if at + 1 not in before.acts)
+    late = replace(before, acts={at + 1 if step == at else step: acts for step, acts in before.acts.items()})
+    assert "the state is" in difference(expected("pool_inspection", SHORT), in_process(late))
+
+
+def test_samples_and_replies_are_compared_too() -> None:
+    trace, other = Trace(), Trace()
+    for n in range(450):
+        trace.take_one("rov/depth", n, n, n, True, (1.0,))
+        other.take_one("rov/depth", n, n, n, True, (1.0 if n != 300 else 1.0000000000000002,))
+    assert "samples 200 to 400" in difference(trace.end(), other.end())
+    asked, answered = Trace().end(), Trace().end()
+    answered.replies["7.0"] = [7, 0, None, None]
+    assert "act 7.0" in difference(asked, answered)

@@ -1,0 +1,566 @@
+"""What is fuzzed: each target makes one input, gives it to a codec, and asserts what must hold of the answer. No sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgpack
+from dice import Dice
+from uwserver_adapters.ardupilot import wire as ardupilot
+from uwserver_adapters.mavlink.wire import frames as mavlink_frames
+from uwserver_adapters.mavlink.wire.dialect import Dialect
+from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
+from uwserver_adapters.moos import wire as moos
+from uwserver_adapters.moos.text import lines as moos_text
+from uwserver_adapters.native.codec import NEED_DATA, Control, JsonCodec, MsgpackCodec
+from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
+from uwserver_adapters.px4 import codec as px4
+from uwserver_adapters.sockets import SocketsAdapter
+from uwserver_adapters.sockets.connection import Connection
+from uwserver_adapters.zenoh_bus.codec import Codec as ZenohCodec
+from uwserver_adapters.zenoh_bus.keys import KeyScheme
+from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
+
+from uwserver.adapter import AdapterStats, Refusals
+from uwserver.server.http import Service
+from uwserver.testing import FakeContext, Loopback
+from uwserver.testing.codecs import read_all
+
+MESSAGES: list[Any] = [
+    {"jsonrpc": "2.0", "id": 1, "method": "hello", "params": {"version": 1, "name": "pilot", "token": "x"}},
+    {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}},
+    {"jsonrpc": "2.0", "id": "s", "method": "subscribe", "params": {"pattern": "**", "rate_hz": 10.5, "delivery": "latest"}},
+    {"jsonrpc": "2.0", "id": 4, "method": "unsubscribe", "params": {"subscription": 1}},
+    {"jsonrpc": "2.0", "id": 6, "method": "command", "params": {"port": "rov/thrusters", "value": {"u": [0.1, -0.2, 1, -1, 0, 0, 1e-9, 0.5]}}},
+    {"jsonrpc": "2.0", "id": 7, "method": "call", "params": {"service": "world/echo", "args": {"value": [None, True, {"a": "\u00e9"}]}}},
+    {"jsonrpc": "2.0", "id": 8, "method": "call", "params": {"service": "world/run_until", "args": {"t_s": 5.0}}},
+    {"jsonrpc": "2.0", "id": 9, "method": "step", "params": {"n": 3}},
+    {"jsonrpc": "2.0", "id": 10, "method": "cancel", "params": {"id": 8}},
+    {"jsonrpc": "2.0", "id": -(2**63), "method": "ping", "params": [2**64 - 1, 1e300, -0.0, "x" * 300]},
+]  # fmt: skip
+FOLLOWER = {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}}
+_PATIENCE = 2000
+FOLLOWED = Request(2, "describe", {"pattern": "rov/*"})
+
+
+class Target:
+    """One kind of input."""
+
+    def __init__(self, dice: Dice) -> None:
+        self._dice = dice
+
+    def once(self) -> None:
+        """One input, and what must hold."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """No input more."""
+
+
+class InLoop(Target):
+    """One whose answers come with turns of a loop."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._loop = asyncio.new_event_loop()
+        self._context = FakeContext()
+
+    async def _once(self) -> None:
+        raise NotImplementedError
+
+    def once(self) -> None:
+        """One input, with as many turns as it needs."""
+        self._loop.run_until_complete(self._once())
+        self._context.calls.clear()
+        self._context.commands.clear()
+        self._context.described.clear()
+
+    def close(self) -> None:
+        """The loop ends."""
+        self._loop.close()
+
+
+def id_of(message: Any) -> Any:
+    """The id under which a request must be answered; None for none."""
+    found = message.get("id") if isinstance(message, dict) else None
+    if isinstance(found, str):
+        return found if len(found) <= 256 else None
+    return found if isinstance(found, int) and not isinstance(found, bool) and -(2**63) <= found < 2**64 else None
+
+
+class Json(Target):
+    """JSON lines: one event a line, under the id of its request; a broken one costs no other."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._follower = json.dumps(FOLLOWER).encode() + b"\n"
+
+    def once(self) -> None:
+        dice = self._dice
+        message = dice.tree(dice.one(MESSAGES))
+        data = json.dumps(message, ensure_ascii=bool(dice.below(2))).encode() + b"\n"
+        if dice.below(2):
+            events = read_all(JsonCodec(), dice.pieces(data + self._follower), NEED_DATA)
+            assert len(events) == 2, data
+            assert events[0].id == id_of(message), (data, events[0])
+        else:
+            data = dice.damaged(data)
+            events = read_all(JsonCodec(), [data, b"\n", self._follower], NEED_DATA)
+            in_pieces = read_all(JsonCodec(), [*dice.pieces(data), b"\n" + self._follower], NEED_DATA)
+            assert repr(in_pieces) == repr(events), data
+            assert len(events) <= data.count(b"\n") + 2, data
+            assert all(isinstance(event, Request | Malformed) for event in events)
+        assert events[-1] == FOLLOWED, data
+
+
+def packed(message: Any) -> bytes:
+    """One msgpack map in its frame."""
+    body: bytes = msgpack.packb(message, unicode_errors="surrogatepass")
+    return struct.pack(">I", len(body)) + body
+
+
+class Msgpack(Target):
+    """msgpack in frames: while the lengths are right, one event a frame."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._follower = packed(FOLLOWER)
+
+    def once(self) -> None:
+        dice = self._dice
+        message = dice.tree(dice.one(MESSAGES))
+        data = packed(message)
+        kind = dice.below(3)
+        if kind == 0:  # the body is another, the frame as it should be
+            body = dice.damaged(data[4:])
+            data = struct.pack(">I", len(body)) + body
+        if kind < 2:
+            events = read_all(MsgpackCodec(), dice.pieces(data + self._follower), NEED_DATA)
+            assert len(events) == 2, data
+            assert events[1] == FOLLOWED
+            assert kind == 0 or events[0].id == id_of(message), (data, events[0])
+        else:
+            data = dice.damaged(data)
+            events = read_all(MsgpackCodec(), [data], NEED_DATA)
+            assert repr(read_all(MsgpackCodec(), dice.pieces(data), NEED_DATA)) == repr(events), data
+            assert all(isinstance(event, Request | Malformed) for event in events)
+
+
+class WebSocket(Target):
+    """Messages and frames after a handshake; control frames in between, wrong ones end the conversation."""
+
+    _HELLO = (
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._codec = self._open()
+
+    def _open(self) -> WebSocketCodec:
+        handshake = Handshake(("*",), ())
+        handshake.receive(self._HELLO)
+        assert handshake.codec is not None
+        return handshake.codec
+
+    @staticmethod
+    def frame(body: bytes, opcode: int, fin: bool = True) -> bytes:
+        """A client's frame, masked with zeros."""
+        size = len(body)
+        length = bytes((0x80 | size,)) if size < 126 else bytes((0x80 | 126,)) + struct.pack(">H", size)
+        return bytes((opcode | (0x80 if fin else 0),)) + length + bytes(4) + body
+
+    def once(self) -> None:
+        dice = self._dice
+        message = dice.tree(dice.one(MESSAGES))
+        is_text = bool(dice.below(2))
+        body = json.dumps(message).encode() if is_text else packed(message)[4:]
+        opcode = 1 if is_text else 2
+        kind = dice.below(4)
+        if kind == 0:
+            data = self.frame(body, opcode)
+        elif kind == 1:  # in fragments, with a ping between them
+            cut = dice.below(len(body) + 1)
+            data = self.frame(body[:cut], opcode, fin=False) + self.frame(b"?", 9) + self.frame(body[cut:], 0)
+        elif kind == 2:
+            data = self.frame(dice.damaged(body)[:60000], opcode)
+        else:
+            data = dice.damaged(self.frame(body, opcode))
+        events = read_all(self._codec, dice.pieces(data), NEED_DATA)
+        assert all(isinstance(event, Request | Malformed | Control) for event in events)
+        if kind < 2:
+            requests = [event for event in events if not isinstance(event, Control)]
+            assert len(requests) == 1, data
+            assert requests[0].id == id_of(message), (data, requests)
+        is_over = any(event.ends if isinstance(event, Control) else getattr(event, "fatal", False) for event in events)
+        if kind == 3 or is_over:
+            self._codec = self._open()
+
+
+class Mavlink(Target):
+    """Frames of MAVLink: no byte is lost or told twice, and a whole frame after garbage is found."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._dialect = Dialect()
+        self._layouts = list(self._dialect.by_id.values())
+        self._good = mavlink_frames.pack(self._dialect, 0, bytes(9), 1, 1, 1)
+
+    def once(self) -> None:
+        dice = self._dice
+        layout = dice.one(self._layouts)
+        payload = dice.bytes(255).rstrip(b"\0") or b"\0"
+        numbers = dice.below(256), dice.below(256), dice.below(256)
+        frame = mavlink_frames.pack(self._dialect, layout.id, payload, *numbers)
+        decoder = mavlink_frames.Decoder(self._dialect)
+        if dice.below(2):
+            events = read_all(decoder, dice.pieces(frame), None)
+            assert [event.raw for event in events] == [frame]
+            found = events[0]
+            assert (found.id, found.payload, found.seq, found.system, found.component) == (layout.id, payload, *numbers)
+            told = layout.decode(found.payload, found.system, found.component)
+            again = layout.decode(layout.encode(told.fields), 1, 1).fields
+            assert repr(layout.decode(layout.encode(again), 1, 1).fields) == repr(again), frame
+            return
+        data = dice.damaged(frame) + bytes(300) + self._good
+        events = read_all(decoder, dice.pieces(data), None)
+        sizes = [len(event.raw) if isinstance(event, mavlink_frames.Frame) else event.size for event in events]
+        assert sum(sizes) == len(data), data
+        assert isinstance(events[-1], mavlink_frames.Frame), data
+        assert events[-1].raw == self._good, data
+
+
+class MavlinkJson(Target):
+    """MAVLink as JSON: a frame or a reason."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._dialect = Dialect()
+        header = {"system_id": 1, "component_id": 1, "sequence": 7}
+        self._messages = [
+            {"header": header, "message": {"type": "HEARTBEAT", "custom_mode": 3, "mavtype": {"type": "MAV_TYPE_GCS"}, "base_mode": {"bits": 81}}},
+            {"header": header, "message": {"type": "COMMAND_LONG", "param1": 1.0, "param2": None, "command": {"type": "MAV_CMD_DO_SET_MODE"}}},
+            {"header": header, "message": {"type": "PARAM_SET", "param_id": ["A", "B", "\0"], "param_value": 1e9}},
+            {"header": header, "message": {"type": "RC_CHANNELS_OVERRIDE", "chan1_raw": 1500}},
+            {"header": header, "message": {"type": "TUNNEL", "payload": [1, 2, 3], "payload_length": 3}},
+        ]  # fmt: skip
+
+    def once(self) -> None:
+        data = json.dumps(self._dice.tree(self._dice.one(self._messages))).encode()
+        if self._dice.below(3) == 0:
+            data = self._dice.damaged(data)
+        try:
+            frame = frame_of(data, self._dialect)
+        except BadJson:
+            return
+        (event,) = read_all(self._decoder(), [frame], None)
+        assert event.raw == frame, data
+
+    def _decoder(self) -> mavlink_frames.Decoder:
+        return mavlink_frames.Decoder(self._dialect)
+
+
+class MoosPackets(Target):
+    """MOOS packets: what is understood is what was sent, byte for byte; after a fault nothing comes any more."""
+
+    def _message(self) -> bytes:
+        dice = self._dice
+        texts = [dice.bytes(12).decode("utf-8", "surrogateescape") for _ in range(4)]
+        numbers = [dice.one((0.0, -1.0, math.nan, math.inf, 1e308, 1234.5)) for _ in range(3)]
+        made = moos.Message(
+            dice.one("NRU*/iWKTQ.C\xff"), texts[0], numbers[0], dice.bytes(40), dice.one("DSB?"), *texts[1:],
+            numbers[1], numbers[2], dice.one((-2, -1, 0, 2**31 - 1)),
+        )  # fmt: skip
+        return moos.encode(made)
+
+    def once(self) -> None:
+        dice = self._dice
+        messages = [self._message() for _ in range(dice.below(4))]
+        data = moos.packet(messages)
+        follower = moos.packet([moos.encode(moos.notify("DEPTH", 1.5, 2.0))])
+        if dice.below(2):
+            events = read_all(moos.Decoder(), dice.pieces(data + follower), None)
+            assert len(events) == 2, data
+        else:
+            data = dice.damaged(data)
+            events = read_all(moos.Decoder(), [data + follower], None)
+            in_pieces = read_all(moos.Decoder(), dice.pieces(data + follower), None)
+            assert repr(in_pieces) == repr(events), data
+        at = 0
+        for event in events[:-1]:
+            assert isinstance(event, moos.Packet), data
+        for event in events:
+            if isinstance(event, moos.Packet):
+                again = moos.packet([moos.encode(message) for message in event.messages])
+                assert (data + follower)[at : at + len(again)] == again, data
+                at += len(again)
+                for message in event.messages:
+                    assert isinstance(message.value, float | str | bytes)
+                    moos.wildcard_of(message)
+
+
+class MoosLines(Target):
+    """Lines of text: one answer a line, under its tag; the next line is understood."""
+
+    _LINES = (
+        b"DEPTH=1.5 SPEED=2", b'#t1 NAME="a \\" b",X=-1e-3;Y=.5', b"SUBSCRIBE NAV_* 5", b"#7 CALL rov/autopilot/arm {}", b"GET DEPTH",
+        b"HELP", b"unsubscribe *", b"#a X=1 Y=2 Z=3", b"",
+    )  # fmt: skip
+
+    def once(self) -> None:
+        dice = self._dice
+        tag = f"{dice.below(1 << 30)}"
+        body = dice.damaged(dice.one(self._LINES)).replace(b"\n", b"")
+        line = b"#" + tag.encode() + b" " + body
+        data = line + dice.one((b"\n", b"\r\n")) + b"#end X=1\n"
+        events = read_all(moos_text.LineDecoder(), dice.pieces(data), None)
+        assert len(events) == 2, data
+        assert events[0].tag == tag or isinstance(events[0], moos_text.Malformed), (data, events[0])
+        assert events[1] == moos_text.Write((("X", 1.0),), "end"), data
+        if isinstance(events[0], moos_text.Write):
+            for name, value in events[0].pairs:
+                assert name, data
+                assert isinstance(value, str) or math.isfinite(value), data
+
+
+class ArdupilotFrames(Target):
+    """Servo packets: a frame has the very numbers of the packet, everything else is refused."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._scale = ardupilot.Scale()
+
+    def once(self) -> None:
+        dice = self._dice
+        outputs = dice.one((16, 32))
+        magic = ardupilot.MAGIC_16 if outputs == 16 else ardupilot.MAGIC_32
+        pwm = [dice.below(1 << 16) for _ in range(outputs)]
+        rate, number = dice.below(1 << 16), dice.below(1 << 32)
+        data = struct.pack(f"<HHI{outputs}H", magic, rate, number, *pwm)
+        if dice.below(2):
+            assert ardupilot.parse(data) == ardupilot.Frame(rate, number, tuple(pwm))
+            assert all(-1.0 <= self._scale[width] <= 1.0 for width in pwm)
+            return
+        data = dice.damaged(data)
+        found = ardupilot.parse(data)
+        if isinstance(found, ardupilot.Frame):
+            assert len(data) == 8 + 2 * len(found.pwm), data
+            assert found.pwm == struct.unpack_from(f"<{len(found.pwm)}H", data, 8), data
+        else:
+            assert found in ("bad_magic", "bad_length")
+
+
+class Px4(Target):
+    """PX4's side of MAVLink: outputs are numbers within their limits, and a greeting after garbage is heard."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._mav = px4.mavlink.MAVLink(None, 1, 1)
+
+    def once(self) -> None:
+        dice, mav = self._dice, self._mav
+        levels = [dice.one((0.0, 1.0, -1.0, math.nan, math.inf, -3e38, 0.3)) for _ in range(16)]
+        message = dice.one((
+            lambda: mav.hil_actuator_controls_encode(dice.below(1 << 40), levels, dice.below(256), dice.below(1 << 20)),
+            lambda: mav.heartbeat_encode(2, 12, 0, 0, 4),
+            lambda: mav.command_long_encode(1, 1, dice.one((511, 512)), 0, *levels[:7]),
+        ))()  # fmt: skip
+        data = bytes(message.pack(mav))
+        if dice.below(2):
+            data = dice.damaged(data)
+        codec = px4.Codec()
+        events = [event for piece in dice.pieces(data) for event in codec.receive(piece)]
+        for event in events:
+            if isinstance(event, px4.Controls):
+                assert len(event.levels) == px4.CONTROLS
+                assert all(-1.0 <= level <= 1.0 for level in event.levels), data
+            elif isinstance(event, px4.Interval):
+                assert math.isfinite(event.seconds), data
+        codec.receive(bytes(300))
+        after = codec.receive(bytes(mav.heartbeat_encode(2, 12, 0, 0, 4).pack(mav)))
+        assert after == [px4.Greeting()], data
+
+
+class Answers:
+    """What one question over zenoh got."""
+
+    def __init__(self) -> None:
+        self.replies = self.faults = self.ends = 0
+
+    def reply(self, key: str, payload: bytes, media: str, attachment: bytes | None = None) -> None:
+        self.replies += 1
+
+    def refuse(self, payload: bytes, media: str) -> None:
+        self.faults += 1
+
+    def end(self) -> None:
+        self.ends += 1
+
+
+class Zenoh(InLoop):
+    """Puts and gets: every question is answered and ended once, every refused put told once."""
+
+    _MEDIA = ("", "application/json", "application/msgpack", "application/octet-stream", "text/plain", "image/png")
+    _PATHS = (
+        "rov/thrusters",
+        "rov/imu",
+        "world/echo",
+        "world/run_until",
+        "world/status",
+        "@describe",
+        "@hello",
+        "@cancel",
+        "rov/none",
+        "**",
+    )
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._keys = KeyScheme("uw", "s")
+        self._told = 0
+        codecs: Any = {"json": ZenohCodec("json"), "msgpack": ZenohCodec("msgpack")}
+        self._loop.run_until_complete(self._begin(codecs))
+
+    async def _begin(self, codecs: Any) -> None:
+        self._requests = Requests(self._context, self._keys, codecs, "json", 60.0, self._tell, lambda: None)
+
+    def _tell(self, key: str, message: object) -> None:
+        self._told += 1
+
+    async def _once(self) -> None:
+        dice = self._dice
+        path = dice.one(self._PATHS)
+        value = dice.tree(
+            dice.one(({"u": [0.1] * 8}, {"value": {"a": [1, "b"]}}, {"t_s": 5.0}, {"client": "p", "version": 1}))
+        )
+        media = dice.one(self._MEDIA)
+        payload = packed(value)[4:] if media == "application/msgpack" else json.dumps(value).encode()
+        caller = json.dumps(dice.tree({"client": "pilot", "id": 5})).encode()
+        attachment = dice.one((None, b"", caller, dice.damaged(caller)))
+        if dice.below(3) == 0:
+            payload = dice.damaged(payload)
+        known = {"@describe": self._keys.describe, "@hello": self._keys.hello, "@cancel": self._keys.cancel}
+        key = known.get(path) or self._keys.of(path)
+        if dice.below(2):
+            errors, self._told = self._context.stats.errors, 0
+            self._requests.take_put(Put(key, payload, media, attachment, is_delete=dice.below(20) == 0))
+            await asyncio.sleep(0)
+            assert self._told == self._context.stats.errors - errors, (key, payload, attachment)
+            return
+        answers = Answers()
+        parameters = dice.one(({}, {"timeout_s": "1"}, {"timeout_s": "x"}, {"pattern": "rov/*"}))
+        self._requests.take_question(
+            Question(key, parameters, payload, media, attachment, answers, lambda other: other == key or "*" in key)
+        )
+        await asyncio.sleep(0)
+        assert answers.ends == 1, (key, payload, attachment)
+        assert answers.faults == 0 or (answers.faults, answers.replies) == (1, 0), (key, payload)
+        assert answers.faults + answers.replies >= 1, (key, payload)
+
+
+class Http(Target):
+    """/health and /metrics: every head has one answer, with a length that is right."""
+
+    _STATUS = frozenset({"200", "400", "404", "405", "421"})
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        refusals = Refusals("http", AdapterStats(), lambda: 0.0)
+        self._service = Service(lambda: {"failure": ""}, lambda: b"x 1\n", ["robot.example"], refusals)
+
+    def once(self) -> None:
+        dice = self._dice
+        method = dice.one(("GET", "HEAD", "POST", "PRI", "OPTIONS"))
+        path = dice.one(("/health", "/metrics", "/", "*", "/../health", "http://evil/health"))
+        host = dice.one(("localhost", "127.0.0.1:9", "robot.example", "evil.example", "[::1]:80", ""))
+        head = f"{method} {path} HTTP/1.1\r\nHost: {host}\r\nAccept: */*".encode()
+        is_whole = bool(dice.below(2))
+        if not is_whole:
+            head = dice.damaged(head)
+        answer = self._service.answer(head.decode("latin-1"))
+        top, _, body = answer.partition(b"\r\n\r\n")
+        status = top[9:12].decode()
+        assert top.startswith(b"HTTP/1.1 "), head
+        assert status in self._STATUS, (head, status)
+        length = next(line for line in top.lower().split(b"\r\n") if line.startswith(b"content-length:"))
+        assert not body or len(body) == int(length.partition(b":")[2]), head
+        if is_whole and host in ("evil.example", ""):
+            assert status == "421", head
+        elif is_whole and method not in ("GET", "HEAD"):
+            assert status == "405", head
+        elif is_whole:
+            assert status == ("200" if path in ("/health", "/metrics") else "404"), head
+
+
+class Replies(InLoop):
+    """Whole connections: each request with an id gets one reply, under this id; what has none gets none."""
+
+    def __init__(self, dice: Dice, is_json: bool) -> None:
+        super().__init__(dice)
+        self._is_json, self._number = is_json, 0
+        self._loop.run_until_complete(self._begin())
+
+    async def _begin(self) -> None:
+        config = SocketsAdapter.Config(port=0, max_requests_per_s=10**9)
+        self._adapter = SocketsAdapter(config, self._context)
+        self._connect()
+
+    def _connect(self) -> None:
+        self._peer = Loopback(Connection(self._adapter.service, self._adapter.config, self._adapter.peers))
+
+    async def _once(self) -> None:
+        dice = self._dice
+        self._number += 1
+        message = dice.tree({key: value for key, value in dice.one(MESSAGES).items() if key != "id"})
+        if isinstance(message, dict):
+            message["id"] = dice.one((self._number, f"n{self._number}"))
+        self._peer.feed(json.dumps(message).encode() + b"\n" if self._is_json else packed(message))
+        replies: list[dict[str, Any]] = []
+        for turn in range(_PATIENCE):
+            await asyncio.sleep(0 if turn < 4 else 0.001)  # a peer that used up its turn rests
+            replies += self._replies(self._peer.take())
+            if turn >= 2 and replies:
+                break
+        wanted = message["id"] if isinstance(message, dict) else None
+        assert [reply["id"] for reply in replies] == [wanted], (message, replies)
+        assert ("result" in replies[0]) != ("error" in replies[0]), replies
+        if self._peer.eof_written or self._peer.is_closing():
+            assert "error" in replies[0], (message, replies)
+            self._peer.die()
+            await asyncio.sleep(0)
+            self._connect()
+
+    def _replies(self, data: bytes) -> list[dict[str, Any]]:
+        found = []
+        if self._is_json:
+            found = [json.loads(line) for line in data.splitlines()]
+        else:
+            while data:
+                (length,) = struct.unpack_from(">I", data)
+                found.append(msgpack.unpackb(data[4 : 4 + length]))
+                data = data[4 + length :]
+        return [message for message in found if "id" in message]
+
+
+TARGETS: Mapping[str, Callable[[Dice], Target]] = {
+    "json": Json,
+    "msgpack": Msgpack,
+    "websocket": WebSocket,
+    "mavlink": Mavlink,
+    "mavlink_json": MavlinkJson,
+    "moos_packets": MoosPackets,
+    "moos_lines": MoosLines,
+    "ardupilot": ArdupilotFrames,
+    "px4": Px4,
+    "zenoh": Zenoh,
+    "http": Http,
+    "replies_json": lambda dice: Replies(dice, True),
+    "replies_msgpack": lambda dice: Replies(dice, False),
+}

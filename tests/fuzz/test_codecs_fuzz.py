@@ -1,0 +1,76 @@
+"""Every codec against inputs that are nearly right (`targets`): no exception, nothing lost or told twice, replies under the id of their request.
+
+`UWSERVER_FUZZ_SECONDS` bounds the run of every day, together with that of `test_sockets_fuzz`; `UWSERVER_FUZZ_INPUTS` is the number of inputs a
+codec in the slow run: a million in `make test-all`, ten millions in `make fuzz`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import struct
+import time
+
+import numpy as np
+import pytest
+from dice import Dice
+from targets import TARGETS
+from uwserver_adapters.ardupilot import wire as ardupilot
+
+SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "20")) / 2 / len(TARGETS)
+INPUTS = int(os.environ.get("UWSERVER_FUZZ_INPUTS", "1000000"))
+FIRST = 500
+"""Inputs that are the same everywhere."""
+
+
+def todays_seed() -> int:
+    seed = int(np.random.SeedSequence().generate_state(1)[0])
+    print("seed", seed)  # in the test's output, where it failed
+    return seed
+
+
+def take(codec: str, seed: int, inputs: int) -> None:
+    """So many inputs."""
+    with contextlib.closing(TARGETS[codec](Dice(seed))) as target:
+        for _ in range(inputs):
+            target.once()
+
+
+@pytest.mark.parametrize("codec", TARGETS)
+def test_a_codec_for_a_while(codec: str) -> None:
+    take(codec, 1, FIRST)
+    end = time.monotonic() + SECONDS
+    with contextlib.closing(TARGETS[codec](Dice(todays_seed()))) as target:
+        while time.monotonic() < end:
+            target.once()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("codec", TARGETS)
+def test_a_codec_for_long(codec: str) -> None:
+    take(codec, todays_seed(), INPUTS)
+
+
+# The targets themselves can fail: a fault in a codec is found within the inputs of every day.
+
+FAULTS: dict[str, tuple[str, object]] = {
+    "json": ("uwserver_adapters.native.requests.ID_LIMIT", 2),
+    "msgpack": ("uwserver_adapters.native.requests.ID_LIMIT", 0),
+    "websocket": ("uwserver_adapters.native.requests.ID_LIMIT", 0),
+    "mavlink": ("uwserver_adapters.mavlink.wire.frames._HEAD_2", 11),
+    "moos_packets": ("uwserver_adapters.moos.wire.NAMES_LIMIT", 5),
+    "moos_lines": ("uwserver_adapters.moos.text.lines._TAG", re.compile(r"#(\d{1,3})\s")),
+    "ardupilot": ("uwserver_adapters.ardupilot.wire._FORMS", {ardupilot.MAGIC_16: struct.Struct("<HIH16H")}),
+    "px4": ("uwserver_adapters.px4.codec.CONTROLS", 15),
+    "zenoh": ("uwserver_adapters.zenoh_bus.requests.decode_caller", None),
+    "http": ("uwserver.server.http.is_host_known", lambda host, hosts: True),
+    "replies_json": ("uwserver_adapters.native.requests.ID_LIMIT", 2),
+}
+
+
+@pytest.mark.parametrize("codec", FAULTS)
+def test_a_fault_in_a_codec_is_found(codec: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(*FAULTS[codec])
+    with pytest.raises((AssertionError, TypeError, struct.error)):
+        take(codec, 1, FIRST)

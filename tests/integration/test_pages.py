@@ -1,0 +1,171 @@
+"""Readers follow README, tutorial, how-tos and client pages to the letter, each against the server that the page starts."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reader import ROOT, STARTS, Reader, blocks
+
+FOLLOWED = (
+    "README.md",
+    "clients/nc/README.md",
+    "clients/python/README.md",
+    "docs/how-to/faults.md",
+)
+"""Pages of which nothing else is asked than that all works; the tests below follow others and look at what they show."""
+ELSEWHERE = {
+    "docs/how-to/ardusub.md": "tests/integration/test_real_how_to.py",
+    "docs/how-to/autopilot.md": "tests/integration/test_autopilot.py",
+    "docs/how-to/browser.md": "tests/unit/adapters/sockets/test_websocket.py",
+    "docs/how-to/moos.md": "tests/unit/adapters/moos/test_how_to.py",
+    "docs/how-to/px4.md": "tests/integration/test_real_px4.py",
+    "docs/how-to/write-an-adapter.md": "tests/unit/testing/test_adapters.py",
+    "docs/how-to/zenoh.md": "tests/integration/test_zenoh.py",
+}
+"""Pages whose listings need a peer of their own, and the tests that have it."""
+NOT_FOLLOWED = ("docs/how-to/container.md",)
+"""Needs a container engine; tests/integration/test_image.py builds and runs the image without one."""
+
+
+def follow(page: str, folder: Path) -> dict[str, str]:
+    """What a page's commands and listings print."""
+    with Reader(folder) as reader:
+        reader.follow(page)
+        return reader.said
+
+
+def printed(said: dict[str, str], part: str) -> str:
+    """What the only line or listing printed that has this part."""
+    (found,) = [text for typed, text in said.items() if part in typed]
+    return found
+
+
+@pytest.mark.parametrize("page", FOLLOWED)
+def test_a_reader_can_follow_the_page(page, tmp_path):
+    assert follow(page, tmp_path)
+
+
+def test_the_tutorial_leads_to_a_controller_that_holds_its_depth(tmp_path):
+    said = follow("docs/tutorial.md", tmp_path)
+    before, after = (
+        float(re.findall(r"depth=([\d.]+)", printed(said, f"echo bluerov2/depth -n {n}"))[-1]) for n in (3, 1)
+    )
+    assert after > before + 0.5
+    assert re.search(r"depth (3\.9\d|4\.0\d) m", printed(said, "client.pause()"))
+    assert "rov/cheap_depth 10 Hz" in printed(said, "uwserver check") or (tmp_path / "dive.mcap").exists()
+
+
+def test_the_c_program_is_built_and_run_as_its_page_says(tmp_path):
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler: cc is not installed")
+    said = follow("clients/c/README.md", tmp_path)
+    assert printed(said, "./uw_drive").count('"port":"bluerov2/imu"') == 5
+
+
+def test_own_components_are_checked_served_and_commanded(tmp_path):
+    said = follow("docs/how-to/extend.md", tmp_path)
+    assert printed(said, "echo rov/turbidity").count("turbidity=") == 5
+    assert "50 commands applied" in printed(said, "send rov/jet")
+    assert "4 passed" in printed(said, "def test_jet")
+
+
+def test_a_dive_is_recorded_read_drawn_and_replayed(tmp_path):
+    said = follow("docs/how-to/record.md", tmp_path)
+    assert (tmp_path / "dive.mcap").exists()
+    assert list(tmp_path.glob("*.png"))
+    assert "replay" in " ".join(said)
+
+
+def test_the_sea_moves(tmp_path):
+    said = follow("docs/how-to/sea.md", tmp_path)
+    velocity = re.findall(r"-?\d\.\d+(?:e-\d+)?", printed(said, "ScenarioBuilder"))
+    assert any(abs(float(v)) > 1e-3 for v in velocity[:3])
+
+
+def test_something_is_touched(tmp_path):
+    said = follow("docs/how-to/touch-something.md", tmp_path)
+    crate = [float(place) for place in re.findall(r"crate at ([\d.]+) m", printed(said, "client.send"))]
+    assert len(crate) == 10
+    assert crate[0] == 0.8
+    assert crate[-1] > 1.5
+
+
+def test_a_state_is_saved_and_loaded(tmp_path):
+    said = follow("docs/how-to/states.md", tmp_path)
+    assert (tmp_path / "later.uwstate").stat().st_size > 1000
+    assert "tick 480" in printed(said, "snapshot.to_bytes")
+    assert "back at tick" in printed(said, "first = rov.call")
+    assert [path.name for path in (tmp_path / "states").iterdir()] == ["calm.uwstate"]
+
+
+def test_a_dive_over_mavlink(tmp_path):
+    """The scenario of the page, with the UDP port changed in it and in the listing."""
+    pytest.importorskip("pymavlink", reason="pymavlink is not installed")
+    (listing,) = blocks("docs/how-to/mavlink.md", "python")
+    command = blocks("docs/how-to/mavlink.md", "sh")[0].text.strip()
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    shipped = ROOT / "scenarios/uwserver_scenarios/bluerov2_qgc.toml"
+    assert "14550" in listing.text
+    assert command.split()[-1] == shipped.stem
+    (tmp_path / "dive.toml").write_text(shipped.read_text().replace("127.0.0.1:14550", f"127.0.0.1:{port}"))
+    with Reader(tmp_path) as reader:
+        reader.type(command.replace("bluerov2_qgc", "dive.toml"))
+        code = listing.text.replace("14550", str(port))
+        reader.run_python(code)
+        assert "LOCAL_POSITION_NED {" in reader.said[code]
+
+
+def test_what_is_solid_loads_and_a_grid_is_converted(tmp_path):
+    page = "docs/how-to/seabed-and-structures.md"
+    first = blocks(page, "toml")[0].text
+    (tmp_path / "solid.toml").write_text(
+        f'schema = 1\n{first}[vehicles.rov]\nmodel = "bluerov2"\nposition_ned_m = [0, 0, 5]\n'
+    )
+    (tmp_path / "g.asc").write_text(
+        "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value -1\n-1 -2\n-3 -4\n"
+    )
+    (convert,) = [line for line in blocks(page, "sh")[0].text.splitlines() if line.startswith("python -c")]
+    with Reader(tmp_path) as reader:
+        reader.type("uwserver check solid.toml")
+        reader.type(convert)
+    assert np.load(tmp_path / "g.npy").tolist() == [[3.0, 4.0], [1.0, 2.0]]
+
+
+def test_a_rate_that_does_not_divide_is_refused_with_those_that_do(tmp_path):
+    """What the tutorial proposes as a mistake."""
+    with Reader(tmp_path) as reader:
+        reader.type("uwserver new tank")
+        text = (tmp_path / "tank.toml").read_text()
+        (tmp_path / "tank.toml").write_text(text.replace("rate_hz = 30", "rate_hz = 100"))
+        with pytest.raises(AssertionError, match=r"(?s)tank.toml:\d+:\d+.*80.*120"):
+            reader.type("uwserver check tank.toml")
+
+
+@pytest.mark.parametrize(("target", "command"), STARTS.items())
+def test_make_starts_what_the_reader_starts(target, command):
+    recipe = re.search(rf"^{target.removeprefix('make ')}:.*\n\t(.*)$", (ROOT / "Makefile").read_text(), re.M)
+    assert recipe
+    assert re.sub(r"@exec \$\(BIN\)/| \$\(ARGS\)", "", recipe[1]) == command
+
+
+def test_every_page_with_a_command_is_followed():
+    pages = [ROOT / "README.md", ROOT / "docs/tutorial.md", *(ROOT / "clients").glob("*/README.md")]
+    pages += (ROOT / "docs/how-to").glob("*.md")
+    here = Path(__file__).read_text()
+    for path in pages:
+        page = str(path.relative_to(ROOT))
+        if page in NOT_FOLLOWED:
+            continue
+        if page in ELSEWHERE:
+            assert (
+                path.name in (ROOT / ELSEWHERE[page]).read_text() or "PAGE" in (ROOT / ELSEWHERE[page]).read_text()
+            ), page
+        elif blocks(page, "sh") or blocks(page, "python"):
+            assert page in FOLLOWED or f'"{page}"' in here, page

@@ -1,0 +1,235 @@
+"""The page of all limits, from the constants and the defaults of settings; `reference_docs.py` writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import msgspec
+from uwserver_adapters.mavlink.wire import channel, json_form
+from uwserver_adapters.moos import wire
+from uwserver_adapters.moos.bridge import calls
+from uwserver_adapters.moos.config import MoosDbConfig, MoosTextConfig
+from uwserver_adapters.moos.db import database, guests
+from uwserver_adapters.moos.text import lines
+from uwserver_adapters.px4 import door
+from uwserver_adapters.sockets import connection as sockets_connection
+from uwserver_adapters.sockets import datagrams
+from uwserver_adapters.sockets.config import SocketsConfig
+
+from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
+from uwserver.recording import recorder, replay
+from uwserver.scenario.files import documents, locate
+from uwserver.scenario.load import scenario
+from uwserver.scenario.solids import archive, bathymetry, mesh_checks
+from uwserver.server import http, life_cycle, state_files
+from uwserver.simulation import bus, intake, thread, turns
+from uwserver.units import NANOSECONDS
+from uwserver.world import saving, services, snapshot
+
+HEAD = """\
+# Limits
+
+Every size, count, rate and deadline that bounds what comes from outside, with what happens beyond it. The names in the third column are settings of
+the [scenario](scenario.md); where there is none, the number is fixed. How they are meant: [protocol](protocol.md#limits),
+[security](../explanation/security.md), [record and replay](../how-to/record.md).
+
+| of | what | limit | beyond it |
+|---|---|---|---|
+"""
+
+Row = tuple[str, str, str]
+
+
+def limits_page() -> str:
+    """The whole page below its first line."""
+    groups = {
+        "a file": _files(),
+        "a recording": _recordings(),
+        "a saved state": _states(),
+        "a message of any adapter": _messages(),
+        "a client of `sockets`": _clients(),
+        "a UDP client of `sockets`": _datagrams(),
+        "strangers at any TCP port": _strangers(),
+        "the world": _world(),
+        "MOOS": _moos(),
+        "MAVLink, PX4": _mavlink(),
+        "`/health`, `/metrics`": _health(),
+        "start and end": _life(),
+    }
+    rows = [f"| {group} | {' | '.join(row)} |" for group, found in groups.items() for row in found]
+    return HEAD + "\n".join(rows) + "\n"
+
+
+def _files() -> Iterator[Row]:
+    refused = "not loaded; the place, what and what to do are told"
+    yield "any file", "a plain file: no folder, pipe, device or socket", refused
+    yield "scenario, vehicle or device (TOML), Python extension", _bytes(documents.MOST_BYTES), refused
+    yield "parts of a dotted key or header", str(locate.MOST_PARTS), refused
+    yield "faults told", str(scenario.MOST_PROBLEMS), "the rest is not looked at"
+    yield "extensions", "in the scenario's folder or below, links followed", "not run"
+    yield "mesh (STL, OBJ, PLY, glTF with all its files)", _bytes(mesh_checks.MOST_BYTES), refused
+    yield "triangles of a mesh", f"{mesh_checks.MOST_TRIANGLES}", refused
+    yield (
+        "points of a grid, after `extent_m`; of an axis, or of a chunk, of NetCDF 4",
+        f"{bathymetry.MOST_POINTS}",
+        refused,
+    )
+    yield "classic NetCDF file", _bytes(bathymetry.MOST_BYTES), refused
+
+
+def _recordings() -> Iterator[Row]:
+    yield (
+        "samples that wait for the disk",
+        f"{recorder.MAX_SAMPLES}",
+        "real time: dropped and counted; else the tick waits",
+    )
+    yield (
+        "commands and calls that wait for the disk",
+        f"{recorder.MAX_REQUESTS}",
+        "the recording ends, the world goes on",
+    )
+    yield "what a killed server loses", f"{recorder.CHUNK_NS / NANOSECONDS:g} s, and what waits", ""
+    yield (
+        "wall time in which the disk must answer at the end",
+        f"{recorder.CLOSE_TIMEOUT_S:g} s",
+        "the file has no end; told, exit status 1",
+    )
+    yield "a record, when it is replayed", _bytes(replay.MOST_RECORD_BYTES), "damaged"
+    yield "a chunk, unpacked", _bytes(replay.MOST_CHUNK_BYTES), "damaged"
+    yield "its seabed and structures, unpacked", _bytes(archive.LARGEST_BYTES), "not replayed"
+
+
+def _states() -> Iterator[Row]:
+    yield "size", _bytes(snapshot.MAX_BYTES), "`out_of_range`"
+    yield "parts", str(snapshot.MAX_PARTS), "refused"
+    yield "states on their way in pieces", str(saving.MAX_KEPT), "the oldest is forgotten"
+    yield "files in `state_folder`", str(state_files.MAX_FILES), "`busy`"
+    yield (
+        "snapshots in memory",
+        f"{services.MAX_SNAPSHOTS}, names of {services.MAX_SNAPSHOT_NAME} characters",
+        "`busy`, `out_of_range`",
+    )
+
+
+def _messages() -> Iterator[Row]:
+    yield "bytes", _bytes(bounds.MESSAGE_LIMIT), "`too_large`"
+    yield f"plain texts (ASCII, from {bounds.PLAIN_TEXT} bytes on)", _bytes(bounds.MAX_PLAIN), "`too_large`"
+    yield "binary values of msgpack", _bytes(bounds.MAX_BINARY), "`too_large`"
+    long = f"JSON with more than {bounds.FEW} numbers that have an exponent or {bounds.LONG_NUMBER} digits"
+    yield long, _bytes(bounds.LONG_NUMBERS_LIMIT), "`too_large`"
+    yield "digits of a number, where there are more such", str(bounds.MAX_DIGITS), "`invalid_request`"
+    yield "maps and lists", f"{bounds.MAX_CONTAINERS}, {bounds.MAX_DEPTH} deep", "`invalid_request`"
+    yield "values, keys included", str(bounds.MAX_VALUES), "`invalid_request`"
+    yield "texts in JSON", str(bounds.MAX_TEXTS), "`invalid_request`"
+    yield "names, patterns, ids", f"{refusals.WORD_LIMIT} characters", "`bad_argument`, `invalid_request`"
+    yield "unanswered commands and calls of a peer", str(conversation.UNANSWERED), "`overload`"
+    yield "a turn, and the rest before the next", f"{_ms(connection.TURN_S)}, {_ms(connection.REST_S)}", "read later"
+
+
+def _clients() -> Iterator[Row]:
+    yield "requests a second", _setting(SocketsConfig, "max_requests_per_s"), "`overload`, then not read"
+    yield "subscriptions", _setting(SocketsConfig, "max_subscriptions"), "`overload`"
+    yield "unanswered commands and calls", _setting(SocketsConfig, "max_unanswered"), "`overload`"
+    yield (
+        "unread samples of a delivery",
+        _setting(SocketsConfig, "queue_samples"),
+        "the oldest dropped; `reliable`: disconnected",
+    )
+    yield "unread bytes", _setting(SocketsConfig, "queue_bytes"), "the oldest sample dropped; replies: disconnected"
+    yield "clients", _setting(SocketsConfig, "max_clients"), "`overload`, disconnected"
+    yield "clients of one other host", _setting(SocketsConfig, "max_clients_per_host"), "`overload`, disconnected"
+    yield (
+        "messages before a valid `hello`",
+        f"{sockets_connection.TRIES}, of {_bytes(bounds.STRANGER_LIMIT)}",
+        "disconnected",
+    )
+    yield (
+        "wall time for the first valid message, and for TLS before",
+        _setting(SocketsConfig, "hello_timeout_s", " s"),
+        "disconnected",
+    )
+
+
+def _datagrams() -> Iterator[Row]:
+    yield "a datagram", _bytes(datagrams.DATAGRAM_LIMIT), "`too_large`"
+    yield "a datagram without a session", _bytes(datagrams.STRANGER_LIMIT), "not read"
+    yield "datagrams of all without a session", f"{datagrams.STRANGERS_PER_S} a second", "not read"
+    yield "silence", _setting(SocketsConfig, "udp_lease_s", " s"), "forgotten"
+
+
+def _strangers() -> Iterator[Row]:
+    yield (
+        "connected, nothing valid said",
+        f"{peers.STRANGERS}; `sockets`: {_setting(SocketsConfig, 'max_strangers')}",
+        "the oldest of the host with most makes way",
+    )
+    yield "connections that the system keeps before", str(accepting.BACKLOG), "refused by the system"
+    yield "handshake of TLS", f"{accepting.HANDSHAKE_S:g} s", "disconnected"
+    yield "no descriptors left", f"accepted again after {accepting.PAUSE_S:g} s", "who knocks waits"
+    yield "a cause in the log", f"once in {refusals.TELL_S:g} s", "counted"
+
+
+def _world() -> Iterator[Row]:
+    waiting = f"{turns.MAX_WAITING} of a client, {turns.MAX_WAITING_OF_ALL} of all, but {turns.FREE_PLACES} of each"
+    yield "commands and calls that wait for their tick", waiting, "`overload`"
+    yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
+    spent = f"{_ms(intake.REQUESTS_NS / NANOSECONDS)} for commands and calls, {_ms(thread.STEERING_NS / NANOSECONDS)} for the clock"
+    yield "a tick in real time", spent, "the rest waits for the next tick"
+    ahead = f"real time: {bus.MAX_TICKS} ticks; else {_ms(bus.AHEAD_NS / NANOSECONDS)} of their work"
+    yield "samples on their way to the adapters", ahead, "real time: dropped and counted; else the world waits"
+
+
+def _moos() -> Iterator[Row]:
+    yield "a packet, its messages", f"{_bytes(wire.PACKET_LIMIT)}, {wire.MESSAGES_LIMIT}", "disconnected"
+    yield "names and other short texts, a text", f"{wire.NAMES_LIMIT}, {wire.TEXT_LIMIT} bytes", "refused unread"
+    yield "open calls, and how long", f"{calls.OPEN}, {calls.TIMEOUT_S:g} s", "refused"
+    yield "`moosdb`: clients", _setting(MoosDbConfig, "max_clients"), "disconnected"
+    yield "`moosdb`: time to say a name; its length", f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}", "disconnected"
+    yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
+    yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"
+    yield "`moos_text`: a line, its pairs", f"{_bytes(lines.LINE_LIMIT)}, {lines.PAIRS}", "an error line"
+
+
+def _mavlink() -> Iterator[Row]:
+    yield "downloads under way on a channel", str(channel.BACKLOG), "the oldest ends"
+    yield "a call in JSON", _bytes(json_form.LONGEST), "refused"
+    yield "`px4_hil`: strangers, and their time", f"{door.GUESTS}, {door.GREETING_S:g} s", "disconnected"
+
+
+def _health() -> Iterator[Row]:
+    yield "connections", str(http.MOST_PEERS), "the oldest makes way"
+    yield "a request, and its time", f"{_bytes(http.REQUEST_LIMIT)}, {http.REQUEST_TIMEOUT_S:g} s", "4xx, disconnected"
+
+
+def _life() -> Iterator[Row]:
+    yield (
+        "a start in which nothing proceeds",
+        f"{life_cycle.START_TIMEOUT_S:g} s",
+        "the server ends and names what is waited for",
+    )
+    yield (
+        "processor time of the present tick at the end",
+        f"{life_cycle.STOP_WORK_NS / NANOSECONDS:g} s",
+        "cut off; exit status 1 if it records",
+    )
+    yield "processor time from SIGTERM to the end", "2 s", "(tested)"
+
+
+def _setting(config: type[msgspec.Struct], name: str, unit: str = "") -> str:
+    default = next(field.default for field in msgspec.structs.fields(config) if field.name == name)
+    shown = (
+        _bytes(default) if name.endswith("_bytes") else f"{default:g}" if isinstance(default, float) else str(default)
+    )
+    return f"`{name}`, {shown}{unit}"
+
+
+def _bytes(count: int) -> str:
+    """As powers of two where it is one."""
+    for size, unit in ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")):
+        if count % size == 0:
+            return f"{count // size} {unit}"
+    return f"{count // 1_000_000} MB" if count % 1_000_000 == 0 else f"{count} bytes"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:g} ms"

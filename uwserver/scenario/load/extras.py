@@ -1,0 +1,73 @@
+"""Packages that a scenario needs beyond those that every installation has, and the one command that installs them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from importlib.util import find_spec
+
+from msgspec import UNSET
+
+from uwserver.adapter import AdapterTable
+from uwserver.physics.collision.engine import AUTO, missing_engine
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.solids.tables import GridSeabed
+
+_OWN = re.compile(r"uwserver\[(\w+)\]")
+_SOLID = "uwserver[solid]"
+_ENGINES = {
+    AUTO: ("pybullet or coal", _SOLID),
+    "bullet": ("pybullet", "pybullet"),
+    "coal": ("coal", "uwserver[coal]"),
+}
+"""What is missing where an engine for contacts is, and the requirement, by its name in `[world]`."""
+
+
+def missing_extras(scenario: Scenario, is_solid: bool) -> str:
+    """What is not installed of all that a scenario needs, and what to type; "" where nothing is missing.
+
+    Args:
+        scenario: typed.
+        is_solid: whether anything in it can touch anything.
+    """
+    needed = _needed(scenario, is_solid)
+    absent = {module: requirement for module, requirement in needed.items() if not _is_there(module)}
+    engine = scenario.world.engine
+    if "scipy" in needed and missing_engine(engine):
+        name, requirement = _ENGINES[engine]
+        absent[name] = requirement
+    if not absent:
+        return ""
+    names = dict.fromkeys(module.partition(".")[0] for module in absent)
+    return f"not installed: {', '.join(names)}; all that this scenario needs: {install_command(absent.values())}"
+
+
+def install_command(requirements: Iterable[str]) -> str:
+    """One line for a shell that installs all of them, our own extras together."""
+    wanted = sorted(set(requirements))
+    extras = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
+    others = [each for each in wanted if not _OWN.fullmatch(each)]
+    whole = ([f"uwserver[{','.join(extras)}]"] if extras else []) + others
+    return "pip install " + " ".join(f'"{each}"' for each in whole)
+
+
+def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:
+    """Requirement by module."""
+    needed: dict[str, str] = {}
+    if is_solid or scenario.objects or scenario.structures or scenario.seabed is not UNSET:
+        needed |= {"scipy": _SOLID}
+    if isinstance(scenario.seabed, GridSeabed) and scenario.seabed.file.endswith((".nc", ".nc4")):
+        needed |= dict.fromkeys(("h5netcdf", "h5py"), "uwserver[netcdf]")
+    if scenario.server.uvloop:
+        needed["uvloop"] = "uwserver[uvloop]"
+    for config in scenario.adapters.values():
+        if isinstance(config, AdapterTable) and config.required:
+            needed |= config.needs()
+    return needed
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ImportError:  # what it stands in is missing, or broken
+        return False

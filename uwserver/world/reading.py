@@ -1,0 +1,117 @@
+"""A sample by the names of its fields, for whoever steps a world in their own process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwserver.ports import Buffer, Field, Port, Sample, Value
+from uwserver.units import NANOSECONDS
+
+
+class Reading(Mapping[str, Value]):
+    """The newest sample of a sensor: ``reading.depth`` or ``reading["depth"]`` as the sensor gave it, ``reading.array("p_NS")`` as an array.
+
+    A field that is named like one of the attributes is reached by ``reading["..."]`` alone.
+
+    Attributes:
+        sample: as it was delivered; its `port`, `seq`, `t_ns`, `t_sent_ns`, `valid` and `value` can be read from here too.
+    """
+
+    __slots__ = ("_fields", "sample")
+
+    def __init__(self, port: Port, sample: Sample) -> None:
+        self.sample = sample
+        self._fields: tuple[Field, ...] = port.fields
+
+    @property
+    def port(self) -> str:
+        """Path of the port."""
+        return self.sample.port
+
+    @property
+    def seq(self) -> int:
+        """Counts what the sensor produced."""
+        return self.sample.seq
+
+    @property
+    def t_ns(self) -> int:
+        """Simulation time at which it was true, ns."""
+        return self.sample.t_ns
+
+    @property
+    def t_s(self) -> float:
+        """The same in s."""
+        return self.sample.t_ns / NANOSECONDS
+
+    @property
+    def t_sent_ns(self) -> int:
+        """Simulation time of its delivery, ns."""
+        return self.sample.t_sent_ns
+
+    @property
+    def valid(self) -> bool:
+        """Whether the sensor could measure."""
+        return self.sample.valid
+
+    @property
+    def value(self) -> tuple[Value, ...]:
+        """One entry for each field of the port."""
+        return self.sample.value
+
+    def array(self, name: str) -> NDArray[Any]:
+        """A field as an array of its shape: numbers as floats, NaN where there is none; a buffer as it is.
+
+        Raises:
+            KeyError: no such field.
+        """
+        return as_array(self._field(name), self[name])
+
+    def __getitem__(self, name: str) -> Value:
+        return self.sample.value[self._fields.index(self._field(name))]
+
+    def __getattr__(self, name: str) -> Value:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(*error.args) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return (field.name for field in self._fields)
+
+    def __len__(self) -> int:
+        return len(self._fields)
+
+    def __eq__(self, other: object) -> bool:
+        return self.sample == (other.sample if isinstance(other, Reading) else other)
+
+    def __hash__(self) -> int:
+        return hash(self.sample)
+
+    def __repr__(self) -> str:
+        values = "".join(f", {name} = {value!r}" for name, value in self.items())
+        return f"<{self.port} at {self.t_s:.6f} s{'' if self.valid else ', invalid'}{values}>"
+
+    def _field(self, name: str) -> Field:
+        for field in self._fields:
+            if field.name == name:
+                return field
+        raise KeyError(f'{self.port} has no field "{name}"; there are: {", ".join(self)}')
+
+
+def as_array(field: Field, value: Value) -> NDArray[Any]:
+    """One value of a field as an array; a missing number is NaN."""
+    if isinstance(value, Buffer) and field.type == "buffer":
+        return value.array()
+    if field.is_packed or field.type == "str":
+        found = np.empty((), dtype=object)
+        found[()] = value
+        return found
+    if value is None:
+        return np.full(field.shape, np.nan)
+    return np.array(value, dtype=float).reshape(field.shape)
