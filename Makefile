@@ -9,23 +9,40 @@ FUZZ_SECONDS ?= 60
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+READY := $(VENV)/.ready
+# uv where it is there: it downloads and installs several times as fast as pip.
+UV := $(shell command -v uv 2> /dev/null)
+ifdef UV
+MAKE_VENV = $(UV) venv --quiet --python $(PYTHON) $(VENV)
+INSTALL = $(UV) pip install --quiet --python $(BIN)/python
+else
+MAKE_VENV = $(PYTHON) -m venv $(VENV)
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+endif
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs dist image clean
+.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
 
-# MAVProxy is a peer of the tests, and needs neither vtk nor OpenCV of its windows.
-install: $(STAMP)  ## create .venv with everything installed and compile the physics
-$(STAMP): pyproject.toml bench/pyproject.toml clients/python/pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[solid,docs,dev]" -e bench -e clients/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps "MAVProxy>=1.8.71"
-	$(BIN)/python -m uwserver.physics.warm
+ready: $(READY)  ## create .venv with what running needs
+$(READY): pyproject.toml clients/python/pyproject.toml
+	@echo "installing what running needs into $(VENV), about 30 s ..."
+	@test -x $(BIN)/python || $(MAKE_VENV)
+	@$(INSTALL) -e ".[solid]" -e clients/python
 	@touch $@
 
-run: install  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
+# MAVProxy is a peer of the tests, and needs neither vtk nor OpenCV of its windows.
+install: $(STAMP)  ## add what tests, benchmarks and documents need, and compile all of the physics
+$(STAMP): $(READY) bench/pyproject.toml
+	@echo "installing what development needs into $(VENV), some minutes ..."
+	@$(INSTALL) -e ".[solid,docs,dev]" -e bench -e clients/python
+	@$(INSTALL) --no-deps "MAVProxy>=1.8.71"
+	@$(BIN)/python -m uwserver.physics.warm
+	@touch $@
+
+run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
 	@exec $(BIN)/uwserver run $(ARGS)
 
 test: lint types fast-tests docs-check wheel-smoke  ## everything that .ci/run checks

@@ -108,7 +108,7 @@ def try_one(version: str, python: Path, wheel: Path, work: Path) -> None:
     server, inside = home / "bin" / "uwserver", home / "bin" / "python"
     parts: tuple[tuple[str, tuple[tuple[str | Path, ...], ...]], ...] = (
         ("doctor", ((server, "doctor"),)),
-        ("check", tuple((server, "check", name) for name in ("bluerov2_pool", "bluerov2_seabed"))),
+        ("check", tuple((server, "check", name) for name in ("bluerov2_pool", "slope"))),
         ("default scenario", ((server, "run", "--port", "0", "--until", "0.5", "--mode", "freerun"),)),
         ("codecs and contacts", ((inside, "-m", "pytest", "-q", "-p", "no:cacheprovider", *TESTS),)),
     )

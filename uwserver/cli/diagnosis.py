@@ -107,15 +107,22 @@ def rays() -> Finding:
 
 def kernels() -> Finding:
     """The cache of compiled kernels: where, writable, warm."""
+    from uwserver.physics.builds import STAGES, missing
     from uwserver.physics.kernel.compiled import cache_state
 
     if cache_state.folder is None:
-        return Finding("kernels", "warning", cache_state.reason, "set NUMBA_CACHE_DIR to a folder that can be written")
+        remedy = "set NUMBA_CACHE_DIR to a folder that you own and nobody else can write"
+        return Finding("kernels", "warning", cache_state.reason, remedy)
     where = f"{cache_state.folder} ({cache_state.reason or 'writable'})"
-    if cache_state.warm:
+    rest = missing(STAGES)
+    if not rest:
         return Finding("kernels", "ok", f"compiled, in {where}")
-    text = f"not compiled yet, in {where}"
-    return Finding("kernels", "warning", text, "the first run takes some 30 s longer; now: uwserver doctor --warm")
+    text = f"not compiled yet: {', '.join(rest)}; in {where}"
+    seconds = sum(STAGES[stage] for stage in rest)
+    remedy = (
+        f"a run compiles what it needs first, {seconds:.0f} s of processor time for all; now: uwserver doctor --warm"
+    )
+    return Finding("kernels", "warning", text, remedy)
 
 
 def port(number: int = DEFAULT_PORT) -> Finding:

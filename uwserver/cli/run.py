@@ -7,6 +7,8 @@ import math
 import os
 import shutil
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -101,12 +103,13 @@ def run(
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
-    _announce_compilation()
     try:
         state = None if begin is None else read_state(begin)
         announce = partial(_announce, resolved, log_json)
         options = Options(seed, timing, record, until_s, state, save_at, announce)
-        status = _run_loop(resolved, options)
+        with ExitStack() as ending:
+            options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
+            status = _run_loop(resolved, options)
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)
         sys.exit(1)
@@ -152,13 +155,23 @@ def _with_metrics(resolved: Resolved, bind: str | None) -> Resolved:
     return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, server=server))
 
 
-def _announce_compilation() -> None:
+def _then_compile_the_rest(
+    announce: Callable[[dict[str, str]], None], ending: ExitStack
+) -> Callable[[dict[str, str]], None]:
+    """`announce`, and then a process of the lowest priority that compiles what this scenario does not need, until the server ends."""
+    from uwserver.physics.builds import STAGES, missing, start, stop
     from uwserver.physics.kernel.compiled import cache_state
 
     if cache_state.reason and cache_state.folder is None:
         click.echo(f"uwserver: {cache_state.reason}", err=True)
-    if not cache_state.warm:
-        click.echo("uwserver: compiling the hydrodynamics for this machine, once, about 20 s ...", err=True)
+
+    def announced(addresses: dict[str, str]) -> None:
+        announce(addresses)
+        rest = missing(STAGES)
+        if rest and cache_state.folder is not None and not cache_state.reason:
+            ending.callback(stop, start(rest, nice=19))
+
+    return announced
 
 
 def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> None:

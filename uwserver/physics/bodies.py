@@ -82,6 +82,7 @@ class Hydrodynamics:
         touched: contacts of the last tick and their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
         forces, values, scratch: work space of the kernels.
+        table: the addresses of all these, for the kernels.
     """
 
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
@@ -258,7 +259,8 @@ class Hydrodynamics:
     def _gather(self) -> None:
         """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
         self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
-        self._table = layout.addresses(layout.WORLD, vars(self))
+        self.table = layout.addresses(layout.WORLD, vars(self))
+        self._fitted = any(len(getattr(self, name)) for name in layout.Fitted._fields if name != "values")
 
     @property
     def currents(self) -> FloatArray:
@@ -277,8 +279,7 @@ class Hydrodynamics:
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        if self.sea is not None:
-            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.5 * self.dt, self.flows)
+        self.fill_flows(t, 0.5 * self.dt)
         if self.collider is not None:
             contacts = self.collider.find_contacts(self.state, self.dt)
             if len(contacts.gap):
@@ -289,16 +290,18 @@ class Hydrodynamics:
         return self._advance_free(t)
 
     def _advance_free(self, t: float) -> int:
-        return int(_kernel().advance(self._table, t, self.dt))
+        kernel = _kernel()
+        return int((kernel.advance_fitted if self._fitted else kernel.advance)(self.table, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are those of `contact.step`."""
         kernel, old = _contact_kernel(), self.touched
-        struck = kernel.strike(self._table, contacts, old.contacts.key, old.impulse, t, self.dt)
+        strike = kernel.strike_fitted if self._fitted else kernel.strike
+        struck = strike(self.table, contacts, old.contacts.key, old.impulse, t, self.dt)
         diverged = self._advance_free(t)
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
-            kernel.settle(self._table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+            kernel.settle(self.table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
@@ -308,9 +311,9 @@ class Hydrodynamics:
         prescribed rows and the external one.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        if self.sea is not None:
-            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, 0.0, self.flows)
-        _kernel().rates_of_change(self._table, t, nu_dot, tau)
+        self.fill_flows(t)
+        kernel = _kernel()
+        (kernel.rates_of_change_fitted if self._fitted else kernel.rates_of_change)(self.table, t, nu_dot, tau)
         if len(self.touched.impulse):
             nu_dot += self.contact_nu_dot
         return nu_dot, tau
@@ -318,13 +321,23 @@ class Hydrodynamics:
     def load_kernels(self) -> None:
         """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
         nothing = Hydrodynamics((), self.dt)
-        nothing.advance(0.0)
-        nothing.rates_of_change(0.0)
+        nothing.load_free(self._fitted)
         if self.collider is not None:
             nothing._advance_touching(NO_CONTACTS, 0.0)
         if self.sea is not None:
             nothing.sea = self.sea
-            nothing.advance(0.0)
+            nothing.fill_flows(0.0)
+
+    def load_free(self, fitted: bool) -> None:
+        """`load_kernels` for open water, of worlds with or without appendages; of no bodies."""
+        self._fitted = fitted
+        self._advance_free(0.0)
+        self.rates_of_change(0.0)
+
+    def fill_flows(self, t: float, ahead: float = 0.0) -> None:
+        """Find the water at each body, `ahead` s after t on its way, where there is a sea."""
+        if self.sea is not None:
+            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, ahead, self.flows)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.contacts import Contacts
+from uwserver.physics.builds import STAGES, prepare, progress, watch_parent
+from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Contacts
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
@@ -34,7 +35,7 @@ _APPENDAGES = Appendages(
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Run each path of the kernels once, which compiles what the cache lacks; some two minutes when it lacks everything.
+    """Compile what the cache lacks, on all cores, and run each path of the kernels once.
 
     Args:
         say: gets a line of progress before each part.
@@ -46,9 +47,7 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
         RuntimeError: the kernels ran and a state was not finite: the installation is broken.
     """
     say("kernels: loading the compiler")
-    from uwserver.physics.contact import step
-    from uwserver.physics.dynamics import flow, integrator
-
+    compiled = prepare(STAGES, progress())
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
     fitted = Hydrodynamics([_body(1.0), replace(_body(1.0), appendages=_APPENDAGES)], _DT)
     for name, world, depth in (
@@ -71,23 +70,64 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
             raise RuntimeError("the contact kernels gave a state that is not finite: reinstall numpy and numba")
         world.collider = None
     say("kernels: waves")
-    sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
-    gentle.sea = sea
-    flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
+    gentle.sea, point = _still_sea()
     if gentle.advance(0.0) >= 0 or point.any():
         raise RuntimeError("the kernels gave a sea that moves without waves: reinstall numpy and numba")
     say("kernels: solid things and echoes")
-    kernels: tuple[Any, ...] = (
-        integrator.advance,
-        integrator.rates_of_change,
-        step.strike,
-        step.settle,
-        flow.fill_flows,
-        flow.water_at,
-        *solid_kernels(),
-        *echo_kernels(),
-    )
-    return any(kernel.stats.cache_misses or not kernel.stats.cache_path for kernel in kernels)
+    solid_kernels()
+    echo_kernels()
+    return compiled
+
+
+def _still_sea() -> tuple[SeaRows, FloatArray]:
+    """A sea without anything that moves, and the water at a point of it."""
+    from uwserver.physics.dynamics import flow
+
+    sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
+    flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
+    return sea, point
+
+
+def _strike(fitted: bool) -> None:
+    """Stages of contact but the step of the bodies, which `advance` compiles."""
+    from uwserver.physics.contact import step
+
+    nothing, old = Hydrodynamics((), _DT).table, NO_IMPULSES
+    if fitted:
+        step.strike_fitted(nothing, NO_CONTACTS, old.contacts.key, old.impulse, 0.0, _DT)
+        return
+    struck = step.strike(nothing, NO_CONTACTS, old.contacts.key, old.impulse, 0.0, _DT)
+    step.settle(nothing, struck, NO_CONTACTS, _DT, np.empty((0, 3)), np.empty((0, 6)))
+
+
+def _free(fitted: bool) -> None:
+    Hydrodynamics((), _DT).load_free(fitted)
+
+
+def _sea() -> None:
+    world = Hydrodynamics((), _DT)
+    world.sea, _ = _still_sea()
+    world.fill_flows(0.0)
+
+
+def _solids() -> None:
+    solid_kernels()
+
+
+def _echoes() -> None:
+    echo_kernels()
+
+
+_COMPILE: dict[str, Callable[[], object]] = {
+    "free": lambda: _free(False),
+    "fins": lambda: _free(True),
+    "contact": lambda: _strike(False),
+    "fins in contact": lambda: _strike(True),
+    "sea": _sea,
+    "solids": _solids,
+    "echoes": _echoes,
+}
+"""What compiles the kernels of a stage, and no others."""
 
 
 class _Underfoot:
@@ -100,22 +140,19 @@ class _Underfoot:
 
 
 @cache
-def solid_kernels() -> tuple[Any, ...]:
-    """Those of contacts and rays, run once so that no tick waits for them; none without the extra `solid`.
+def solid_kernels() -> None:
+    """Run those of contacts and rays once, so that no tick waits for them; not without the extra `solid`.
 
     Raises:
         RuntimeError: they find nothing where something is.
     """
     try:
         from uwserver.physics.collision.solids import Solids
-        from uwserver.physics.rays.casting import Rays, picker_kernels
+        from uwserver.physics.rays.casting import Rays
 
         solids = Solids()
     except ImportError:
-        return ()
-    from uwserver.physics.collision import broad_phase, directions, narrow_phase
-    from uwserver.physics.geometry import mesh
-    from uwserver.physics.rays import hits
+        return
 
     sheet = TriangleMesh(np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]), np.array([[0, 1, 2]]))
     # The ball overlaps the block, about which an engine is asked.
@@ -131,15 +168,11 @@ def solid_kernels() -> tuple[Any, ...]:
         solids.add_moving(ball, 0)
         if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1:
             raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.engine}")
-    return (
-        broad_phase.find_pairs, broad_phase.place, broad_phase.bound, directions.find_lines, directions.refine_lines,
-        narrow_phase.find_contacts, mesh.fill_cells, hits.intersect_simple, hits.select_rays, hits.refine, *picker_kernels(),
-    )  # fmt: skip
 
 
 @cache
-def echo_kernels() -> tuple[Any, ...]:
-    """Those of echo sounders, run once so that no reading waits for them.
+def echo_kernels() -> None:
+    """Run those of echo sounders once, so that no reading waits for them.
 
     Raises:
         RuntimeError: they hear nothing of a bottom.
@@ -155,7 +188,6 @@ def echo_kernels() -> tuple[Any, ...]:
     echoes.compress(picture, 1.0, 30.0, 0.01, 60.0, 100.0, 1.0, 255.0, counts)
     if answer.distance[0] != 5.5 or not 0 < counts[5] < 255:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
-    return hits.intersect_level, echoes.intensity, echoes.backscatter, echoes.compress
 
 
 _KEPT = 4
@@ -193,7 +225,13 @@ def _body(drag: float) -> BodyParams:
     )
 
 
-def _main() -> None:
+def _main(stages: Sequence[str]) -> None:
+    if stages:  # --nice N STAGE...: one of the processes of `builds.start`
+        os.nice(int(stages[1]))
+        watch_parent()
+        for stage in stages[2:]:
+            _COMPILE[stage]()
+        return
     state = cache_state
     if state.reason:
         print(state.reason, file=sys.stderr)
@@ -205,4 +243,4 @@ def _main() -> None:
 
 
 if __name__ == "__main__":
-    _main()
+    _main(sys.argv[1:])

@@ -127,16 +127,29 @@ def test_a_scenario_with_a_fault_is_one_here_too() -> None:
     assert "bluerov2_pool" in found.text
 
 
+KERNELS = Path("all of them")
+
+
 @pytest.mark.parametrize(
     ("state", "level", "words"),
     [
-        (CacheState(Path("/c"), True, ""), "ok", "compiled, in /c (writable)"),
-        (CacheState(Path("/c"), True, "read-only, complete"), "ok", "read-only"),
+        (CacheState(Path("/c"), True, "", (KERNELS,)), "ok", "compiled, in /c (writable)"),
+        (CacheState(Path("/c"), True, "read-only, complete", (KERNELS,)), "ok", "read-only"),
+        (
+            CacheState(Path("/c"), False, ""),
+            "warning",
+            "not compiled yet: solids, fins in contact, fins, contact, free, echoes, sea; in /c",
+        ),
         (CacheState(Path("/c"), False, ""), "warning", "--warm"),
         (CacheState(None, False, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),
     ],
 )
-def test_kernels(state: CacheState, level: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels(state: CacheState, level: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it says is what a run finds: the files themselves are looked for."""
+    for kernels in compiled.ENTRY_KERNELS.values():
+        for kernel in kernels:
+            (tmp_path / f"{kernel}-00.kernel").touch()
+    state = state._replace(packaged=tuple(tmp_path for _ in state.packaged))
     monkeypatch.setattr(compiled, "cache_state", state)
     finding = diagnosis.kernels()
     assert finding.level == level

@@ -50,10 +50,11 @@ def test_warming_leaves_nothing_to_compile_for_a_world(world: World) -> None:
     lines: list[str] = []
     warm(lines.append)
     assert len(lines) == 8
-    kernels: tuple[Any, ...] = (integrator.advance, integrator.rates_of_change)
+    names = "advance", "rates_of_change", "advance_fitted", "rates_of_change_fitted"
+    kernels: tuple[Any, ...] = tuple(getattr(integrator, name) for name in names)
     before = [len(kernel.signatures) for kernel in kernels]
     world.step(20)
-    assert [len(kernel.signatures) for kernel in kernels] == before == [1, 1]
+    assert [len(kernel.signatures) for kernel in kernels] == before == [1, 1, 1, 1]
 
 
 SLOPE = """
@@ -62,7 +63,7 @@ from uwserver.physics.dynamics import integrator
 from uwserver.physics.collision import broad_phase
 from uwserver.physics.collision import narrow_phase
 from uwserver.physics.contact import step
-kernels = integrator.advance, step.strike, step.settle, broad_phase.find_pairs, narrow_phase.find_contacts
+kernels = integrator.advance_fitted, step.strike_fitted, step.settle, broad_phase.find_pairs, narrow_phase.find_contacts
 world = uwserver.load("slope")
 loaded = [len(kernel.signatures) for kernel in kernels]
 world.step(30)
@@ -78,16 +79,34 @@ def test_no_tick_waits_for_a_kernel_where_fins_and_contacts_meet() -> None:
 
 def test_a_finished_cache_serves_where_nothing_can_be_written(finished: Path) -> None:
     files = sorted((path, path.stat().st_mtime_ns) for path in finished.rglob("*"))
-    assert all(any(path.name.startswith(kernel) for path, _ in files) for kernel in ENTRY_KERNELS)
+    assert all(
+        any(path.name.startswith(kernel) for path, _ in files)
+        for kernels in ENTRY_KERNELS.values()
+        for kernel in kernels
+    )
     assert read_only_run(finished) == "read-only, complete False"
     assert sorted((path, path.stat().st_mtime_ns) for path in finished.rglob("*")) == files
 
 
-@pytest.mark.slow
-def test_another_cpu_compiles_in_memory_where_nothing_can_be_written(finished: Path) -> None:
-    files = sorted(finished.rglob("*"))
-    assert read_only_run(finished, NUMBA_CPU_NAME="generic") == "read-only, complete True"
-    assert sorted(finished.rglob("*")) == files
+def test_another_cpu_has_another_folder() -> None:
+    """So what a machine cannot run is not even looked at."""
+    names = {folder_for(cpu) for cpu in ("generic", "x86-64-v3", "")}
+    assert len(names) == 3
+    assert len({name.rpartition("-")[0] for name in names}) == 1
+
+
+def folder_for(cpu: str) -> str:
+    code = (
+        "from pathlib import Path\nfrom uwserver.physics.kernel import compiled as c\n"
+        "print(c.made_of(Path(c.__file__).parents[1]), c.cpu_of())"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CPU_NAME"} | (
+        {"NUMBA_CPU_NAME": cpu} if cpu else {}
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300, check=True
+    )
+    return "-".join(done.stdout.split())
 
 
 def test_prune_removes_the_oldest_of_other_versions_only(tmp_path: Path) -> None:

@@ -57,11 +57,12 @@ ENGINES = tuple(_PACKAGES)
 """Names, in the order in which "auto" looks for them: Bullet is a third of coal's size and has no wheels from CPython 3.12 on."""
 
 
-def missing_engine(name: str = AUTO) -> str | None:
+def missing_engine(name: str = AUTO, instead: bool = True) -> str | None:
     """Why an engine cannot be had, and what to do; None if it can. Nothing is imported.
 
     Args:
         name: of `ENGINES`, or "auto".
+        instead: whether to tell of another that is installed.
     """
     if name == AUTO:
         if any(find_spec(package) for package in _PACKAGES.values()):
@@ -71,8 +72,8 @@ def missing_engine(name: str = AUTO) -> str | None:
     if find_spec(package):
         return None
     others = [other for other in ENGINES if other != name and find_spec(_PACKAGES[other])]
-    instead = f', or choose engine = "{others[0]}", which is installed' if others else ""
-    return f'the engine "{name}" needs {package}: pip install {package}{instead}'
+    choice = f', or choose engine = "{others[0]}", which is installed' if others and instead else ""
+    return f'the engine "{name}" needs {package}: pip install {package}{choice}'
 
 
 def chosen_engine(name: str = AUTO) -> str:

@@ -36,7 +36,7 @@ from uwserver.physics.dynamics.scratch import STATE
 from uwserver.physics.dynamics.thruster import set_demand
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, model_at, scratch_at, state_at
+from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at
 from uwserver.physics.kernel.layout import STATE_SIZE, Fitted, Model
 from uwserver.physics.kernel.rotation import product, rotation
 
@@ -82,7 +82,7 @@ def _warm_start(key: Array, old_key: Array, old_impulse: Array, axes: Array, imp
 
 @entry
 def strike(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float) -> Struck:
-    """Stages 1 and 2: impulses at the start of the tick; the states receive the new velocities.
+    """Stages 1 and 2 in a world without appendages: impulses at the start of the tick; the states receive the new velocities.
 
     Args:
         table: of the world, as for `integrator.advance`.
@@ -90,14 +90,18 @@ def strike(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: f
         old_key, old_impulse: (j), (j, 3, in N) of the tick before, for the warm start.
         t, dt: start and length of the tick, s.
     """
-    if is_fitted(table):
-        present = fitted_at(table)
-        trial = Fitted(
-            present.servos.copy(), present.foils, present.propellers, present.weights, present.derivatives, present.hulls,
-            present.values,
-        )  # fmt: skip
-        return _strike(table, trial, contacts, old_key, old_impulse, t, dt)
     return _strike(table, None, contacts, old_key, old_impulse, t, dt)
+
+
+@entry
+def strike_fitted(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float) -> Struck:
+    """`strike` for a world where a body has appendages."""
+    present = fitted_at(table)
+    trial = Fitted(
+        present.servos.copy(), present.foils, present.propellers, present.weights, present.derivatives, present.hulls,
+        present.values,
+    )  # fmt: skip
+    return _strike(table, trial, contacts, old_key, old_impulse, t, dt)
 
 
 @compiled

@@ -11,7 +11,7 @@ from uwserver.physics.dynamics.immersion import depth_below, disc_fraction, imme
 from uwserver.physics.dynamics.propeller import propeller_force
 from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, UP, WATER
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, separate
 from uwserver.physics.kernel.layout import Fitted, Model
 from uwserver.physics.kernel.rotation import rotation
 
@@ -107,7 +107,7 @@ def _add_hull(hull: Any, fraction: float, work: Array) -> None:
         work[PASSIVE, 5] += x * Y
 
 
-@compiled
+@separate
 def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, source: int, stage: int, w: Any) -> None:
     """Fill w.work[ACTUATED] (what has a servo: fins, propellers, weights) and w.work[PASSIVE] (the hull), both in B about the origin.
 
@@ -118,8 +118,10 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
         t: time of the instant, s.
         source: row of w.s that holds the state.
         stage: column of fitted.values, the value of each servo at t.
-        w: SCRATCH record; R and rows of its work are overwritten.
+        w: SCRATCH record; R and rows of its work are overwritten. A body without appendages leaves it as it is, with zeros in both rows.
     """
+    if body.fitted == 0:
+        return
     s, work, R = w.s, w.work, w.R
     rotation(s[source, 3], s[source, 4], s[source, 5], s[source, 6], R)
     for i in range(6):

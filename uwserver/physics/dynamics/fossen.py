@@ -31,7 +31,7 @@ from uwserver.physics.dynamics.scratch import (
 )
 from uwserver.physics.dynamics.thruster import add_thrust
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, inlined
+from uwserver.physics.kernel.compiled import compiled, inlined, separate
 from uwserver.physics.kernel.layout import FLOW_GRADIENT, FLOW_KIND, FLOW_P, FLOW_T, FLOW_V, FLOW_V_T, STEADY, Model
 from uwserver.physics.kernel.rotation import rotation
 
@@ -184,7 +184,7 @@ def _add_contact(body: Any, R: Array, work: Array) -> None:
         work[TAU, 3 + i] += R[0, i] * F[3] + R[1, i] * F[4] + R[2, i] * F[5]
 
 
-@compiled
+@separate
 def derivative(
     model: Model, body: Any, flow: Array, t: float, held: float, source: int, target: int, stage: int, w: Any
 ) -> None:

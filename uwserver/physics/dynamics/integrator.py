@@ -32,7 +32,7 @@ from uwserver.physics.dynamics.servo import advance_servo
 from uwserver.physics.dynamics.thruster import advance_lag, lagged, set_demand
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry, inlined
-from uwserver.physics.kernel.handles import fitted_at, flows_at, is_fitted, model_at, scratch_at, state_at
+from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at
 from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, STATE_SIZE, Model
 from uwserver.physics.kernel.linear import solve
 from uwserver.physics.kernel.rotation import rotation
@@ -223,7 +223,7 @@ def _implicit(model: Model, fitted: Any, body: Any, flow: Array, t: float, h: fl
 def step_body(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
     """Carry body n from the state x (13) at t to t + dt without contact; w.s[STATE] receives the new state, lags and servos move on.
 
-    `fitted` is None for a body without appendages, so that the compiler leaves out all that concerns them; see `step_fitted`.
+    `fitted` is None in a world without appendages, so that the compiler leaves out all that concerns them; see `step_any`.
 
     Returns:
         The submerged fraction that scaled M_A in the step; w.M_inv is the inverse inertia that goes with it.
@@ -252,23 +252,12 @@ def step_body(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float
     return held
 
 
-@compiled
-def step_fitted(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
-    """`step_body` of a body with appendages, whose rows are `fitted` (`layout.Fitted`)."""
-    held = step_body(model, fitted, n, x, flow, t, dt, w)
-    _no_appendages(w)
-    return held
-
-
 @inlined
 def step_any(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> None:
     """`step_body` of any body of a world, with its appendages if it has some."""
-    if fitted is None:
-        step_body(model, None, n, x, flow, t, dt, w)
-    elif model.bodies[n].fitted != 0:
-        step_fitted(model, fitted, n, x, flow, t, dt, w)
-    else:
-        step_body(model, None, n, x, flow, t, dt, w)
+    step_body(model, fitted, n, x, flow, t, dt, w)
+    if fitted is not None:
+        _no_appendages(w)
 
 
 @compiled
@@ -286,7 +275,7 @@ def keep_state(s: Array, x: Array) -> bool:
 
 @entry
 def advance(table: Array, t: float, dt: float) -> int:
-    """Carry all bodies from t to t + dt, in place.
+    """Carry all bodies of a world without appendages from t to t + dt, in place.
 
     Args:
         table: of the world's rows, states (n, 13) p_NB, q_NB, nu, and flows (`handles`); the water near each body is linear in place and
@@ -296,9 +285,13 @@ def advance(table: Array, t: float, dt: float) -> int:
     Returns:
         -1, or the row of the first body whose state is not finite or absurdly fast.
     """
-    if is_fitted(table):
-        return _advance(table, fitted_at(table), t, dt)
     return _advance(table, None, t, dt)
+
+
+@entry
+def advance_fitted(table: Array, t: float, dt: float) -> int:
+    """`advance` for a world where a body has appendages: apart, as it takes twice as long to compile, and most worlds have none."""
+    return _advance(table, fitted_at(table), t, dt)
 
 
 @compiled
@@ -321,7 +314,7 @@ def _advance(table: Array, fitted: Any, t: float, dt: float) -> int:
 
 @entry
 def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
-    """Acceleration and applied wrench of all bodies at one instant, from the present lag states; changes no state.
+    """Acceleration and applied wrench of all bodies of a world without appendages at one instant, from the present lag states; changes no state.
 
     Args:
         table, t: as for `advance`.
@@ -329,10 +322,13 @@ def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
         tau: (n, 6) out, thrust plus prescribed and external wrench about the origin in B, N and N m. The external one is that of the last
             tick.
     """
-    if is_fitted(table):
-        _rates_of_change(table, fitted_at(table), t, nu_dot, tau)
-    else:
-        _rates_of_change(table, None, t, nu_dot, tau)
+    _rates_of_change(table, None, t, nu_dot, tau)
+
+
+@entry
+def rates_of_change_fitted(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
+    """`rates_of_change` for a world where a body has appendages."""
+    _rates_of_change(table, fitted_at(table), t, nu_dot, tau)
 
 
 @compiled
@@ -350,9 +346,8 @@ def _rates_of_change(table: Array, fitted: Any, t: float, nu_dot: Array, tau: Ar
             w.work[EXTERNAL, i] = body.acted[i]
         held = _hold_inertia(model.shapes, body, state[n], flows[n], t, 0.0, w)
         _present_forces(model, body)
-        if fitted is not None:  # noqa: SIM102  # apart, so that the compiler leaves the branch out for None
-            if body.fitted != 0:
-                _present_appendages(model, fitted, body, flows[n], t, w)
+        if fitted is not None:
+            _present_appendages(model, fitted, body, flows[n], t, w)
         derivative(model, body, flows[n], t, held, STATE, K1, 0, w)
         for i in range(6):
             nu_dot[n, i] = w.s[K1, 7 + i]

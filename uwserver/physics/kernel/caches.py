@@ -1,49 +1,90 @@
-"""How kernels are kept and loaded: numba's own cache, one for what only Python calls, and one that is finished.
+"""How numba keeps and loads the kernels of this package: by what they are made of, not by path and time of a file.
 
-numba keeps of a kernel its machine code, and beside it the intermediate code of all that it calls, for other kernels that may call it. At each
-start it parses both, which for the kernels of a world costs half a second and 75 MB. What only Python calls needs the first alone.
+Of an entry only its machine code is kept. numba keeps the intermediate code of all that a kernel calls as well, for kernels that may call it,
+and parses both at each start: half a second and 75 MB for those of a world.
 """
 
 from __future__ import annotations
 
+import hashlib
+import pickle
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from llvmlite import binding
-from numba.core import caching
+from numba.core import caching, compiler
+from numba.core.serialize import dumps
 
-KernelCache = caching.FunctionCache
+from uwserver.physics.kernel import store
 
-
-class _EntryFiles(caching.CompileResultCacheImpl):  # type: ignore[misc]  # numba has no types
-    def reduce(self, result: Any) -> Any:
-        """What is written. In place of the intermediate code stands an empty function of the name by which numba finds the machine code."""
-        (name, kind, (machine_code, _)), *rest = super().reduce(result)
-        stub = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
-        return (name, kind, (machine_code, binding.parse_assembly(stub).as_bitcode())), *rest
+_UNREADABLE = (
+    pickle.UnpicklingError, EOFError, OSError, RuntimeError, ImportError, AttributeError, IndexError, KeyError, TypeError, ValueError
+)  # fmt: skip
+"""What a file can lead to that is sound and yet not what it should be."""
 
 
-class EntryCache(caching.FunctionCache):  # type: ignore[misc]
-    """Of kernels that no kernel calls."""
-
-    _impl_class = _EntryFiles
-
-
-class _Locator(caching.UserProvidedCacheLocator):  # type: ignore[misc]
-    def ensure_cache_path(self) -> None:
-        """Nothing is written."""
+def file_name(function: Callable[..., Any], signature: Any) -> str:
+    """Of the file that holds a kernel for arguments of these types."""
+    kinds = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
+    return f"{kernel_name(function)}-{kinds}.kernel"
 
 
-class _Files(caching.CompileResultCacheImpl):  # type: ignore[misc]
-    _locator_classes = (_Locator,)
+def kernel_name(function: Callable[..., Any]) -> str:
+    """A kernel's module and name."""
+    return f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
 
 
-class FinishedCache(caching.FunctionCache):  # type: ignore[misc]
-    """Loads kernels from a folder that cannot be written, as in a container image; numba's own caches insist on write access.
+class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the base that numba's dispatchers ask for
+    """Files of one entry, in the folders of `compiled.Folders`."""
 
-    One that is missing (another kind of CPU) is compiled in memory and not kept.
-    """
+    def __init__(self, function: Callable[..., Any], packaged: Sequence[Path], own: Path | None, kept: bool) -> None:
+        """Search folders of the package, then the user's `own`; `kept`: what is compiled goes there."""
+        self._function = function
+        self._packaged = packaged
+        self._own = own
+        self._kept = kept
 
-    _impl_class = _Files
+    @property
+    def cache_path(self) -> str | None:
+        """The user's folder."""
+        return None if self._own is None else str(self._own)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kernel for these types, or None."""
+        target_context.refresh()
+        name = file_name(self._function, sig)
+        for folder in self._packaged:
+            if (found := _load(store.read(folder, name, packaged=True), target_context)) is not None:
+                return found
+        return None if self._own is None else _load(store.read(self._own, name), target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keeps nothing."""
+        """Keep a kernel, if there is a folder for it."""
+        if self._kept and self._own is not None and not data.library.has_dynamic_globals:
+            store.write(self._own, file_name(self._function, sig), dumps(_reduced(data)))
+
+    def enable(self) -> None:
+        """Always so."""
+
+    def disable(self) -> None:
+        """Never so."""
+
+    def flush(self) -> None:
+        """Files stay."""
+
+
+def _load(body: bytes | None, target_context: Any) -> Any:
+    if body is None:
+        return None
+    try:
+        return compiler.CompileResult._rebuild(target_context, *pickle.loads(body))  # noqa: SLF001
+    except _UNREADABLE:
+        return None
+
+
+def _reduced(result: Any) -> tuple[Any, ...]:
+    """What is written. In place of the intermediate code stands an empty function of the name by which numba finds the machine code."""
+    (name, kind, (machine_code, _)), *rest = result._reduce()  # noqa: SLF001
+    stub = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
+    return (name, kind, (machine_code, binding.parse_assembly(stub).as_bitcode())), *rest

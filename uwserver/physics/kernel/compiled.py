@@ -1,48 +1,84 @@
 """The decorators that compile a kernel, and where the compiled code is kept.
 
-numba's own cache does not notice when a function that a kernel calls changes in another module, so the cache folder carries a hash of
-all files that hold kernels, and of what those import of physics (`kernel_sources`). In order of preference the folder lies in
-``NUMBA_CACHE_DIR``, then in the user's cache folder; when neither can be written, kernels are compiled in memory at each start, and
-`cache_state` says so.
+A kernel is kept under a hash of all files that hold kernels and of what those import of physics (`kernel_sources`), the versions of numba,
+llvmlite and Python, and the CPU: all environments of a user with the same kernels share one folder, wherever they lie. In order of preference
+kernels come from the package, which has them in wheels for a platform (`finished`), and from the user's folder, below ``NUMBA_CACHE_DIR``
+or in his cache folder. When that cannot be used, kernels are compiled in memory at each start, and `cache_state` says so.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
+import llvmlite
 import numba
+from numba.core.codegen import get_host_cpu_features
 
-from uwserver.physics.kernel.caches import EntryCache, FinishedCache, KernelCache
+from uwserver.physics.kernel import store
+from uwserver.physics.kernel.caches import EntryCache
+from uwserver.physics.kernel.linking import Entry, Part
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-ENTRY_KERNELS = (
-    "integrator.advance",
-    "integrator.rates_of_change",
-    "step.strike",
-    "step.settle",
-    "flow.fill_flows",
-    "flow.water_at",
-)
-"""What Python calls; numba keeps an index file of each once it is compiled, after all that it calls."""
+ENTRY_KERNELS = {
+    "free": ("integrator.advance", "integrator.rates_of_change"),
+    "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
+    "contact": ("step.strike", "step.settle"),
+    "fins in contact": ("step.strike_fitted",),
+    "sea": ("flow.fill_flows", "flow.water_at"),
+    "solids": (
+        "broad_phase.find_pairs", "broad_phase.place", "broad_phase.bound", "directions.find_lines", "directions.refine_lines",
+        "narrow_phase.find_contacts", "mesh.fill_cells", "hits.intersect_simple", "hits.select_rays", "hits.refine",
+        *(() if find_spec("embreex") else ("tree.build", "tree.pick_nearest")),
+    ),
+    "echoes": ("hits.intersect_level", "echoes.intensity", "echoes.backscatter", "echoes.compress"),
+}  # fmt: skip
+"""What Python calls, by what a world needs it for."""
 
+LEVELS = {
+    "x86-64-v3": (
+        "cx8", "cmov", "fxsr", "mmx", "sse", "sse2", "sse3", "ssse3", "sse4.1", "sse4.2", "popcnt", "cx16", "sahf",
+        "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave",
+    ),
+    "x86-64": (),
+}  # fmt: skip
+"""Kinds of CPU for which wheels have kernels, the best first, with the features of LLVM that each needs."""
 
-_DECORATOR = re.compile(rb"^@(?:compiled|inlined|entry)\b", re.MULTILINE)
+FINISHED = Path(__file__).with_name("finished")
+
+_DECORATOR = re.compile(rb"^@(?:compiled|inlined|separate|entry)\b", re.MULTILINE)
 _IMPORT = re.compile(rb"^\s*from uwserver\.physics((?:\.\w+)*) import (\([^)]*\)|[^(\n]+)", re.MULTILINE)
 
 
 class CacheState(NamedTuple):
-    """Where compiled kernels are kept; `folder` is None when they are not. `reason` says why, or why the folder is only read."""
+    """Where compiled kernels are kept; `folder` is None when they are not.
+
+    Attributes:
+        folder: the user's.
+        warm: whether all `ENTRY_KERNELS` are there, or in the package.
+        reason: why there is no folder, or why it is only read.
+        packaged: folders of the package with kernels for this CPU.
+    """
 
     folder: Path | None
     warm: bool
     reason: str
+    packaged: tuple[Path, ...] = ()
+
+    def missing(self, kernels: Iterable[str]) -> tuple[str, ...]:
+        """Which of some kernels must be compiled yet."""
+        folders = (*self.packaged, *(() if self.folder is None else (self.folder,)))
+        there = {path.name.rpartition("-")[0] for folder in folders for path in folder.glob("*.kernel")}
+        return tuple(kernel for kernel in kernels if kernel not in there)
 
 
 def kernel_sources(package: Path) -> tuple[Path, ...]:
@@ -68,11 +104,32 @@ def kernel_sources(package: Path) -> tuple[Path, ...]:
     return tuple(package / f"{name}.py" for name in sorted(wanted))
 
 
-def _sources_hash(package: Path) -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
+def made_of(package: Path) -> str:
+    """Hash of all that a kernel is made of but the CPU: sources, and versions of what compiles them."""
+    parts = numba.__version__, llvmlite.__version__, str(sys.implementation.cache_tag), sys.platform, platform.machine()
+    digest = hashlib.sha256("\n".join(parts).encode())
     for source in kernel_sources(package):
         digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+def _features() -> str:
+    return str(numba.config.CPU_FEATURES if numba.config.CPU_FEATURES is not None else get_host_cpu_features())
+
+
+def cpu_of() -> str:
+    """Hash of the CPU that numba compiles for: its name and what it can do."""
+    name = numba.config.CPU_NAME or llvmlite.binding.get_host_cpu_name()
+    return hashlib.sha256(f"{name} {_features()}".encode()).hexdigest()[:8]
+
+
+def _packaged(sources: str) -> tuple[Path, ...]:
+    """Folders of the package whose kernels run here, the best first; none where the user chose a CPU by hand."""
+    if numba.config.CPU_NAME or numba.config.CPU_FEATURES is not None or platform.machine() not in ("x86_64", "AMD64"):
+        return ()
+    has = set(_features().split(","))
+    fit = [level for level, needs in LEVELS.items() if has >= {f"+{feature}" for feature in needs}]
+    return tuple(folder for level in fit if (folder := FINISHED / f"{sources}-{level}").is_dir())
 
 
 def _base() -> Path:
@@ -83,51 +140,57 @@ def _base() -> Path:
     return (Path(home) if home else Path("~/.cache").expanduser()) / "uwserver"
 
 
+def _all_kernels() -> list[str]:
+    return [kernel for kernels in ENTRY_KERNELS.values() for kernel in kernels]
+
+
 def _find_cache() -> CacheState:
+    sources = made_of(Path(__file__).parents[1])
+    packaged = _packaged(sources)
     try:
-        folder = _base() / f"kernels-{_sources_hash(Path(__file__).parents[1])}"
+        folder = _base() / f"kernels-{sources}-{cpu_of()}"
+        if not os.path.lexists(folder):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+        fault = store.fault_of(folder)
+        if fault:
+            return CacheState(None, not CacheState(None, False, "", packaged).missing(_all_kernels()), fault, packaged)
+        warm = not CacheState(folder, False, "", packaged).missing(_all_kernels())
         # A read-only image holds a finished cache: reading it is enough.
-        warm = all(any(folder.glob(f"**/{kernel}-*.nbi")) for kernel in ENTRY_KERNELS)
-        if warm and not os.access(folder, os.W_OK):
-            return CacheState(folder, True, "read-only, complete")
-        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            rest = "complete" if warm else "not complete: the rest is compiled in memory at each start"
+            return CacheState(folder, warm, f"read-only, {rest}", packaged)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
-        return CacheState(None, False, f"kernel cache not writable ({error}): compiling in memory at each start")
-    return CacheState(folder, warm, "")
+        warm = not CacheState(None, False, "", packaged).missing(_all_kernels())
+        reason = f"kernel cache not writable ({error}): compiling in memory at each start"
+        return CacheState(None, warm, "" if warm else reason, packaged)
+    return CacheState(folder, warm, "", packaged)
 
 
 cache_state = _find_cache()
-if cache_state.folder is not None:
-    # Read by numba when a function is decorated.
-    numba.config.CACHE_DIR = str(cache_state.folder)
 
 
 def inlined(function: F) -> F:
     """As `compiled`, and inlined into its callers: so the optimiser drops the reference counts of the arrays that are passed on."""
-    return cast("F", numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
+    return cast("F", Part(function, entry, inlined=True))
 
 
 def compiled(function: F) -> F:
-    """Compile to machine code: no GIL, IEEE division, no re-association (the same bits on every CPU)."""
-    return _cached(function, KernelCache)
+    """Compile to machine code, for kernels to call: no GIL, IEEE division, no re-association (the same bits on every CPU)."""
+    return cast("F", Part(function, entry, inlined=None))
+
+
+def separate(function: F) -> F:
+    """As `compiled`, and never inlined: what is long and called at many places would be compiled anew at each."""
+    return cast("F", Part(function, entry, inlined=False))
 
 
 def entry(function: F) -> F:
-    """As `compiled`, for what Python calls and no kernel: it is loaded several times as fast, in a fraction of the memory (`caches`)."""
-    kernel: Any = _cached(function, EntryCache)
-
-    def refuse(args: object, kws: object) -> None:
-        raise numba.errors.TypingError(f"{function.__name__} is an entry: kernels call what is `compiled`")
-
-    kernel.get_call_template = refuse
-    return cast("F", kernel)
-
-
-def _cached(function: F, cache: type[KernelCache]) -> F:
-    kernel = numba.njit(nogil=True, error_model="numpy")(function)
-    if cache_state.folder is not None:
-        # What njit(cache=True) does, with a class of our own.
-        kernel._cache = (FinishedCache if cache_state.reason else cache)(function)  # noqa: SLF001
+    """As `compiled`, for what Python calls and no kernel: one piece of machine code with all that it calls (`linking`)."""
+    kernel, state = Entry(function), cache_state
+    # The folder's name tells the sources of this package alone, and a kernel's name tells nothing of what a closure holds.
+    if function.__module__.startswith("uwserver.physics.") and "<locals>" not in function.__qualname__:
+        kernel._cache = EntryCache(function, state.packaged, state.folder, kept=not state.reason)  # noqa: SLF001
     return cast("F", kernel)

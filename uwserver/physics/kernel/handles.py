@@ -54,12 +54,3 @@ fitted_at = arrays_at(Fitted, WORLD)
 state_at = array_at(WORLD, "state")
 flows_at = array_at(WORLD, "flows")
 scratch_at = array_at(WORLD, "scratch")
-
-
-@inlined
-def is_fitted(table: Array) -> bool:
-    """Whether any body of a world's table has appendages."""
-    f = fitted_at(table)
-    return bool(
-        len(f.servos) + len(f.foils) + len(f.propellers) + len(f.weights) + len(f.derivatives) + len(f.hulls) > 0
-    )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.util import find_spec
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -43,24 +43,20 @@ class Picker(Protocol):
         """Numbers (n) of triangles, -1 for none, of rays (n, 3) whose directions have length one; a limit (n) is in m, and so is the origin."""
 
 
+def has_embree() -> bool:
+    """Whether Embree is installed. Without it the same is seen, more slowly."""
+    return find_spec("embreex") is not None
+
+
 def make_picker(corners: FloatArray) -> Picker:
     """The quickest picker that is installed, of triangles (t, 3, 3) about the origin."""
-    if find_spec("embreex") is not None:
+    if has_embree():
         from uwserver.physics.rays.embree import EmbreePicker
 
         return EmbreePicker(corners)
     from uwserver.physics.rays.tree import TreePicker
 
     return TreePicker(corners)
-
-
-def picker_kernels() -> tuple[Any, ...]:
-    """Compiled kernels of the picker that `make_picker` makes."""
-    if find_spec("embreex") is not None:
-        return ()
-    from uwserver.physics.rays import tree
-
-    return tree.build, tree.pick_nearest
 
 
 class _Work(NamedTuple):

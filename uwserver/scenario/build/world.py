@@ -9,6 +9,8 @@ from msgspec import UnsetType
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.builds import prepare, progress
+from uwserver.scenario.build.kernels import kernels_of
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.population import ScenarioPopulation
 from uwserver.scenario.load.export import identity
@@ -25,7 +27,7 @@ from uwserver.world.world import World
 
 
 def build(resolved: Resolved, seed: int | None = None) -> World:
-    """A world at t = 0.
+    """A world at t = 0. What must be compiled for it is compiled first, which standard error tells.
 
     Args:
         resolved: a loaded and checked scenario.
@@ -37,6 +39,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     seed = scenario.seed if seed is None else seed
     water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
     hydro.sea = None if water.sea is None else water.sea.rows
+    prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
     world.earth = _earth(resolved)
     world.lambert = lambert(resolved.materials)

@@ -1,111 +1,97 @@
-"""What only Python calls is kept without the code for callers; a finished cache is read and never written, whatever it lacks."""
+"""Kernels are found by what they are made of: in another place, by another process; a file that does not fit is as none."""
 
 from __future__ import annotations
 
 import os
+import platform
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-MODULE = """
-from numba import njit
+import uwserver
+from uwserver.physics.kernel import store
 
-
-def double(x):
-    return 2 * x
+CALL = """
+import numba, numpy
+before = numba.config.CACHE_DIR
+from uwserver.physics.kernel.linear import dot
+print(dot(numpy.array([1.0, 2.0, 3.0]), numpy.ones(3)), *(sum(n.values()) for n in dot._entry.stats[1:]), numba.config.CACHE_DIR == before)
 """
-FILL = "import kernel, numba; f = numba.njit(cache=True)(kernel.double); f(1)"
-READ = """
-import kernel, numba
-from uwserver.physics.kernel.caches import FinishedCache
-f = numba.njit(kernel.double)
-f._cache = FinishedCache(kernel.double)
-assert f(21) == 42 and f(1.5) == 3.0
-print(sum(f.stats.cache_hits.values()), sum(f.stats.cache_misses.values()))
-"""
+Call = Callable[[Path], list[str]]
 
 
 @pytest.fixture
-def run(tmp_path: Path):  # type: ignore[no-untyped-def]
-    (tmp_path / "kernel.py").write_text(MODULE)
+def tree(tmp_path: Path) -> Path:
+    """A copy of the sources."""
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(uwserver.__file__).parent, tmp_path / "one/uwserver", ignore=ignore)
+    return tmp_path / "one"
 
-    def go(code: str) -> str:
-        path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-        environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+@pytest.fixture
+def call(tmp_path: Path) -> Call:
+    """Call a kernel of a tree in a process of its own: result, hits, misses, whether numba's settings are as they were."""
+
+    def go(tree: Path) -> list[str]:
+        settings = {"PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | settings
         done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
+            [sys.executable, "-c", CALL], env=environment, capture_output=True, text=True, timeout=300, cwd=tree
         )
         assert done.returncode == 0, done.stderr
-        return done.stdout.strip()
+        return done.stdout.split()
 
     return go
 
 
-def test_what_is_there_is_loaded_and_what_is_not_is_compiled_and_not_kept(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    run(FILL)
-    files = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*"))
-    assert files
-    assert run(READ) == "1 1"
-    assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*")) == files
+def kernel_of(tmp_path: Path) -> Path:
+    (found,) = (tmp_path / "cache/uwserver").glob("kernels-*/linear.dot-*.kernel")
+    return found
 
 
-def test_an_empty_one_is_no_error(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    assert run(READ) == "0 2"
-    assert not list((tmp_path / "cache").rglob("*.nb?"))
+def test_another_place_with_the_same_sources_compiles_nothing(tree: Path, call: Call, tmp_path: Path) -> None:
+    assert call(tree) == ["6.0", "0", "1", "True"]
+    assert kernel_of(tmp_path).parent.stat().st_mode & 0o777 == 0o700
+    other = tree.rename(tree.with_name("two"))
+    os.utime(other / "uwserver/physics/kernel/linear.py", (1e9, 1e9))
+    assert call(other) == ["6.0", "1", "0", "True"]
 
 
-ENTRY = """
-import numba
-from uwserver.physics.kernel.compiled import compiled, entry
+def test_files_that_do_not_fit_are_compiled_anew(tree: Path, call: Call, tmp_path: Path) -> None:
+    call(tree)
+    path = kernel_of(tmp_path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert call(tree) == ["6.0", "0", "1", "True"]
+    store.write(path.parent, path.name, b"sound, but no pickle")
+    assert call(tree) == ["6.0", "0", "1", "True"]
+    assert call(tree) == ["6.0", "1", "0", "True"]
 
 
-@compiled
-def double(x):
-    total = 0.0
-    for k in range(200):
-        total += x / (k + 1.0) ** 3 * (1.0 if k % 3 else -2.0)
-    return total
+def test_a_folder_that_others_can_write_is_neither_read_nor_written(tree: Path, call: Call, tmp_path: Path) -> None:
+    call(tree)
+    kept = kernel_of(tmp_path)
+    kept.parent.chmod(0o777)
+    before = kept.stat().st_mtime_ns
+    assert call(tree) == ["6.0", "0", "1", "True"]
+    assert kept.stat().st_mtime_ns == before
 
 
-@{decorator}
-def top(x):
-    return double(x) + double(x + 1.0)
-"""
-CALL = "import top; print(top.top(0.5), sum(top.top.stats.cache_hits.values()))"
-
-
-def test_an_entry_is_loaded_by_another_process_from_its_machine_code_alone(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    sizes, values = {}, {}
-    for decorator in ("compiled", "entry"):
-        (tmp_path / "top.py").write_text(ENTRY.format(decorator=decorator))
-        first, hits = run(CALL).split()
-        again, hits_again = run(CALL).split()
-        assert (hits, hits_again) == ("0", "1")
-        assert again == first
-        (kept,) = (tmp_path / "cache").rglob("top.top-*.nbc")
-        sizes[decorator], values[decorator] = kept.stat().st_size, first
-        kept.unlink()
-    assert values["entry"] == values["compiled"]
-    assert sizes["entry"] < 0.75 * sizes["compiled"]
-
-
-def test_a_kernel_that_calls_an_entry_is_refused_when_it_is_compiled(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    """Loaded from the cache it would have nothing to call."""
-    (tmp_path / "top.py").write_text(ENTRY.format(decorator="entry"))
-    code = """
-import numba, top
-from uwserver.physics.kernel.compiled import compiled
-
-@compiled
-def above(x):
-    return top.top(x)
-
-try:
-    above(1.0)
-except numba.errors.TypingError as error:
-    print("top is an entry: kernels call what is `compiled`" in str(error))
-"""
-    (tmp_path / "above.py").write_text(code)
-    assert run("import above") == "True"
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="levels of x86-64")
+@pytest.mark.parametrize(("level", "hits"), [("x86-64", "1"), ("x86-64-v9", "0")])
+def test_kernels_of_the_package_serve_where_the_cpu_can_run_them(
+    level: str, hits: str, tree: Path, call: Call, tmp_path: Path
+) -> None:
+    call(tree)
+    path = kernel_of(tmp_path)
+    body = store.read(path.parent, path.name)
+    assert body is not None
+    finished = tree / "uwserver/physics/kernel/finished" / f"{path.parent.name.split('-')[1]}-{level}"
+    finished.mkdir(parents=True)
+    store.write(finished, path.name, body)
+    shutil.rmtree(tmp_path / "cache")
+    assert call(tree)[1] == hits

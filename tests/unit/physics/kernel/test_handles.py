@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba import njit
 
-from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.appendage_params import Appendages, ServoParams
-from uwserver.physics.dynamics.params import BodyParams
-from uwserver.physics.kernel.handles import array_at, arrays_at, is_fitted
-from uwserver.physics.kernel.layout import BODY, SERVO, WORLD, Forms, addresses, columns
+from uwserver.physics.kernel.compiled import entry
+from uwserver.physics.kernel.handles import array_at, arrays_at
+from uwserver.physics.kernel.layout import SERVO, Forms, addresses, columns
 
 
 class Pair(NamedTuple):
@@ -34,7 +30,7 @@ def test_a_reordered_list_gives_the_same_arrays(order: tuple[str, ...]) -> None:
     forms = {name: FORMS[name] for name in order}
     pair_at, flags_at = arrays_at(Pair, forms), array_at(forms, "flags")
 
-    @njit
+    @entry
     def total(table: Any) -> tuple[float, float, int]:
         pair, flags = pair_at(table), flags_at(table)
         return pair.rows[2].tau, pair.points[1, 2], flags[3]
@@ -47,7 +43,7 @@ def test_a_reordered_list_gives_the_same_arrays(order: tuple[str, ...]) -> None:
 def test_what_a_kernel_writes_is_in_the_array() -> None:
     points_at, rows_at = array_at(FORMS, "points"), array_at(FORMS, "rows")
 
-    @njit
+    @entry
     def write(table: Any) -> int:
         points_at(table)[1, 0] = 7.0
         rows_at(table)[0].value = 8.0
@@ -63,7 +59,7 @@ def test_rows_of_matrices() -> None:
     forms: Forms = {"R": columns(np.float64, 3, 3)}
     at = array_at(forms, "R")
 
-    @njit
+    @entry
     def element(table: Any) -> float:
         return float(at(table)[1, 2, 0])
 
@@ -74,21 +70,3 @@ def test_rows_of_matrices() -> None:
 def test_a_name_that_is_not_in_the_list() -> None:
     with pytest.raises(ValueError, match="nothing"):
         array_at(FORMS, "nothing")
-
-
-def body(appendages: Appendages) -> BodyParams:
-    zero = np.zeros((6, 6))
-    origin = (0.0, 0.0, 0.0)
-    return replace(BodyParams(np.eye(6), zero, zero, zero, zero, 1.0, 1.0, origin, origin), appendages=appendages)
-
-
-def test_a_world_is_fitted_as_soon_as_one_body_has_appendages() -> None:
-    @njit
-    def fitted(table: Any) -> bool:
-        return bool(is_fitted(table))
-
-    hydro = Hydrodynamics([body(Appendages())] * 2, 0.01)
-    assert not fitted(addresses(WORLD, vars(hydro)))
-    hydro.add(body(Appendages(servos=(ServoParams("rudder", -1.0, 1.0),))))
-    assert fitted(addresses(WORLD, vars(hydro)))
-    assert hydro.bodies.dtype == BODY

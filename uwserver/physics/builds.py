@@ -1,0 +1,134 @@
+"""Compiles the kernels that a world needs, in processes on all cores, and says how far it is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Collection, Sequence
+
+from uwserver.physics.collision.engine import missing_engine
+from uwserver.physics.kernel import compiled
+from uwserver.physics.kernel.compiled import ENTRY_KERNELS
+
+STAGES = {
+    "fins in contact": 12.0, "fins": 12.0, "solids": 18.0, "contact": 10.0, "free": 8.0, "echoes": 4.0, "sea": 4.0,
+}  # fmt: skip
+"""The parts of the kernels, each for what a world may have, with the processor time (s) that they take on a 2.5 GHz Xeon, alone."""
+
+Tell = Callable[[str, bool], None]
+"""Gets a line of progress, and whether it is the last one."""
+
+_PERIOD = 0.2  # s between two looks at the processes
+_PREFIX = "uwserver: compiling the physics for this machine, once"
+
+
+def missing(stages: Collection[str]) -> tuple[str, ...]:
+    """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
+    here = [stage for stage in STAGES if stage in stages and (stage != "solids" or missing_engine() is None)]
+    return tuple(sorted((s for s in here if compiled.cache_state.missing(ENTRY_KERNELS[s])), key=lambda s: -STAGES[s]))
+
+
+def prepare(stages: Collection[str], tell: Tell) -> bool:
+    """Compile what is missing of some stages, into the user's cache; without one it is left to whoever needs a kernel first.
+
+    Args:
+        stages: of `STAGES`.
+        tell: gets progress; nothing when nothing is missing.
+
+    Returns:
+        Whether anything was missing.
+    """
+    todo = missing(stages)
+    if not todo:
+        return False
+    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if compiled.cache_state.folder is None or compiled.cache_state.reason:
+        tell(f"{_PREFIX}, in memory: about {sum(STAGES[stage] for stage in todo):.0f} s", True)
+        return True
+    _run(todo, workers, tell)
+    return True
+
+
+def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
+    waiting, done = list(todo), 0.0
+    running: dict[str, subprocess.Popen[bytes]] = {}
+    elapsed = 0.0
+    try:
+        while waiting or running:
+            while waiting and len(running) < workers:
+                stage = waiting.pop(0)
+                running[stage] = start([stage])
+            for stage in [stage for stage, process in running.items() if process.poll() is not None]:
+                stop(running.pop(stage))
+                done += STAGES[stage]
+            left = _left([*waiting, *running], workers, done, elapsed)
+            ready = len(todo) - len(waiting) - len(running)
+            tell(f"{_PREFIX}: {ready} of {len(todo)} parts ready, about {left:.0f} s left", left == 0.0)
+            if running:
+                elapsed += _wait(next(iter(running.values())))
+    finally:
+        for process in running.values():
+            stop(process)
+
+
+def _wait(process: subprocess.Popen[bytes]) -> float:
+    """Until a process ends, at most a period; returns that if it passed."""
+    try:
+        process.wait(_PERIOD)
+    except subprocess.TimeoutExpired:
+        return _PERIOD
+    return 0.0
+
+
+def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> float:
+    """Seconds that some stages will take yet, by the pace until now."""
+    if not stages:
+        return 0.0
+    whole = max(sum(STAGES[stage] for stage in stages) + done, 1e-9) / workers
+    longest = max(STAGES[stage] for stage in stages)
+    pace = max(1.0, elapsed * workers / done) if done else 1.0
+    return max(max(whole, longest) * pace - elapsed, 1.0)
+
+
+def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:
+    """A process that compiles some stages, and ends with this one."""
+    command = [sys.executable, "-m", "uwserver.physics.warm", "--nice", str(nice), *stages]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    null = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=null, stderr=null, env=environment)
+
+
+def stop(process: subprocess.Popen[bytes]) -> None:
+    """End a process of `start` at once, if it has not ended; what is half compiled is not kept."""
+    process.kill()
+    process.wait()
+    if process.stdin is not None:
+        process.stdin.close()
+
+
+def watch_parent() -> None:
+    """In such a process: end as soon as the parent is gone, however it ended."""
+
+    def wait() -> None:
+        sys.stdin.buffer.read(1)
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def progress() -> Tell:
+    """Progress for a person: a line that is written over on a terminal, in a log one line, and nothing more."""
+    stream, said = sys.stderr, [""]
+
+    def tell(text: str, last: bool) -> None:
+        if stream.isatty():
+            end = "\n" if last else ""
+            stream.write(f"\r{text:<{len(said[0])}}{end}")
+            stream.flush()
+        elif not said[0]:
+            print(text, file=stream, flush=True)
+        said[0] = text
+
+    return tell

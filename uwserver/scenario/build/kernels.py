@@ -1,0 +1,30 @@
+"""Which compiled kernels a scenario needs."""
+
+from __future__ import annotations
+
+from uwserver.physics.dynamics.appendage_params import Appendages
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.vehicle.body import body_params
+from uwserver.sensors import AltimeterConfig, ScanningSonarConfig
+
+
+def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
+    """Stages of `physics.builds` that the worlds of a scenario need.
+
+    Args:
+        resolved: the scenario.
+        sea: whether its water is more than a uniform, steady current.
+    """
+    vehicles, environment = resolved.vehicles.values(), resolved.scenario.environment
+    params = [body_params(vehicle.vehicle, vehicle.devices, environment) for vehicle in vehicles]
+    params += [body.params for body in resolved.objects.values()]
+    fins = any(body.appendages != Appendages() for body in params)
+    sensors = [config for vehicle in vehicles for config in vehicle.vehicle.sensors.values()]
+    needs = {"fins" if fins else "free"}
+    if resolved.is_solid:
+        needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
+    if sea:
+        needs.add("sea")
+    if any(isinstance(config, AltimeterConfig | ScanningSonarConfig) for config in sensors):
+        needs.add("echoes")
+    return frozenset(needs)
