@@ -21,7 +21,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs dist image clean
+.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs site dist image clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -88,6 +88,10 @@ docs: install  ## regenerate the generated pages of docs/ and the JSON Schemas o
 	$(BIN)/python tools/reference_docs.py
 	$(BIN)/python tools/validation_report.py
 	$(BIN)/python tools/vehicle_pages.py
+
+site: install  ## build the documentation as a site into build/site; a link that leads nowhere is an error
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[site]"
+	$(BIN)/python tools/site.py
 
 dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uwserver
 	$(BIN)/python -m build --wheel --outdir dist .

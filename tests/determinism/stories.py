@@ -151,12 +151,14 @@ def _incidents(world: World, rng: np.random.Generator) -> list[tuple[float, Act]
         (0.45, "world/set_fault", {"name": "ice", "kind": "sensor_frozen", "target": sensor, "parameters": {"until_s": 1.4}}),
         (0.55, "world/restore", {"name": "here"}),
         (0.60, "world/remove", {"name": "guest"}),
+        (0.63, "world/spawn", {"name": "second", "like": model, "p_NB": [float(14 + place[0]), float(place[1]), 1.5]}),
         (0.65, f"{sensor}/deactivate", {}),
         (0.70, f"{sensor}/activate", {}),
         (0.75, "world/snapshot", {"name": "there"}),
         (0.80, "world/reset", {}),
         (0.95, "world/restore", {"name": "there"}),
         (0.98, "world/clear_fault", {"name": "hull"}),
+        (0.99, "world/remove", {"name": "second"}),
     ]  # fmt: skip
     if thrusters:
         fault = {"name": "lame", "kind": "thruster_weak", "target": thrusters[0], "parameters": {"factor": 0.4}}

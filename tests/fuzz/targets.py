@@ -11,6 +11,7 @@ from typing import Any
 
 import msgpack
 from dice import Dice
+from msgspec import structs
 from uwserver_adapters.ardupilot import wire as ardupilot
 from uwserver_adapters.mavlink.wire import frames as mavlink_frames
 from uwserver_adapters.mavlink.wire.dialect import Dialect
@@ -47,6 +48,11 @@ MESSAGES: list[Any] = [
 FOLLOWER = {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}}
 _PATIENCE = 2000
 FOLLOWED = Request(2, "describe", {"pattern": "rov/*"})
+
+
+def texts(events: list[Any]) -> list[str]:
+    """For comparing, because NaN is not equal to itself. Whose a frame without end was is told as far as its head has come: without the id."""
+    return [repr(structs.replace(e, id=None) if isinstance(e, Malformed) and e.fatal else e) for e in events]
 
 
 class Target:
@@ -113,7 +119,7 @@ class Json(Target):
             data = dice.damaged(data)
             events = read_all(JsonCodec(), [data, b"\n", self._follower], NEED_DATA)
             in_pieces = read_all(JsonCodec(), [*dice.pieces(data), b"\n" + self._follower], NEED_DATA)
-            assert repr(in_pieces) == repr(events), data
+            assert texts(in_pieces) == texts(events), data
             assert len(events) <= data.count(b"\n") + 2, data
             assert all(isinstance(event, Request | Malformed) for event in events)
         assert events[-1] == FOLLOWED, data
@@ -148,7 +154,7 @@ class Msgpack(Target):
         else:
             data = dice.damaged(data)
             events = read_all(MsgpackCodec(), [data], NEED_DATA)
-            assert repr(read_all(MsgpackCodec(), dice.pieces(data), NEED_DATA)) == repr(events), data
+            assert texts(read_all(MsgpackCodec(), dice.pieces(data), NEED_DATA)) == texts(events), data
             assert all(isinstance(event, Request | Malformed) for event in events)
 
 

@@ -256,7 +256,7 @@ def test_moos():
     fake = context()
 
     async def whole() -> None:
-        bridge = Bridge(BridgeTable(publish=("**",)), fake, posts.extend, lambda names: None, "moos")
+        bridge = Bridge(BridgeTable(publish=("**",)), fake, posts.extend, lambda names: None, "moos", lambda: 0.0)
         bridge.put_samples(SAMPLES[:2])
         told = dict(posts)
         assert told["ROV_HEARD_FROM"] == "nörd"

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TRACK_M, DEPTH_M = 0.2, 0.06
+TRACK_M, DEPTH_M = 0.13, 0.02
 """What the controller of the example holds, about twice what it does."""
 
 

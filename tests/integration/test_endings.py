@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import resource
 import shutil
@@ -15,6 +16,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import uwclient
 
@@ -68,6 +70,14 @@ class Life:
             assert time.monotonic() < end
             time.sleep(0.005)
 
+    def compile(self, pid: int) -> None:
+        """Wait until kernels are being compiled for a process, by processes of its own."""
+        self.wait_for("compiling")
+        children = Path(f"/proc/{pid}/task/{pid}/children")
+        while not (workers := children.read_text().split()):
+            time.sleep(0.005)
+        self.work(int(workers[0]), 0.5)
+
     def end(self) -> tuple[int, float]:
         """Its exit status, and the processor time from SIGTERM to the end."""
         before = cpu_s(self.process.pid)
@@ -110,21 +120,42 @@ def test_before_it_serves_it_ends_at_once(at_s: float) -> None:
 def test_while_kernels_are_compiled(tmp_path: Path) -> None:
     env = {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
     with life("bluerov2_pool", env=env) as lived:
-        lived.wait_for("compiling")
-        lived.work(lived.process.pid, cpu_s(lived.process.pid) + 2.0)
+        lived.compile(lived.process.pid)
         status, cpu = lived.end()
     assert (status, "Ctrl-C" in lived.said[-1]) == (KILLED, False)
     assert cpu < MOST_CPU_S
 
 
-@pytest.mark.parametrize("phase", ["imports", "compilation", "serving"])
+def with_a_seabed(folder: Path) -> Path:
+    """A scenario whose seabed has 800 000 points: five seconds of work before it serves."""
+    x = np.arange(900.0)
+    np.save(folder / "bed.npy", 20.0 + np.sin(x[:, None] / 9.0) + np.cos(x[None] / 7.0))
+    file = folder / "it.toml"
+    file.write_text(
+        'schema = 1\n[vehicles.rov]\nmodel = "bluerov2"\n[adapters.tcp]\nkind = "sockets"\n'
+        '[seabed]\nkind = "grid"\nfile = "bed.npy"\nspacing_m = [1.0, 1.0]\n'
+    )
+    return file
+
+
+@pytest.mark.parametrize("at_s", [1.5, 2.5, 3.5, 4.5])
+def test_while_a_large_seabed_is_loaded(at_s: float, tmp_path: Path) -> None:
+    with life(str(with_a_seabed(tmp_path))) as lived:
+        lived.work(lived.process.pid, at_s)
+        status, cpu = lived.end()
+    assert (status, lived.said) == (KILLED, [])
+    assert cpu < MOST_CPU_S
+
+
+@pytest.mark.parametrize("phase", ["imports", "compilation", "seabed", "serving"])
 def test_as_the_first_process_of_a_container(phase: str, tmp_path: Path) -> None:
     """Which no signal ends that it does not handle."""
     new = ("unshare", "--pid", "--fork", "--kill-child")
     if shutil.which(new[0]) is None or subprocess.run([*new, "true"], capture_output=True, check=False).returncode:
         pytest.skip("no process namespaces here")
     env = {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""} if phase == "compilation" else {}
-    with life("bluerov2_pool", before=new, env=env) as lived:
+    scenario = str(with_a_seabed(tmp_path)) if phase == "seabed" else "bluerov2_pool"
+    with life(scenario, before=new, env=env) as lived:
         children = Path(f"/proc/{lived.process.pid}/task/{lived.process.pid}/children")
         while (
             not (first := children.read_text().split())
@@ -134,9 +165,10 @@ def test_as_the_first_process_of_a_container(phase: str, tmp_path: Path) -> None
         pid = int(first[0])
         if phase == "imports":
             lived.work(pid, 0.3)
+        elif phase == "seabed":
+            lived.work(pid, 3.5)
         elif phase == "compilation":
-            lived.wait_for("compiling")
-            lived.work(pid, cpu_s(pid) + 3.0)
+            lived.compile(pid)
         else:
             lived.wait_for("Ctrl-C")
         before = cpu_s(pid)
@@ -194,6 +226,28 @@ def call_on(client: uwclient.Client) -> None:
             client.call("world/snapshot", name="a")
             client.call("world/reset")
             client.call("world/restore", name="a")
+
+
+def test_in_free_run_with_thousands_of_requests_that_rebuild_the_world(tmp_path: Path) -> None:
+    """Each takes milliseconds, and free-run would carry out all that wait in one tick."""
+    path = tmp_path / "run.mcap"
+    with contextlib.ExitStack() as stack:
+        lived = stack.enter_context(life("pool_inspection", "--mode", "freerun", "--record", str(path)))
+        peers = [stack.enter_context(socket.create_connection(("127.0.0.1", lived.port))) for _ in range(4)]
+        began = cpu_s(lived.process.pid)
+        for n, peer in enumerate(peers):
+            spawn = {"name": f"guest{n}", "like": "bluerov2", "p_NB": [2.0, 1.0, 1.0]}
+            calls = [("world/spawn", spawn), ("world/remove", {"name": f"guest{n}"})] * 500
+            params = [{"service": service, "args": args} for service, args in calls]
+            lines = [{"jsonrpc": "2.0", "id": k, "method": "call", "params": each} for k, each in enumerate(params)]
+            peer.sendall("".join(json.dumps(line) + "\n" for line in lines).encode())
+        lived.work(lived.process.pid, began + 1.0)
+        status, cpu = lived.end()
+    assert status == 0, lived.said
+    assert cpu < MOST_CPU_S
+    done = replay(path)
+    assert (done.truncated, done.difference) == (False, None)
+    assert 0 < done.requests < 4000
 
 
 def test_a_disk_that_fills_ends_the_recording_and_the_exit_status_tells(tmp_path: Path) -> None:

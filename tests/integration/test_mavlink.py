@@ -71,7 +71,14 @@ class Station:
     def __init__(self, url: str, system: int = 255) -> None:
         self.link = mavutil.mavlink_connection(url, dialect="ardupilotmega", source_system=system, source_component=190)
         self.mav = self.link.mav
-        self.mav.heartbeat_send(6, 8, 0, 0, 4)
+        self._beat_at = 0.0
+        self._beat()
+
+    def _beat(self) -> None:
+        """Once a second, as ground stations do: without, the vehicle disarms (FS_GCS_ENABLE)."""
+        if time.monotonic() - self._beat_at >= 1.0:
+            self._beat_at = time.monotonic()
+            self.mav.heartbeat_send(6, 8, 0, 0, 4)
 
     def until(
         self, name: str, condition: Callable[[Any], bool] = lambda _: True, beat: Callable[[], None] = lambda: None
@@ -81,6 +88,7 @@ class Station:
         last = None
         while time.monotonic() < end:
             beat()
+            self._beat()
             message = self.link.recv_match(type=name, blocking=True, timeout=0.1)
             last = message or last
             if message is not None and condition(message):

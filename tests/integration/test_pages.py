@@ -25,9 +25,10 @@ ELSEWHERE = {
     "docs/how-to/moos.md": "tests/unit/adapters/moos/test_how_to.py",
     "docs/how-to/px4.md": "tests/integration/test_real_px4.py",
     "docs/how-to/write-an-adapter.md": "tests/unit/testing/test_adapters.py",
+    "docs/how-to/your-vehicle.md": "tests/examples/test_your_vehicle.py",
     "docs/how-to/zenoh.md": "tests/integration/test_zenoh.py",
 }
-"""Pages whose listings need a peer of their own, and the tests that have it."""
+"""Pages whose listings need a peer or a vehicle of their own, and the tests that have it."""
 NOT_FOLLOWED = ("docs/how-to/container.md",)
 """Needs a container engine; tests/integration/test_image.py builds and runs the image without one."""
 

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from autopilot_server import ardusub_scenario, serving, until
-from ground_station import SENSORS, Gcs, ardusub, kept, needs_ardusub, place, settled
+from ground_station import SENSORS, SETTLE_S, Gcs, ardusub, kept, needs_ardusub, place, settled
 
 PACED_BY_US = 'no_time_sync = true\nrangefinders = ["altimeter"]'
 
@@ -29,7 +29,7 @@ def test_ardusub_holds_depth_and_position(tmp_path: Path, gcs: Gcs) -> None:
         gcs.arm()
         for target, stick in ((-5.0, 1000), (-19.0, 1000), (-13.0, 2000), (-4.0, 2000)):
             gcs.dive(target, stick)
-            gcs.hold(3.0)
+            gcs.hold(SETTLE_S)
             kept(gcs, server, "ALT_HOLD")
             assert abs(place(server)[2] + gcs.altitude) < 0.2, "its depth is the world's"
         gcs.mode("POSHOLD")

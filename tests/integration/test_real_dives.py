@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from autopilot_server import Server
-from ground_station import Gcs, diving, kept, needs_ardusub, place, yaw_of
+from ground_station import SETTLE_S, Gcs, diving, kept, needs_ardusub, place, yaw_of
 
 pytestmark = needs_ardusub
 
@@ -61,7 +61,7 @@ def test_it_holds_depth_when_its_buoyancy_changes(tmp_path: Path, gcs: Gcs) -> N
         gcs.mode("ALT_HOLD")
         gcs.arm()
         gcs.dive(-4.5, 1000)
-        gcs.hold(3.0)
+        gcs.hold(SETTLE_S)
         for newton in (10.0, -10.0, 10.0):
             float_by(server, newton)
             kept(gcs, server, f"{newton:+.0f} N")
@@ -95,8 +95,8 @@ def test_modes_change_without_a_jump_in_depth(tmp_path: Path, gcs: Gcs) -> None:
 def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> None:
     """PositionHold: less than 1 m of drift in 10 s, then at least 2 m north in 10 s with the stick at 1600 us, against the current.
 
-    ArduPilot asks both in 1 m/s. At full thrust ahead this vehicle makes 1.2 m/s through the water, little more than that: it must hold in 0.6 m/s
-    and make that way against 0.3 m/s; in 1 m/s it must be stronger than nothing.
+    ArduPilot asks both in 1 m/s. At full thrust ahead this vehicle makes 1.2 m/s through the water, little more than that: it must hold in 1 m/s,
+    and make that way against 0.3 m/s.
     """
     by_dvl = aid == "dvl"
     with diving(
@@ -121,7 +121,7 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
             start = place(server)
             return gcs.hold(10.0, lambda: math.dist(start[:2], place(server)[:2]))
 
-        for speed in (0.0, 0.3, 0.6):
+        for speed in (0.0, 0.3, 0.6, 1.0):
             drift = drifts(speed)
             print(f"{aid}, {speed} m/s: at most {max(drift):.3f} m, {drift[-1]:.3f} m after 10 s")
             assert max(drift) < 1.0
@@ -135,17 +135,22 @@ def test_it_holds_position_in_a_current(tmp_path: Path, gcs: Gcs, aid: str) -> N
         print(f"{aid}, against 0.3 m/s at 1600 us: {north:.2f} m north, {east:.2f} m east in 10 s")
         assert north > 2.0
         assert abs(east) < north * math.tan(math.radians(30.0))
-        gcs.hold(10.0)
-        swept = drifts(1.0)[-1]
-        print(f"{aid}, 1 m/s: carried {swept:.2f} m in 10 s")
-        assert swept < 5.0, "full thrust against it"
 
 
-def test_it_keeps_its_height_over_ground(tmp_path: Path, gcs: Gcs) -> None:
-    """Surftrak: 0.3 m in 5 s of the height that it had when the stick was let go, with the ground in range; below that, of the depth."""
+@pytest.mark.parametrize(("gain", "settle_s", "allowed"), [(3.0, 4.0, 0.75), (1.0, 8.0, 0.3)])
+def test_it_keeps_its_height_over_ground(
+    tmp_path: Path, gcs: Gcs, gain: float, settle_s: float, allowed: float
+) -> None:
+    """Surftrak: 0.3 m in 5 s of the height that it had when the stick was let go, with the ground in range; below that, of the depth.
+
+    ArduPilot asks it 4 s after the stick. At its default gain this vehicle swings by up to 0.6 m then: ArduSub takes the range through a filter of
+    0.25 Hz (0.64 s) from a height that it does not filter, so that what it takes for the ground moves with the vehicle by 0.64 s of its speed, and
+    3 /s times that is more than its loop of speed takes away; drag alone damps it. At a gain of 1 /s it settles.
+    """
     with diving(
-        tmp_path, gcs, seabed='[seabed]\nkind = "flat"\ndepth_m = 50.0\n', params="RNGFND1_MAX 30\nSIM_BARO_RND 0.01\n"
-    ) as server:
+        tmp_path, gcs, seabed='[seabed]\nkind = "flat"\ndepth_m = 50.0\n',
+        params=f"RNGFND1_MAX 30\nSIM_BARO_RND 0.01\nPSC_POSZ_P {gain}\n",
+    ) as server:  # fmt: skip
         gcs.locate()
         gcs.mode("ALT_HOLD")
         gcs.arm()
@@ -157,12 +162,16 @@ def test_it_keeps_its_height_over_ground(tmp_path: Path, gcs: Gcs) -> None:
         for altitude in (-25.0, -30.0):
             with gcs.says("rangefinder target is"):
                 gcs.dive(altitude, 1300)
-                gcs.hold(4.0)
-            kept(gcs, server, f"{gcs.last['RANGEFINDER'].distance:.1f} m over ground")
+                gcs.hold(settle_s)
+            kept(gcs, server, f"gain {gain}, {gcs.last['RANGEFINDER'].distance:.1f} m over ground", allowed)
         gcs.disarm()
         gcs.hold(5.0)
+        # ArduSub of May 2025, disarmed in SURFTRAK, forgets the ground but not its height over it: armed, it dives.
+        gcs.mode("ALT_HOLD")
         gcs.arm()
-        kept(gcs, server, "armed again")
+        gcs.mode("SURFTRAK")
+        gcs.hold(settle_s)
+        kept(gcs, server, f"gain {gain}, armed again", allowed)
 
 
 def test_it_follows_the_ground(tmp_path: Path, gcs: Gcs) -> None:
@@ -213,7 +222,7 @@ def test_the_vehicle_with_six_thrusters(tmp_path: Path, gcs: Gcs) -> None:
         gcs.mode("ALT_HOLD")
         gcs.arm()
         gcs.dive(-5.0, 1000)
-        gcs.hold(3.0)
+        gcs.hold(SETTLE_S)
         kept(gcs, server, "six thrusters")
         before = gcs.heading
         gcs.sticks[4] = 1600
@@ -256,5 +265,5 @@ def test_thirty_two_channels(tmp_path: Path, gcs: Gcs, first: int) -> None:
         gcs.mode("ALT_HOLD")
         gcs.arm()
         gcs.dive(-5.0, 1000)
-        gcs.hold(3.0)
+        gcs.hold(SETTLE_S)
         kept(gcs, server, f"motors on outputs {first} to {first + 7}")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 from autopilot_server import Server, addresses, run
-from ground_station import ARDUSUB, Gcs, autotest, needs_ardusub, settled
+from ground_station import ARDUSUB, SETTLE_S, Gcs, autotest, needs_ardusub, settled
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/how-to/ardusub.md").read_text()
@@ -116,7 +116,7 @@ def dives(gcs: Gcs, server: Server, altitude: float) -> float:
     gcs.mode("ALT_HOLD")
     gcs.arm()
     gcs.dive(altitude, 1000)
-    gcs.hold(3.0)
+    gcs.hold(SETTLE_S)
     seen = gcs.hold(5.0, lambda: depth_of(server))
     assert abs(seen[-1] + gcs.altitude) < 0.2, "its depth is the world's"
     return max(seen) - min(seen)

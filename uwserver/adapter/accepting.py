@@ -201,6 +201,9 @@ async def _bound(bind: str, port: int) -> list[socket.socket]:
             sockets.append(listener)
             listener.setblocking(False)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            # Whom it accepts inherits this. asyncio sets it only for sockets whose protocol number is given; without it a reply behind a
+            # sample waits for the peer's delayed acknowledgement, 40 ms.
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             if family == socket.AF_INET6:
                 listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             listener.bind((address[0], port, *address[2:]))

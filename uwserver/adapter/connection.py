@@ -16,9 +16,9 @@ from uwserver.ports import Fault
 
 log = logging.getLogger(__name__)
 
-TURN_S = 0.002
+TURN_S = 0.001
 """Wall time after which the other peers have their turn."""
-REST_S = 0.004
+REST_S = 0.002
 """Wall time before a peer that has used up its turn has the next: at most a third of all time is theirs."""
 LINGER_S = 1.0
 """Wall time that a peer has to read the last text."""

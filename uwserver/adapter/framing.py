@@ -157,7 +157,7 @@ class Frames:
 
     Attributes:
         is_lost: a frame was too long: where the next one begins is not known, nothing is taken any more.
-        head: the first bytes of that one.
+        head: the first bytes of that one, as far as they had come: whoever sends it in small pieces is told without the id.
     """
 
     def __init__(self, limit: int) -> None:

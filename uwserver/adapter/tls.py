@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import ssl
+import stat
 from pathlib import Path
 
 from uwserver.adapter.listening import CannotListen
+
+MOST_BYTES = 1 << 20
+"""Of a file of certificates or of a key."""
 
 
 def tls_context(cert: str | None, key: str | None, client_ca: str | None) -> ssl.SSLContext | None:
@@ -76,8 +82,18 @@ def _check_readable(setting: str, file: str | None) -> None:
         return
     path = Path(file)
     try:
-        with path.open("rb"):
-            return
+        # OpenSSL would wait for a pipe, and read a device without end.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        try:
+            status = os.fstat(descriptor)
+        finally:
+            os.close(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "it is no plain file (a folder, a pipe or a device)")
+        if status.st_size > MOST_BYTES:
+            raise OSError(errno.EFBIG, f"it has {status.st_size} bytes: at most {MOST_BYTES}")
+    except ValueError as error:  # a NUL in the name
+        raise CannotListen(f"{setting}: no file can have this name: {error}") from error
     except OSError as error:
         text = f'{setting}: cannot read "{path.absolute()}" ({error.strerror})'
         raise CannotListen(f"{text}; a relative path starts from the folder in which the server was started") from error

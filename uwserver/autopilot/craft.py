@@ -13,6 +13,9 @@ from uwserver.autopilot.outputs import Outputs
 from uwserver.autopilot.state import Estimate, Memory, Mode, Orders, Six
 from uwserver.ports import Items
 
+STOPS_M, PASSES_M = 0.15, 1.0
+"""Distance at which a place counts as reached where nothing else is said: of a vehicle that can stop there, and of one that cannot."""
+
 
 class Hand(Protocol):
     """What an actuator can be told."""
@@ -81,3 +84,8 @@ class Craft:
     armed: bool = False
     on_leak: str = "surface"
     on_low_battery: str = "surface"
+
+    @property
+    def arrival_m(self) -> float:
+        """Distance at which a place counts as reached where nothing else is said, m."""
+        return STOPS_M if not self.flies and 1 in self.allocation.axes else PASSES_M

@@ -26,6 +26,8 @@ ALONE_NS = NANOSECONDS // 2
 """So long after the last attitude of a device the IMU keeps the tilt alone."""
 QUIET = 0.3
 """Part of gravity by which a specific force may differ and still show the vertical."""
+DRIFT_S, DRIFT_RADPS = 5.0, 0.05
+"""Time constant with which the gyroscope's error is learnt where a device measures the attitude, and the largest that is believed."""
 BOTTOM_S = 0.5
 """Time constant of the bottom's depth under the vehicle, s."""
 STUBBORN = 8
@@ -155,7 +157,8 @@ class Estimator:
     # -- sensors --------------------------------------------------------------------------------------------------------------------
 
     def _imu(self, e: Estimate, t_ns: int, source: Source, late: float, f_S: Value, w_S: Value) -> None:
-        f, w = rotate(source.q, vector(f_S)), rotate(source.q, vector(w_S))
+        f, (wx, wy, wz), (dx, dy, dz) = rotate(source.q, vector(f_S)), rotate(source.q, vector(w_S)), e.drift
+        w = (wx - dx, wy - dy, wz - dz)
         dt = (t_ns - e.imu_ns) / NANOSECONDS if e.imu_ns != NEVER else 0.0
         e.imu_ns = t_ns
         g = self._place.gravity
@@ -199,6 +202,12 @@ class Estimator:
             d = multiply(conjugate(_turned(e.q, e.w, -late)), q)
             sign = math.copysign(2.0 / dt, d[0])
             e.w = tuple(w + 0.3 * (sign * c - w) for w, c in zip(e.w, d[1:], strict=True))  # type: ignore[assignment]
+        elif self.has_imu and 0 < t_ns - e.heading_ns < NANOSECONDS:
+            # What the gyroscope has turned too far since the last attitude: left alone, the heading would stand off by that over heading_p.
+            w, x, y, z = multiply(conjugate(q), _turned(e.q, e.w, -late))
+            k = math.copysign(2.0 / DRIFT_S, w)
+            drift = (bias + k * turn for bias, turn in zip(e.drift, (x, y, z), strict=True))
+            e.drift = tuple(max(-DRIFT_RADPS, min(DRIFT_RADPS, bias)) for bias in drift)  # type: ignore[assignment]
         e.q = _turned(q, e.w, late)
         e.attitude_ns = e.heading_ns = t_ns
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from uwserver.autopilot import route
 from uwserver.autopilot.estimator import Known
 from uwserver.autopilot.state import NAN, STILL, Estimate, Memory, Orders, Six
-from uwserver.autopilot.sticks import clamped, heading_of, move_depth, move_heading, move_place, wrapped
+from uwserver.autopilot.sticks import CENTRED, clamped, heading_of, move_depth, move_heading, move_place, wrapped
 from uwserver.frames import Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 
 _RISE = 0.4
@@ -15,6 +16,10 @@ _RISE = 0.4
 _LEANING_RAD, _LEANT_RAD = 0.2, 0.6
 """A vehicle that cannot hold its tilt slows down from the first on, to a crawl at the second: heave and surge together lean it over."""
 _CRAWL = 0.15
+_SIDEWAYS = 0.7
+"""Part of its speed with which a vehicle goes back to its line at most; the rest is for the way along it."""
+_UNTURNED_RAD, _UNTURNED = 0.8, 0.3
+"""A vehicle that looks where it goes goes with this part of its speed while it has farther to turn."""
 _FORGET_S = 5.0
 """Time constant with which a learnt current is forgotten while nobody holds against it, s."""
 
@@ -76,8 +81,7 @@ class Hover:
             rates = (o.stick[3] * g.max_rate_radps, o.stick[4] * g.max_rate_radps, o.stick[5] * g.max_yaw_rate_radps)
             return Wish((fx, fy, fz), STILL, (NAN,) * 3, None, rates)
         slow = self._caution(e)
-        vz = slow * self._climb(e, o, known)
-        vx, vy = (slow * v for v in self._drive(e, o, known))
+        vx, vy, vz = (slow * v for v in self._wanted(e, o, known))
         force = (fx if vx != vx else 0.0, fy if vx != vx else 0.0, fz if vz != vz else 0.0)
         if mode == "surface" and not known.depth:
             force = (fx, fy, -_RISE * self._reach[2])
@@ -98,6 +102,34 @@ class Hover:
         up = rotate(conjugate(e.q), (0.0, 0.0, 1.0))
         tilt = math.acos(clamped(up[2], 1.0))
         return max(_CRAWL, 1.0 - max(0.0, tilt - _LEANING_RAD) / (_LEANT_RAD - _LEANING_RAD))
+
+    def _wanted(self, e: Estimate, o: Orders, known: Known) -> Vec3:
+        """Velocity in N, m/s; nan where the sticks act on forces."""
+        goes = o.mode in ("guided", "mission") and known.position and not o.frame and o.attitude is None
+        leg = route.leg(o, e) if goes and max(map(abs, o.stick[:3])) <= CENTRED else None
+        if leg is not None:
+            return self._follow(e, o, leg)
+        return (*self._drive(e, o, known), self._climb(e, o, known))
+
+    def _follow(self, e: Estimate, o: Orders, leg: route.Leg) -> Vec3:
+        """Along the line to the place, and back to it: straight to the place a current would carry it on an arc, and each corner would be cut."""
+        g, (ux, uy, uz), (bx, by, bz) = o.gains, leg.towards, leg.beside
+        speed = g.max_speed_mps if o.speed != o.speed else o.speed
+        back = g.position_p * math.hypot(bx, by)
+        share = g.position_p * (min(1.0, _SIDEWAYS * speed / back) if back > 0.0 else 1.0)
+        back = min(back, _SIDEWAYS * speed)
+        along = math.sqrt(speed * speed - back * back)
+        flat = math.hypot(ux, uy)
+        looks = (o.looks or not self._sideways) and flat * leg.left > 2.0 * o.radius
+        if looks:
+            # Without a thruster to the side the bow alone brings it back to the line.
+            x, y = (0.0, 0.0) if self._sideways else (share * bx, share * by)
+            o.heading = math.atan2(along * uy + y, along * ux + x)
+            if abs(wrapped(o.heading - heading_of(e))) > _UNTURNED_RAD:
+                along *= _UNTURNED
+        along = clamped(g.position_p * leg.left, min(along, g.max_climb_mps / max(abs(uz), 1e-9)))
+        climb = clamped(uz * along + g.depth_p * bz, g.max_climb_mps)
+        return along * ux + share * bx, along * uy + share * by, climb
 
     def _climb(self, e: Estimate, o: Orders, known: Known) -> float:
         """Vertical speed, m/s down; nan where the stick acts on the force."""
@@ -133,8 +165,8 @@ class Hover:
         if looks:
             o.heading = math.atan2(dy, dx)
         # Not yet turned there: go slowly, as the vehicle is made to go ahead.
-        if looks and abs(wrapped(o.heading - heading_of(e))) > 0.8:
-            speed *= 0.3
+        if looks and abs(wrapped(o.heading - heading_of(e))) > _UNTURNED_RAD:
+            speed *= _UNTURNED
         fast = min(speed, g.position_p * distance)
         scale = fast / distance if distance > 1e-9 else 0.0
         return vx + scale * dx, vy + scale * dy

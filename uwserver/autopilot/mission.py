@@ -23,10 +23,10 @@ class _Item(Struct, tag_field="kind", frozen=True, forbid_unknown_fields=True, o
 
 
 class Waypoint(_Item, tag="waypoint", frozen=True):
-    """Go there, within `radius_m`, then stay for `hold_s`. Without `heading_deg` the vehicle looks where it goes."""
+    """Go there, within `radius_m` (default: what the vehicle can do), then stay for `hold_s`. Without `heading_deg` it looks where it goes."""
 
     position_ned_m: tuple[Coordinate, Coordinate, Coordinate]
-    radius_m: Annotated[float, Meta(gt=0, le=1e4)] = 1.0
+    radius_m: Annotated[float, Meta(gt=0, le=1e4)] | None = None
     speed_mps: Speed | None = None
     heading_deg: Degrees | None = None
     hold_s: Seconds = 0.0

@@ -84,7 +84,7 @@ class Autopilot:
             self._command(craft.outputs.commands(o.test))
             return
         if o.mode == "mission":
-            told = route.advance(o, e, craft.dt, craft.flies, craft.up)
+            told = route.advance(o, e, craft.dt, craft.flies, craft.up, craft.arrival_m)
             if told:
                 self._say(f'"{craft.path}" {told}')
         elif self._errand is not None:
@@ -135,11 +135,13 @@ class Autopilot:
         """Begin a mode.
 
         Raises:
-            Refused: a sensor that it needs is missing or invalid.
+            Refused: a sensor that it needs is missing or invalid, or there is no mission to fly.
         """
         lost = missing(mode, self.known)
         if lost:
             raise Refused("denied", f"{mode} has {REMEDY[lost]}", "mode")
+        if mode == "mission" and not self.orders.items:
+            raise Refused("denied", self._no_mission, "mode")
         # What a leak or an empty battery leads to happens once: then the operator has the last word.
         if not (self.orders.failsafe == "leak" and self.estimate.leak) and self.orders.failsafe != "battery":
             self.orders.failsafe = ""
@@ -147,6 +149,10 @@ class Autopilot:
         if mode == "mission" and self.orders.items and self.orders.index < 0:
             o = self.orders
             o.index, o.reached, o.pace, o.bound = 0, 0, NAN, NAN
+
+    @property
+    def _no_mission(self) -> str:
+        return f"there is no mission: call {self.craft.path}/set_mission first"
 
     def _enter(self, mode: Mode, why: str) -> None:
         before = self.orders.mode
@@ -259,7 +265,7 @@ class Autopilot:
         """
         o = self.orders
         if not o.items:
-            raise Refused("denied", f"there is no mission: call {self.craft.path}/set_mission first", "index")
+            raise Refused("denied", self._no_mission, "index")
         if index >= len(o.items):
             raise Refused("out_of_range", f"the mission has {len(o.items)} items, from 0 on", "index")
         if not o.armed:
@@ -273,7 +279,9 @@ class Autopilot:
 
     # -- a call that waits ----------------------------------------------------------------------------------------------------------
 
-    def go(self, place: tuple[float, float, float], heading: float | None, speed: float | None, radius: float) -> Later:
+    def go(
+        self, place: tuple[float, float, float], heading: float | None, speed: float | None, radius: float | None
+    ) -> Later:
         """Go to a place, in mode guided; the call is answered when it is reached.
 
         Raises:
@@ -286,7 +294,7 @@ class Autopilot:
         else:
             self.set_mode("guided")
         o, e = self.orders, self.estimate
-        route.set_course(o, e, place, heading, speed, radius)
+        route.set_course(o, e, place, heading, speed, self.craft.arrival_m if radius is None else radius)
         o.length = max(route.distance(o, e), 1e-9)
         self._errand, self._told = Later(self._answers), 0.0
         return self._errand

@@ -69,12 +69,12 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
 
 def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     def goto(args: Asked) -> Later:
-        heading, speed = args["heading_deg"], args["speed_mps"]
+        heading, speed, radius = args["heading_deg"], args["speed_mps"], args["radius_m"]
         return pilot.go(
             _vector(args["position_ned_m"]),
             None if heading is None else wrapped(rad(cast(float, heading))),
             None if speed is None else cast(float, speed),
-            cast(float, args["radius_m"]),
+            None if radius is None else cast(float, radius),
         )
 
     def cancel_goto(_: Asked) -> Json:
@@ -106,8 +106,8 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     speed = Argument(
         "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
     )
-    near = "distance at which it has arrived"
-    radius = Argument("radius_m", "float", near, "m", required=False, default=1.0, minimum=0.01, maximum=1e4)
+    near = f"distance at which it has arrived; default: {pilot.craft.arrival_m:g}"
+    radius = Argument("radius_m", "float", near, "m", required=False, minimum=0.01, maximum=1e4)
     items = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
     index = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
     go = "Go to a place in mode guided, and stay; replies when it is there."

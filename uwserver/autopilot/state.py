@@ -32,6 +32,7 @@ class Estimate(Struct):
 
     Attributes:
         q, w: attitude q_NB, angular rate in B (rad/s).
+        drift: learnt error of the gyroscope, taken off `w`, rad/s.
         p, v, bias: position, velocity and error of the acceleration, all in N.
         flat, steep: upper triangle of the covariance of (p, v, bias) of one axis: of both horizontal ones, and of the vertical one.
         acceleration: sum of those measured since the last step, m/s2 in N; count: how many.
@@ -43,6 +44,7 @@ class Estimate(Struct):
 
     q: Quat = IDENTITY
     w: Vec3 = STILL
+    drift: Vec3 = STILL
     p: Vec3 = STILL
     v: Vec3 = STILL
     bias: Vec3 = STILL

@@ -1,11 +1,10 @@
-"""Commands about scenario files: check, schema, list, new."""
+"""Commands about scenario files: check, schema, list."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 import click
@@ -18,9 +17,8 @@ from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
 from uwserver.scenario.authoring.json_schema import FileKind, json_schema
-from uwserver.scenario.authoring.starter import starter
-from uwserver.scenario.files.convert import NAME, kinds_of
-from uwserver.scenario.files.documents import find, read, shipped
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import ScenarioError, suggestion
 from uwserver.scenario.load.export import explain as explain_resolved
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
@@ -171,28 +169,6 @@ _DETAILS: Mapping[str, Callable[[], Mapping[str, list[str]]]] = {
 }
 
 
-@click.command()
-@click.argument("name")
-@click.option("--vehicle", default="bluerov2_heavy", show_default=True, help="A shipped vehicle, or a vehicle file.")
-def new(name: str, vehicle: str) -> None:
-    """Write a commented starter scenario NAME.toml here."""
-    stem = name.removesuffix(".toml")
-    if not NAME.fullmatch(stem):
-        raise click.BadParameter("begin with a letter or _, go on with letters, digits, _ and -", param_hint="NAME")
-
-    def refuse(text: str) -> None:
-        raise click.BadParameter(text, param_hint="--vehicle")
-
-    find(vehicle, "vehicles", Path.cwd(), refuse)
-    path = Path(f"{stem}.toml")
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(starter(stem, vehicle))
-    except FileExistsError:
-        raise click.ClickException(f"{path} exists already: choose another name, or remove it first") from None
-    click.echo(f"wrote {path}; next: uwserver check {path} && uwserver run {path}")
-
-
 def _adapters() -> dict[str, type]:
     try:
         return installed_adapters()
@@ -200,4 +176,4 @@ def _adapters() -> dict[str, type]:
         raise click.ClickException(str(error)) from error
 
 
-COMMANDS = (check, schema, list_, new)
+COMMANDS = (check, schema, list_)

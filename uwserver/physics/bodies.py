@@ -128,11 +128,10 @@ class Hydrodynamics:
             self._lags.setdefault(thruster.lag, len(self._lags))
         self.tables = concatenate([table_row(table) for table in self._tables], layout.TABLE)
         self.lags = concatenate([lag_row(lag, self.dt) for lag in self._lags], layout.LAG)
-        thrusters = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
         self._append_appendages(body, row)
         self.bodies = np.concatenate([self.bodies, row])
         self.shapes = np.concatenate([self.shapes, shape_rows(body)])
-        self.thrusters = np.concatenate([self.thrusters, concatenate(thrusters, layout.THRUSTER)])
+        self.thrusters = np.concatenate([self.thrusters, self._thruster_rows(body)])
         self.wrenches = np.concatenate([self.wrenches, wrench_rows(body.wrenches)])
         rest = np.zeros((1, layout.STATE_SIZE))
         rest[0, layout.Q] = 1.0
@@ -158,12 +157,30 @@ class Hydrodynamics:
         self.bodies[row] = new[0]
 
     def retire(self, row: int) -> None:
-        """Take a body out. Its rows stay, at rest, so that those of the others keep their places."""
+        """Take a body out. Its rows stay, at rest, so that those of the others keep their places, until `revive` uses them again."""
         self.bodies["retired"][row] = 1
         self.state[row] = 0.0
         self.state[row, layout.Q] = 1.0
         self.contact_nu_dot[row] = 0.0
         self.bodies["external"][row] = self.bodies["acted"][row] = 0.0
+        self._forget_contacts(row)
+
+    def revive(self, row: int) -> None:
+        """Have a body in the rows of one that was taken out: made of the same, and as if it were added now.
+
+        What changes are new arrays, as when a body is added, so that `go_back` undoes it.
+        """
+        body = self.params[row]
+        for name in _RUNNING:
+            setattr(self, name, getattr(self, name).copy())
+        self.change(row, body)
+        self.bodies["retired"][row] = 0
+        appendages = servo_rows(body.appendages)
+        fresh = {"thruster": self._thruster_rows(body), "wrench": wrench_rows(body.wrenches), "servo": appendages}
+        for kind, array in (("thruster", self.thrusters), ("wrench", self.wrenches), ("servo", self.servos)):
+            first = int(self.bodies[f"{kind}_first"][row])
+            array[first : first + len(fresh[kind])] = fresh[kind]
+        self._gather()
 
     def set_bodies(self, params: Sequence[BodyParams]) -> None:
         """Have these bodies and no others, in this order, at rest at the origin. The rows are as if they had been added one by one."""
@@ -188,7 +205,7 @@ class Hydrodynamics:
         """Refuse arrays from outside that cannot be those of these bodies.
 
         Raises:
-            ValueError: of other names or lengths, not finite where they are now, a quaternion that is no rotation, or other rows.
+            ValueError: of other names or lengths, not finite where they must be, a quaternion that is no rotation, or other rows.
         """
         running = dict(self._running())
         if saved.keys() != running.keys():
@@ -246,6 +263,20 @@ class Hydrodynamics:
             yield name, getattr(self, name)
         yield from self.touched.contacts._asdict().items()
         yield "impulse", self.touched.impulse
+
+    def _thruster_rows(self, body: BodyParams) -> Records:
+        rows = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
+        return concatenate(rows, layout.THRUSTER)
+
+    def _forget_contacts(self, row: int) -> None:
+        """Else who comes into this row would begin with the impulses of who left it."""
+        contacts, impulse = self.touched
+        others = (contacts.body_a != row) & (contacts.body_b != row)
+        if others.any():
+            self.touched = Impulses(Contacts(*(column[others] for column in contacts)), impulse[others])
+        else:
+            self.touched = NO_IMPULSES
+            self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
 
     def _append_appendages(self, body: BodyParams, row: Records) -> None:
         """Rows of the body's appendages; their ranges go into its BODY row."""
@@ -347,10 +378,12 @@ class Hydrodynamics:
 
 
 _CONTACTS = (*Contacts._fields, "impulse")
+_ENDLESS = ("rate",)
+"""Numbers that may be infinite: a servo without a limit. While it is stuck its rate is 0, and a state of before must still fit."""
 
 
 def _check_rows(name: str, new: Any, now: Any) -> None:
-    """Raise ValueError for numbers that are not finite (but for limits, which are as they were), and for whole numbers that cannot be."""
+    """Raise ValueError for numbers that are not finite (but for what may be without a limit), and for whole numbers that cannot be."""
     if new.dtype.names is None:
         if new.dtype.kind == "f" and not np.isfinite(new).all():
             raise ValueError(f'"{name}" holds what is not finite')
@@ -358,7 +391,7 @@ def _check_rows(name: str, new: Any, now: Any) -> None:
     for field in new.dtype.names:
         after, before = new[field], now[field]
         if after.dtype.kind == "f":
-            if not (np.isfinite(after) | (after == before)).all():
+            if not (np.isfinite(after) | ((after == np.inf) & (field in _ENDLESS))).all():
                 raise ValueError(f'"{name}" holds a {field} that is not finite')
         elif field in _FLAGS:
             if ((after < 0) | (after > _FLAGS[field])).any():

@@ -200,6 +200,22 @@ def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json
     return checked
 
 
+def check_still(service: Service, args: Mapping[str, Json]) -> None:
+    """Refuse arguments that were checked against a service which another one, of the same path, has replaced since.
+
+    Raises:
+        Refused: other arguments, another type, or out of range. JSON of any form is not looked at again.
+    """
+    if args.keys() != {argument.name for argument in service.arguments}:
+        text = f'"{service.path}" takes other arguments than when this was sent; "describe" lists them'
+        raise Refused("bad_argument", text, service.path)
+    for argument in service.arguments:
+        value = args[argument.name]
+        is_default = not argument.required and value == argument.default
+        if argument.type != "json" and not is_default:
+            _checked_argument(argument, value)
+
+
 def _holds_bytes(value: object) -> bool:
     """Binary encodings may hold some anywhere; decoders bound the nesting."""
     if isinstance(value, dict):

@@ -14,7 +14,8 @@ The metadata record ``uwserver`` stands first: versions, seed, timing, and the w
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import IO, Any
 
@@ -41,6 +42,8 @@ FORMAT = "uwserver-recording-2"
 METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
+MAX_CHANNELS = 65_535
+"""Of an MCAP file, which has 16 bits for their numbers."""
 CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
@@ -116,6 +119,18 @@ class Head(Struct, frozen=True):
     seed: int
     timing: dict[str, Any]
     resolved: Resolved
+
+
+class TooManyChannels(Exception):
+    """A recording has no number left for the channel of a port; the text says so."""
+
+
+@dataclass(slots=True)
+class _Kind:
+    """A port of one direction and these fields, and its channel: 0 before its first message."""
+
+    port: Port
+    channel: int = 0
 
 
 def versions_here() -> Versions:
@@ -231,9 +246,9 @@ class RecordingWriter:
     Args:
         file: an empty binary file, opened for writing.
         head: the metadata record.
-        ports: what is known at the start; a port that comes later gets its channel with its first message.
+        ports: what is known at the start; a later one gets its channel with its first message, and a name that goes to another kind a new one.
 
-    Every method raises OSError when the file cannot be written.
+    Every method raises OSError when the file cannot be written, and TooManyChannels when a port finds no number for its channel.
     """
 
     def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port]) -> None:
@@ -241,7 +256,8 @@ class RecordingWriter:
         from mcap.writer import Writer
 
         self._encode = msgspec.json.Encoder().encode
-        self._channels: dict[str, tuple[int, tuple[str, ...]]] = {}
+        self._of_name: dict[str, list[_Kind]] = {}
+        self._count = 0
         self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
         self._writer.start("", f"uwserver {__version__}")
         self._writer.add_metadata(METADATA, head)
@@ -249,28 +265,32 @@ class RecordingWriter:
         self._hashes = self._channel(HASHES, "uwserver.StateHash", _schema_of(StateHash))
         self._requests = self._channel(REQUESTS, "uwserver.Request", _schema_of(Request))
         for port in ports.values():
-            self._add_port(port)
+            self._number(self._kinds(port)[-1])
         self.flush()
 
     def sample(self, sample: Sample, ports: Mapping[str, Port]) -> None:
         """One sample on the channel of its port."""
-        channel, names = self._channels.get(sample.port) or self._add_port(ports[sample.port])
+        kinds = self._kinds(ports[sample.port])
+        # One that comes late, when another kind has its name already, is of an earlier one.
+        fits = [k for k in kinds if k.port.direction == "sensor" and len(k.port.fields) == len(sample.value)]
+        kind = fits[-1] if fits else kinds[-1]
         message = {
             "seq": sample.seq,
             "t_ns": sample.t_ns,
             "t_sent_ns": sample.t_sent_ns,
             "valid": sample.valid,
-            "value": dict(zip(names, sample.value, strict=True)),
+            "value": dict(zip([field.name for field in kind.port.fields], sample.value, strict=True)),
         }
         # MCAP has 32 bits for the sequence; the message itself holds the whole number.
-        self._add(channel, sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
+        self._add(self._number(kind), sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
 
     def request(self, request: Request, t_ns: int, ports: Mapping[str, Port]) -> None:
         """One request, carried out at t_ns; a command also on the channel of its port, to be plotted."""
         self._add(self._requests, t_ns, request, t_ns, request.index & 0xFFFFFFFF)
-        if request.port in ports:
+        # One that was sent to another kind of the same name is in the requests alone.
+        if request.port in ports and len(request.value) == len(ports[request.port].fields):
             port = ports[request.port]
-            channel, _ = self._channels.get(request.port) or self._add_port(port)
+            channel = self._number(self._kinds(port)[-1])
             # Of a command one number alone is a tuple too; on the channel it is what the schema says.
             value = {
                 field.name: given[0] if isinstance(given, tuple) and not field.shape else given
@@ -298,13 +318,33 @@ class RecordingWriter:
     def _add(self, channel: int, log_time: int, message: object, publish_time: int, sequence: int = 0) -> None:
         self._writer.add_message(channel, log_time, self._encode(message), publish_time, sequence)
 
-    def _add_port(self, port: Port) -> tuple[int, tuple[str, ...]]:
-        about = {"kind": port.kind, "direction": port.direction, "doc": port.doc}
-        channel = self._channel(port.path, port.path, port_schema(port), about)
-        self._channels[port.path] = channel, tuple(field.name for field in port.fields)
-        return self._channels[port.path]
+    def know(self, ports: Iterable[Port]) -> None:
+        """Ports as they are from here on; samples of those before may still come."""
+        for port in ports:
+            self._kinds(port)
+
+    def _kinds(self, port: Port) -> list[_Kind]:
+        """All that had this name; the present one is the last."""
+        kinds = self._of_name.setdefault(port.path, [])
+        if not kinds or kinds[-1].port is not port:
+            same = [k for k in kinds if (k.port.direction, k.port.fields) == (port.direction, port.fields)]
+            kind = same[0] if same else _Kind(port)
+            kind.port = port  # with another rate, perhaps
+            kinds[:] = [*(each for each in kinds if each is not kind), kind]
+        return kinds
+
+    def _number(self, kind: _Kind) -> int:
+        if not kind.channel:
+            port = kind.port
+            about = {"kind": port.kind, "direction": port.direction, "doc": port.doc}
+            kind.channel = self._channel(port.path, port.path, port_schema(port), about)
+        return kind.channel
 
     def _channel(self, topic: str, name: str, schema: dict[str, Any], about: dict[str, str] | None = None) -> int:
+        if self._count >= MAX_CHANNELS:
+            text = f"{self._count} ports of bodies that came and went have their channels, and MCAP knows no more"
+            raise TooManyChannels(f"{text}: give bodies names that were used before")
+        self._count += 1
         schema_id = self._writer.register_schema(name, "jsonschema", self._encode(schema))
         return int(self._writer.register_channel(topic, "json", schema_id, about or {}))
 

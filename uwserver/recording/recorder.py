@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO
 
 from uwserver.ports import Call, Command, Event, Json, Port, Sample
-from uwserver.recording.format import RecordingWriter, Request, StateHash, metadata
+from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
@@ -213,6 +213,8 @@ class Recorder:
             self._write(writer, file)
         except OSError as error:
             self._fail(error.strerror or str(error))
+        except TooManyChannels as error:
+            self._fail(str(error))
         except Exception as error:
             self._fail(f"internal fault: {error}")
             log.exception("the recorder failed")
@@ -258,6 +260,7 @@ class Recorder:
         elif isinstance(item, _State):
             writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
         elif isinstance(item, _Ports):
+            writer.know(port for path, port in item.ports.items() if self._known.get(path) is not port)
             self._known |= item.ports
         else:
             writer.event(item)

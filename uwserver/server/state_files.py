@@ -73,7 +73,14 @@ def write_state(path: Path, data: bytes) -> None:
 
 def remove_parts(folder: Path) -> None:
     """Remove what servers left in a folder that were killed as they wrote a state. Whatever is no such file, or is being written, stays."""
-    for path in folder.iterdir() if folder.is_dir() else ():
+    try:
+        paths = [*folder.iterdir()] if folder.is_dir() else []
+    except OSError as error:
+        log.warning(
+            "cannot look into the state folder %s: %s; world/save and world/load of files fail", folder, error.strerror
+        )
+        return
+    for path in paths:
         if not _PART.fullmatch(path.name):
             continue
         if fcntl is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator
 from typing import Protocol, TypeVar
 
@@ -36,19 +37,21 @@ class Intake:
         batch: counts what was carried out together.
     """
 
-    def __init__(self, world: World, posted: Turns[Posted], time: Time) -> None:
+    def __init__(self, world: World, posted: Turns[Posted], time: Time, stop: threading.Event) -> None:
         """Of a simulation.
 
         Args:
             world: carries out what is taken.
             posted: what waits.
             time: counts the budget.
+            stop: the run ends after the request under way: thousands that rebuild the world take minutes.
         """
         self.observer: Observer | None = None
         self.batch = 0
         self._world = world
         self._posted = posted
         self._time = time
+        self._stop = stop
 
     def submit(self, posted: Posted) -> None:
         """Post something to the world itself, before what is taken."""
@@ -70,6 +73,8 @@ class Intake:
         for posted in self.within(REQUESTS_NS if is_paced else None, self._posted):
             self._observe(posted, tick)
             yield posted
+            if self._stop.is_set():
+                return
             if is_paced and (world.jumps != jumps or world.services is not services):
                 return
 

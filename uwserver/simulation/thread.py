@@ -73,7 +73,7 @@ class Simulation:
         self._goals: list[Goal] = []
         self._next_progress = 0
         self._jumps = world.jumps
-        self._intake = Intake(world, mailbox.posted, time)
+        self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._appointments: list[tuple[int, Callable[[], None]]] = []
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import Any, ClassVar
 
 from uwserver.ports import Command, Refused
+from uwserver.ports.checks import check_given
 from uwserver.world.components import ActuatorSlot
 from uwserver.world.part import Part, Stage, State
 
@@ -42,7 +43,7 @@ class Commands(Part):
             Whether somebody else commands that actuator too.
 
         Raises:
-            Refused: the actuator is gone, deactivated, or held by the autopilot.
+            Refused: the actuator is gone, deactivated, held by the autopilot, or another one than the command was checked for.
         """
         path = command.port
         slot = self._actuators.get(path)
@@ -52,6 +53,11 @@ class Commands(Part):
             raise Refused("denied", f'"{path}" is deactivated: call {path}/activate first', path)
         if slot.refusal:
             raise Refused("denied", f'"{path}" {slot.refusal}', path)
+        try:
+            check_given(slot.port.fields, command.value)
+        except ValueError as error:  # a body of another kind came under the name since
+            text = f'"{path}" is another actuator than when this was sent ({error}); "describe" lists its fields'
+            raise Refused("bad_argument", text, path) from None
         conflict = False
         if slot.source and slot.source != command.source:
             conflict = tick - slot.last_tick <= self._window

@@ -6,7 +6,8 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 
-from uwserver.ports import Call, Command, OnReply, Refused, Reply
+from uwserver.ports import Call, Command, OnReply, Refused, Reply, Service
+from uwserver.ports.checks import check_still
 from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.world.commands import Commands
 from uwserver.world.part import Carry
@@ -26,17 +27,25 @@ class Requests:
             same process, and each request but those that only look.
     """
 
-    def __init__(self, commands: Commands, carry: Mapping[str, Carry], now: Callable[[], tuple[int, int]]) -> None:
+    def __init__(
+        self,
+        commands: Commands,
+        carry: Mapping[str, Carry],
+        now: Callable[[], tuple[int, int]],
+        component: Callable[[str], Service | None],
+    ) -> None:
         """Of a world.
 
         Args:
             commands: where accepted commands go.
             carry: what each service does; may change.
             now: tick and simulation time (ns).
+            component: the service of this path where it is one of a body, which another may have replaced since a call was checked.
         """
         self._commands = commands
         self._carry = carry
         self._now = now
+        self._component = component
         self.posted: list[Posted] = []
         self.changes = 0
 
@@ -74,6 +83,9 @@ class Requests:
         try:
             if call.service not in self._carry:
                 raise Refused("unknown_service", f'"{call.service}" is gone', call.service)
+            service = self._component(call.service)
+            if service is not None:
+                check_still(service, call.args)
             result = self._carry[call.service](call.args)
             if isinstance(result, Later):
                 result.on_reply = on_reply

@@ -66,11 +66,9 @@ class World:
         self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
         self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
-        self.earth = Earth()
-        self.lambert = SEDIMENT
-        self._rate = (rate_hz.numerator, rate_hz.denominator)
-        self.ticks = Ticks(rate_hz)
-        self.tick = 0
+        self.earth, self.lambert = Earth(), SEDIMENT
+        self._rate, self.ticks = (rate_hz.numerator, rate_hz.denominator), Ticks(rate_hz)
+        self.tick = self.jumps = 0
         self.vehicles: dict[str, Vehicle] = {}
         self.ports: Mapping[str, Port] = {}
         self.services: Mapping[str, Service] = {}
@@ -84,7 +82,6 @@ class World:
         self._events: list[Event] = []
         self._last: dict[str, Sample] = {}
         self._tracing = Tracing()
-        self.jumps = 0
         self.answers: Answers = []
         self.population: Population
         self.identity: Callable[[], str] = str
@@ -93,7 +90,10 @@ class World:
         self._ears: dict[str, list[Part]] = {}
         self._sensing = Sensing(self.sensors, self._seconds, self._scopes)
         self._commands = Commands(self.actuators, rate_hz, self.say)
-        self.requests = Requests(self._commands, self._carry, lambda: (self._tick, self.t_ns))
+        self.requests = Requests(
+            self._commands, self._carry, lambda: (self._tick, self.t_ns),
+            lambda path: None if path in self._own_services else self.services.get(path),
+        )  # fmt: skip
         for part in (Bodies(hydro), Flowing(water, self._seconds, self.set_current), self._commands, self._sensing):
             self.add(part)
 
@@ -119,7 +119,7 @@ class World:
 
     def set_members(self, members: Iterable[Member]) -> None:
         """Let these bodies, and no others, be in the world. Their rows are there already."""
-        begun, before = bool(self.members), set(self.parts.values())
+        begun, before = bool(self.members or "world/reset" in self.services), set(self.parts.values())
         self.bind(members)
         self._set_solids()
         for part in before - set(self.parts.values()):

@@ -8,7 +8,7 @@ import socket
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterStats, Order, Reading
+from uwserver.adapter import AdapterStats, Order, Reading, Refusals, address_text
 from uwserver.frames import Quat, Vec3, rotate
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.ardupilot import wire
@@ -24,9 +24,9 @@ AT_ONCE = 256
 """Datagrams that are looked at in a row."""
 QUIET_S = 0.5
 """Wall time without a look at the socket after which frames may wait twice: an autopilot repeats one after 1 s."""
-RESTART_S = 0.25
-"""Wall time without a frame after which another sender that begins with frame 0 takes the place: one that restarts needs longer than that,
-and who only claims to begin does not take the place of one that speaks."""
+GONE_S = 1.0
+"""Wall time without a frame after which one that begins at 0 from another address is the same autopilot, started again. While it runs and is
+answered it says the next frame within milliseconds; unanswered, the same once a second."""
 NO_ECHO_M = 1000.0
 """Distance that stands for a rangefinder without echo: out of any range, where a missing key would leave the last one."""
 RATE_FRAMES = 400
@@ -107,6 +107,7 @@ class ArduPilotDriver:
         self._silence_s = silence_s
         self._steady = steady
         self._stats = stats
+        self._refusals = Refusals("ardupilot_json", stats, steady)
         self._counts: dict[str, Any] = stats.details
         self._poll = select.poll()
         self._poll.register(endpoint, select.POLLIN)
@@ -124,6 +125,7 @@ class ArduPilotDriver:
         """The next new frame; older ones are answered or counted on the way."""
         now = self._steady()
         if now - self._looked > QUIET_S:
+            self._heard += now - self._looked  # nobody listened: that is no silence
             self._skip_old()
         end = now + wait_s
         for _ in range(AT_ONCE):
@@ -194,8 +196,10 @@ class ArduPilotDriver:
                 self._counts[datagram[0]] += 1
                 self._stats.errors += 1
             else:
-                self._counts["duplicates"] += self._waiting is not None
-                self._waiting = datagram
+                held = self._waiting
+                self._counts["duplicates"] += held is not None
+                if held is None or held[1] != self._peer or datagram[1] == self._peer:
+                    self._waiting = datagram
 
     def _send(self) -> None:
         if self._reply is None:
@@ -228,15 +232,22 @@ class ArduPilotDriver:
         return True
 
     def _admits(self, frame: Frame, address: Address, now: float) -> bool:
-        """Whether another sender takes the place of the last: any once the last has been quiet, one that begins much sooner."""
-        patience_s = RESTART_S if frame.number == 0 else self._silence_s
-        if self._peer is not None and now - self._heard < patience_s:
+        """Whether another sender takes the place of the last, which must have been quiet: less long for one that begins."""
+        quiet_s = min(GONE_S, self._silence_s) if frame.number == 0 else self._silence_s
+        if self._peer is not None and now - self._heard < quiet_s:
             self._counts["strangers"] += 1
+            self._stats.errors += 1
             self._stats.last_error = (
-                f"two autopilots send here: {address} beside {self._peer}; give each an adapter with a port of its own"
+                f"two autopilots send here: {_text(address)} is not answered while {_text(self._peer)} flies the vehicle; "
+                "give each an adapter with a port of its own"
             )
+            self._refusals.note("second autopilot", self._stats.last_error)
             return False
-        log.info("an autopilot is at %s", address)
+        if self._peer is not None:
+            log.warning(
+                "the autopilot at %s is quiet; the one at %s takes the vehicle over", _text(self._peer), _text(address)
+            )
+        log.info("an autopilot is at %s", _text(address))
         self._counts["restarts"] += self._peer is not None
         self._last = -1
         self._peer = address
@@ -260,3 +271,7 @@ class ArduPilotDriver:
             )
         self._stats.commands += 1
         return self._outputs.commands(levels)
+
+
+def _text(address: Address) -> str:
+    return address_text(*address[:2])

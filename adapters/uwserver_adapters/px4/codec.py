@@ -88,7 +88,8 @@ class Codec:
         if kind == "HIL_ACTUATOR_CONTROLS":
             return _controls(message)
         if kind == "HEARTBEAT":
-            return Greeting()
+            # A ground station's, which has looked for a vehicle here, is no greeting.
+            return None if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID else Greeting()
         if kind == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             if math.isfinite(message.param1) and math.isfinite(message.param2):
                 return Interval(int(message.param1), message.param2 * 1e-6)

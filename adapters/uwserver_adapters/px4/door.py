@@ -104,11 +104,15 @@ class Door:
         now = self._steady()
         for guest in list(self._guests):
             events = self._heard(guest) if guest.link.stream.fileno() in ready else None
-            if events:
+            if any(not isinstance(event, codec.Interval) for event in events or ()):
+                assert events is not None
                 self._guests.remove(guest)
                 bad, guest.link.codec.bad = guest.link.codec.bad, 0
                 return guest.link, events, bad
             if now >= guest.end_s:
+                if guest.first is None:
+                    text = "a peer speaks MAVLink, but not as an autopilot: ground stations find PX4 at UDP 14550, not here"
+                    self._refusals.note("no autopilot", text)
                 self._end(guest)
         if self._listener.fileno() in ready:
             self._accept(now)

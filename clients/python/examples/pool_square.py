@@ -18,6 +18,9 @@ from uwclient import attitude
 
 SIDE_M = 5.0
 SPEED_MPS = 0.25
+RAMP_S = 2.0
+SIDE_S = SIDE_M / SPEED_MPS + RAMP_S
+DIVE_MPS = 0.15
 DEPTH_M = 1.5
 TICKS = 12
 DT_S = TICKS / 240.0
@@ -34,6 +37,10 @@ ALLOCATION = (
     (0, 0, 1, 0),
     (0, 0, 1, 0),
 )
+
+
+GAINS = ((40.0, 45.0, 60.0, 10.0), (80.0, 45.0, 60.0, 10.0), (92.0, 60.0, 80.0, 15.0))
+"""Of north, east and depth: quadratic drag (N s2/m2), proportional, derivative and integral gain (N over m, m/s, m s)."""
 
 
 @dataclass
@@ -59,53 +66,83 @@ class Log:
 
 
 def reference(t: float) -> tuple[float, float]:
-    """Where the vehicle should be: round the square at constant speed, north first; it stays at the end."""
-    way = min(SPEED_MPS * t, 4 * SIDE_M)
-    side, rest = divmod(way, SIDE_M)
+    """Where the vehicle should be: round the square, north first, slowly into each corner and out of it; it stays at the end."""
+    side, rest = divmod(max(t, 0.0), SIDE_S)
     corners = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M), (0.0, 0.0))
     if int(side) >= 4:
         return corners[4]
+    # Speed grows and falls linearly over RAMP_S; in the middle it is constant.
+    begun, left = min(rest, RAMP_S), min(SIDE_S - rest, RAMP_S)
+    way = SPEED_MPS * (begun**2 / (2 * RAMP_S) + max(0.0, min(rest, SIDE_S - RAMP_S) - RAMP_S))
+    way += SPEED_MPS * (RAMP_S**2 - left**2) / (2 * RAMP_S)
     (n0, e0), (n1, e1) = corners[int(side)], corners[int(side) + 1]
-    s = rest / SIDE_M
+    s = way / SIDE_M
     return n0 + s * (n1 - n0), e0 + s * (e1 - e0)
 
 
+class Tracker:
+    """Value and rate of a noisy signal: an alpha-beta filter, critically damped."""
+
+    def __init__(self, first: float, bandwidth: float = 9.0) -> None:
+        fade = math.exp(-bandwidth * DT_S)
+        self._alpha, self._beta = 1 - fade * fade, (1 - fade) ** 2
+        self.value, self.rate = first, 0.0
+
+    def update(self, measured: float) -> None:
+        """Take in one value each control step."""
+        self.value += self.rate * DT_S
+        miss = measured - self.value
+        self.value += self._alpha * miss
+        self.rate += self._beta / DT_S * miss
+
+
 class Controller:
-    """PD in position and heading, PID in depth; velocities from filtered differences of the position, yaw rate from the gyro."""
+    """PID in position and depth, PD in heading, along references that a vehicle with mass can follow; rates from filters, yaw rate from the gyro."""
 
     def __init__(self) -> None:
-        self._before: tuple[float, float, float] | None = None
-        self._velocity = [0.0, 0.0, 0.0]
-        self._depth_sum = 0.0
+        self._tracked: list[Tracker] = []
+        self._depth = DEPTH_M
+        self._sum = [0.0, 0.0, 0.0]
 
     def command(self, t: float, position: tuple[float, ...], depth: float, yaw: float, yaw_rate: float) -> list[float]:
         """Thruster commands u, eight of -1..1."""
         now = (position[0], position[1], depth)
-        before = self._before or now
-        self._before = now
-        for k in range(3):
-            self._velocity[k] += 0.3 * ((now[k] - before[k]) / DT_S - self._velocity[k])
-        want, ahead = reference(t), reference(t + DT_S)
-        feed = [(b - a) / DT_S for a, b in zip(want, ahead)]
-        force_n = [90.0 * (want[k] - now[k]) + 60.0 * (feed[k] - self._velocity[k]) for k in range(2)]
+        if not self._tracked:
+            self._tracked = [Tracker(value) for value in now]
+            self._depth = depth
+        for tracked, value in zip(self._tracked, now):
+            tracked.update(value)
+        before, self._depth = self._depth, self._depth + _within(DEPTH_M - self._depth, DIVE_MPS * DT_S)
+        want, ahead = (*reference(t), self._depth), (*reference(t + DT_S), 2 * self._depth - before)
+        force = [self._force(k, want[k], (ahead[k] - want[k]) / DT_S) for k in range(3)]
         c, s = math.cos(yaw), math.sin(yaw)
-        surge, sway = c * force_n[0] + s * force_n[1], -s * force_n[0] + c * force_n[1]
-        error = DEPTH_M - depth
-        self._depth_sum = max(-0.5, min(0.5, self._depth_sum + error * DT_S))
-        heave = 90.0 * error + 40.0 * self._depth_sum - 70.0 * self._velocity[2]
-        turn = -4.0 * yaw - 2.0 * yaw_rate
-        wrench = (surge / 80.0, sway / 80.0, heave / 100.0, turn / 20.0)
-        return [max(-1.0, min(1.0, _thrust_to_u(sum(a * w for a, w in zip(row, wrench))))) for row in ALLOCATION]
+        surge, sway = c * force[0] + s * force[1], -s * force[0] + c * force[1]
+        turn = -5.3 * yaw - 3.5 * yaw_rate
+        wrench = (surge / 86.0, sway / 86.0, force[2] / 122.0, turn / 23.0)
+        return [_within(_thrust_to_u(sum(a * w for a, w in zip(row, wrench))), 1.0) for row in ALLOCATION]
+
+    def _force(self, axis: int, want: float, want_rate: float) -> float:
+        """N: what drag takes at the wanted rate, and PID on what is left."""
+        drag, p, d, i = GAINS[axis]
+        error = want - self._tracked[axis].value
+        self._sum[axis] = _within(self._sum[axis] + i * error * DT_S, 20.0)
+        feed = drag * abs(want_rate) * want_rate
+        return feed + p * error + d * (want_rate - self._tracked[axis].rate) + self._sum[axis]
+
+
+def _within(x: float, limit: float) -> float:
+    return max(-limit, min(limit, x))
 
 
 def _thrust_to_u(share: float) -> float:
-    """Command that gives about this share of full thrust: beyond the dead band, thrust grows a little faster than linearly."""
-    if abs(share) < 1e-3:
-        return 0.0
-    return math.copysign(0.08 + 0.92 * abs(share) ** 0.8, share)
+    """Command that gives about this share of full thrust; beyond the dead band thrust grows a little faster than linearly.
+
+    The dead band is passed smoothly: where the sign changes with the noise of the sensors, a step would shake the thruster.
+    """
+    return 0.075 * math.tanh(share / 0.01) + math.copysign(0.92 * abs(share) ** 0.8, share)
 
 
-def drive(client: uwclient.Client, seconds: float = 4 * SIDE_M / SPEED_MPS + 8.0) -> Log:
+def drive(client: uwclient.Client, seconds: float = 4 * SIDE_S + 8.0) -> Log:
     """Drive the square; the world must be paused."""
     for component in ("mocap", "depth", "imu"):
         client.subscribe(f"{VEHICLE}/{component}", delivery="latest")

@@ -149,3 +149,23 @@ def test_who_cut_the_line_is_written_to_no_more(caplog: pytest.LogCaptureFixture
 
     asyncio.run(asyncio.wait_for(scene(), 20))
     assert caplog.records == []
+
+
+def test_a_reply_does_not_wait_for_the_acknowledgement_of_the_sample_before_it():
+    """Nagle's algorithm would hold it back until the peer's delayed acknowledgement."""
+    delays: list[int] = []
+
+    class Asked(Echo):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            stream = transport.get_extra_info("socket")
+            delays.append(stream.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+
+    async def scene() -> None:
+        peers = peers_of(AdapterStats())
+        async with serve_tcp(lambda: Asked(peers, 10.0), peers, "127.0.0.1", 0) as listener:
+            assert await echo(listener.port) == b"line\n"
+
+    asyncio.run(scene())
+    assert len(delays) == 1
+    assert delays[0] != 0

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import ssl
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -65,3 +68,45 @@ def test_files_that_do_not_fit_are_named(
         with pytest.raises(CannotListen) as refused:
             tls_context(*files)
         assert told in str(refused.value)
+
+
+@pytest.mark.parametrize("setting", ["tls_cert", "tls_key", "tls_client_ca"])
+@pytest.mark.parametrize("what", ["pipe", "folder", "device", "endless", "nul"])
+def test_what_is_no_plain_file_is_neither_waited_for_nor_read(
+    certificate: tuple[str, str], tmp_path: Path, setting: str, what: str
+):
+    path = tmp_path / "it.pem"
+    if what == "pipe":
+        os.mkfifo(path)
+    elif what == "folder":
+        path.mkdir()
+    elif what == "endless":
+        with path.open("wb") as file:
+            file.truncate(1 << 40)
+    name = {"device": "/dev/zero", "nul": "a\0b"}.get(what, str(path))
+    files = {"tls_cert": certificate[0], "tls_key": certificate[1], "tls_client_ca": certificate[0]} | {setting: name}
+    told = {"endless": "bytes: at most 1048576", "nul": "no file can have this name"}.get(what, "no plain file")
+    with pytest.raises(CannotListen, match=f"^{setting}: .*{told}"):
+        tls_context(files["tls_cert"], files["tls_key"], files["tls_client_ca"])
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can become another user")
+def test_a_key_that_may_not_be_read_is_named(certificate: tuple[str, str], tmp_path: Path):
+    key = Path(certificate[1])
+    key.chmod(0o600)
+    text = f"""
+import os, sys
+from uwserver.adapter import CannotListen, tls_context
+folder = os.open({str(key.parent)!r}, os.O_RDONLY)
+os.fchdir(folder)
+os.setuid(65534)
+try:
+    tls_context({Path(certificate[0]).name!r}, {key.name!r}, None)
+except CannotListen as error:
+    print(error)
+"""
+    Path(certificate[0]).chmod(0o644)
+    key.parent.chmod(0o755)
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=120, check=False)
+    assert "tls_key: cannot read" in done.stdout, done.stderr
+    assert "Permission denied" in done.stdout

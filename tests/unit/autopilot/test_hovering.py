@@ -6,6 +6,8 @@ import math
 
 import pytest
 
+from uwserver.frames import rpy_from_quat
+
 ROVS = ("bluerov2", "bluerov2_heavy", "rexrov")
 
 
@@ -309,3 +311,47 @@ def test_a_rov_that_cannot_go_sideways_holds_depth_and_heading(fly):
         f.run(1.0)
         assert abs(f.vehicle.p_NB[2] - 8.0) < 0.1
         assert f.off_heading(1.0) < 2.0
+
+
+def beside(p, a, b):
+    """Distance of p from the line a b in space, m."""
+    u = [(y - x) / math.dist(a, b) for x, y in zip(a, b, strict=True)]
+    d = [q - x for q, x in zip(p, a, strict=True)]
+    along = sum(x * y for x, y in zip(d, u, strict=True))
+    return math.dist(d, [along * x for x in u])
+
+
+@pytest.mark.parametrize("model", ["bluerov2", "bluerov2_heavy", "girona500"])
+def test_a_mission_keeps_to_its_lines_and_stops_at_its_waypoints(fly, model):
+    """Three legs of 8 to 12 m, up and down, with corners of 90 degrees, in a current of 0.25 m/s; all distances are true ones."""
+    places = [(0.0, 0.0, 5.0), (12.0, 0.0, 6.0), (12.0, 10.0, 8.0), (4.0, 10.0, 5.0)]
+    f = fly(model, start=places[0], current=(0.15, 0.2, 0.0))
+    f.call("set_mission", items=[{"kind": "waypoint", "position_ned_m": list(p)} for p in places[1:]])
+    f.call("arm")
+    f.call("start_mission")
+    arrivals, away = [], 0.0
+    for _ in range(1500):
+        f.run(0.1)
+        reached = f.state["reached"]
+        if reached > len(arrivals):
+            arrivals.append(math.dist(f.vehicle.p_NB, places[reached]))
+        if reached == 3:
+            break
+        away = max(away, beside(f.vehicle.p_NB, places[reached], places[reached + 1]))
+    assert len(arrivals) == 3
+    assert max(arrivals) < 0.3
+    assert away < 0.3
+
+
+def test_a_gyroscope_that_is_off_leaves_no_error_of_heading(fly):
+    """Two degrees a second: over a `heading_p` of 1.5 they would stand as 1.3 degrees."""
+    modifiers = {"off": {"kind": "bias", "field": "w_S", "value": [0.0, 0.0, math.radians(2.0)]}}
+    f = fly("bluerov2_heavy", override={"sensors": {"imu": {"modifiers": modifiers}}})
+    settled(f, "depth_hold", heading={"heading": 1.0})
+    f.run(40.0)
+    worst = 0.0
+    for _ in range(20):
+        f.run(0.5)
+        worst = max(worst, abs(math.degrees(math.remainder(rpy_from_quat(f.state["q_NB"])[2] - 1.0, 2 * math.pi))))
+    assert worst < 0.4
+    assert abs(f.state["w_B"][2] - f.vehicle.nu[5]) < math.radians(0.3)

@@ -23,7 +23,7 @@ def test_all_kinds_are_read_and_shown_as_given():
     items = read_items(GOOD)
     assert [type(item) for item in items] == [SetSpeed, Waypoint, Hold, SetHeading, Waypoint, Surface]
     assert items[1].position_ned_m == (1.0, 2.0, 3.0)
-    assert items[4].radius_m == 1.0
+    assert items[4].radius_m is None
     shown = shown_items(items)
     assert read_items(shown) == items
     assert shown[4] == {"kind": "waypoint", "position_ned_m": [1.5, 2.0, 3.0]}

@@ -138,6 +138,8 @@ def test_a_bad_mission_leaves_the_old_one(fly):
 def test_missions_need_arming_items_and_an_index(fly):
     f = fly("bluerov2")
     assert "set_mission first" in refused(f.call, service="start_mission").text
+    assert "set_mission first" in refused(f.call, service="set_mode", mode="mission").text
+    assert f.state["mode"] == "manual"
     f.call("set_mission", items=[{"kind": "surface"}])
     assert "not armed" in refused(f.call, service="start_mission").text
     f.call("arm")

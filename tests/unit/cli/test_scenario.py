@@ -12,7 +12,6 @@ import uwserver.cli.scenario as commands
 from uwserver.adapter import AdapterTable
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.files.convert import kinds_of
-from uwserver.scenario.files.documents import shipped
 from uwserver.sensors import SensorConfig
 
 if sys.version_info >= (3, 11):
@@ -125,23 +124,3 @@ def test_list_modifiers_tells_their_keys() -> None:
     lines = run("list", "modifiers").stdout.splitlines()
     assert len(lines) == 2 * len(kinds_of(ModifierConfig))
     assert "    keys: field (required), rate (0), rate_sigma (0), density (0)" in lines
-
-
-@pytest.mark.parametrize("vehicle", list(shipped("vehicles")))
-def test_new_scenario_passes_check(vehicle: str, folder: Path) -> None:
-    assert run("new", "pond", "--vehicle", vehicle).exit_code == 0
-    assert "#" in (folder / "pond.toml").read_text()
-    assert run("check", "pond.toml").exit_code == 0
-    again = run("new", "pond.toml")
-    assert again.exit_code == 1
-    assert "pond.toml exists already" in again.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"), [(("../x",), "begin with a letter"), (("x", "--vehicle", "bluerov3"), "did you mean")]
-)
-def test_new_refuses(arguments: tuple[str, ...], text: str, folder: Path) -> None:
-    result = run("new", *arguments)
-    assert result.exit_code == 2
-    assert text in result.stderr
-    assert list(folder.iterdir()) == []

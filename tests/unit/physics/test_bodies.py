@@ -306,6 +306,19 @@ def test_a_load_brings_back_every_bit() -> None:
     np.testing.assert_array_equal(hydro.state, expected)
 
 
+def test_a_state_from_before_a_servo_was_stuck_still_fits() -> None:
+    """Its rate is infinite, and 0 while it is stuck; it can never be less than a number."""
+    hydro = deep(coupled(appendages=Appendages(servos=(ServoParams("rudder", -0.3, 0.3),))))
+    saved = hydro.save()
+    hydro.servos["rate"] = 0.0
+    hydro.check(saved)
+    hydro.load(saved)
+    assert hydro.servos["rate"].tolist() == [np.inf]
+    hydro.servos["rate"] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        hydro.check(hydro.save())
+
+
 def test_the_state_of_other_bodies_is_refused() -> None:
     hydro = deep(coupled())
     saved = hydro.save()

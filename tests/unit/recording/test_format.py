@@ -148,4 +148,4 @@ def test_the_schema_of_a_port_names_units_frames_and_shapes():
 def test_a_sample_of_another_number_of_values_is_a_fault_not_a_record():
     writer = RecordingWriter(io.BytesIO(), {"format": FORMAT}, {SENSOR.path: SENSOR})
     with pytest.raises(ValueError, match="zip"):
-        writer.sample(Sample(SENSOR.path, 0, 1, 1, True, (1.0,)), {})
+        writer.sample(Sample(SENSOR.path, 0, 1, 1, True, (1.0,)), {SENSOR.path: SENSOR})

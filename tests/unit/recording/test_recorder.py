@@ -16,6 +16,7 @@ from mcap.records import Message
 
 from uwserver.adapter import AdapterTable
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.recording import format as format_module
 from uwserver.recording import recorder as recorder_module
 from uwserver.recording.format import (
     EVENTS,
@@ -294,6 +295,59 @@ def test_samples_and_commands_of_a_body_that_is_gone_are_written(
         stalled.set()
     assert bench.recorder.status()["error"] == ""
     assert [len(messages(path, topic)) for topic in ("rov/depth", "guest/depth", "guest/thrusters")] == [2, 1, 1]
+
+
+def test_a_name_may_go_to_another_kind_with_other_fields(bench: Bench, path: Path, stalled: threading.Event) -> None:
+    """Each kind has a channel of its own, also for what comes late, and the first goes on when it is there again."""
+    eye = Port("guest/eye", "sensor", "eye", (Field("range", "m", "distance"),), "Eye.", 10.0)
+    ear = Port("guest/eye", "sensor", "ear", (Field("level", "1", "sound"), Field("pitch", "Hz", "tone")), "Ear.", 10.0)
+    arm = Port("guest/eye", "actuator", "arm", (Field("angle", "rad", "of it"),), "Arm.")
+    seen, heard = (msgspec.structs.replace(SAMPLE, port="guest/eye", value=value) for value in ((1.5,), (0.2, 440.0)))
+
+    def now(port: Port) -> None:
+        bench.world.ports = bench.world.ports | {port.path: port}
+        bench.recorder.ticked(bench.world)
+
+    with bench.running():
+        bench.recorder.put_samples([SAMPLE])  # at which the writer waits
+        now(eye)
+        now(ear)
+        bench.recorder.put_samples([seen])  # of a tick before
+        bench.recorder.put_samples([heard])
+        now(msgspec.structs.replace(eye, rate_hz=5.0))
+        bench.recorder.put_samples([seen])
+        now(arm)
+        bench.recorder.requested(Command("guest/eye", ((0.5,),), "a"), 1, 0)
+        bench.recorder.requested(Command("guest/eye", ((0.5,), (0.5,)), "a"), 1, 0)  # was checked for another kind
+        stalled.set()
+    assert bench.recorder.status()["error"] == ""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        kinds = {c.id: c.metadata["kind"] for c in reader.get_summary().channels.values() if c.topic == "guest/eye"}
+        told = [
+            (kinds[c.id], json.loads(m.data)["value"])
+            for _, c, m in reader.iter_messages(["guest/eye"], log_time_order=False)
+        ]
+    assert told == [
+        ("eye", {"range": 1.5}), ("ear", {"level": 0.2, "pitch": 440.0}), ("eye", {"range": 1.5}), ("arm", {"angle": 0.5}),
+    ]  # fmt: skip
+    assert len(messages(path, REQUESTS)) == 2
+
+
+def test_more_channels_than_the_format_has_end_the_recording_with_a_reason(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
+) -> None:
+    monkeypatch.setattr(format_module, "MAX_CHANNELS", len(bench.world.ports) + 5)
+    with bench.running():
+        for n in range(4):
+            port = Port(f"guest{n}/eye", "sensor", "eye", (Field("range", "m", "distance"),), "Eye.", 10.0)
+            bench.world.ports = bench.world.ports | {port.path: port}
+            bench.recorder.ticked(bench.world)
+            bench.recorder.put_samples([msgspec.structs.replace(SAMPLE, port=port.path, value=(1.0,))])
+    assert "give bodies names that were used before" in str(bench.recorder.status()["error"])
+    assert not bench.recorder.is_complete
+    assert sum("the world goes on without it" in record.getMessage() for record in caplog.records) == 1
+    assert not any(record.exc_info for record in caplog.records), "it is no fault of ours"
 
 
 def test_a_flood_of_requests_ends_the_recording_with_a_reason(

@@ -109,6 +109,61 @@ def test_a_full_folder_takes_used_names_only(tmp_path: Path) -> None:
         check_room(tmp_path / "more.uwstate")
 
 
+ANOTHER_USER = """
+import os, sys
+from pathlib import Path
+from uwserver.recording.recorder import Recorder
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.server.state_files import remove_parts, write_state
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.thread import Simulation
+
+resolved = load(Scenario(schema=1), adapters={})
+world, bus = build(resolved), Bus(lambda _: None)
+simulation = Simulation(world, Timing(), SystemTime(), bus, Mailbox())
+import mcap.writer
+os.chdir(sys.argv[1])
+os.setuid(65534)
+
+def told(action):
+    try:
+        action()
+    except OSError as error:
+        return f"{type(error).__name__}: {error}"
+    return "nothing"
+
+def record():
+    with Recorder(Path("readable/run.mcap"), world, resolved).running(simulation, bus):
+        pass
+
+print(told(record))
+print(told(lambda: write_state(Path("readable/x.uwstate"), b"x")))
+print(told(lambda: remove_parts(Path("closed"))))
+print(told(lambda: remove_parts(Path("closed/below"))))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can become another user")
+def test_folders_in_which_a_user_may_not_write_or_look(tmp_path: Path) -> None:
+    (tmp_path / "readable").mkdir(mode=0o755)
+    (tmp_path / "closed").mkdir(mode=0o700)
+    tmp_path.chmod(0o755)
+    done = subprocess.run(
+        [sys.executable, "-c", ANOTHER_USER, str(tmp_path)], capture_output=True, text=True, timeout=120, check=False
+    )
+    record, save, *clean = done.stdout.splitlines() or [done.stderr]
+    assert (
+        "cannot record to readable/run.mcap: Permission denied; give --record a place that can be written" in record
+    ), done.stderr
+    assert save.startswith("PermissionError")
+    assert clean == ["nothing", "nothing"], "the server begins all the same"
+    assert done.stderr.count("cannot look into the state folder") == 2
+    assert [*(tmp_path / "readable").iterdir()] == []
+
+
 def test_a_system_without_locks_and_links_reads_and_writes_as_well(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

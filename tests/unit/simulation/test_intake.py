@@ -213,3 +213,26 @@ def test_the_ticks_that_were_told_give_the_same_state_again(resolved) -> None:
                 again.submit(item)
         again.step(1)
     assert snapshot.take(again).hash() == snapshot.take(bench.world).hash()
+
+
+@pytest.mark.parametrize("timing", [REALTIME, Timing("freerun"), Timing("freerun", paused=True)])
+def test_who_ends_the_run_waits_for_one_request_only(resolved, timing: Timing) -> None:
+    """The rest is refused, and no observer believes that it was carried out."""
+    bench = Bench(resolved, timing)
+    refused: list[str] = []
+
+    def end(args: Mapping[str, Json]) -> Json:
+        bench.simulation.stop()
+        return None
+
+    bench.world.offer(Service("test/end", "As a signal would."), end)
+    bench.post("a")
+    bench.post("b", service="test/end")
+    for _ in range(20):
+        bench.mailbox.post(
+            Call("test/cost", {}, "c"), lambda reply: refused.append(reply.fault.code if reply.fault else "")
+        )
+    bench.simulation.run()
+    bench.bus.drain()
+    assert [source for _, _, source in bench.seen] == ["a", "b"]
+    assert refused == ["shutdown"] * 20

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from uwserver.ports import Call, Command, Refused, Reply
+from uwserver.ports import Argument, Call, Command, Refused, Reply, Service
 from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.world.commands import Commands
 from uwserver.world.requests import Requests
@@ -18,8 +18,9 @@ class Rig:
 
     def __init__(self, **services: Any) -> None:
         self.now = [5, 50]
+        self.known: dict[str, Service] = {}
         self.commands = Commands({}, Fraction(10), lambda *_: None)
-        self.requests = Requests(self.commands, services, lambda: (self.now[0], self.now[1]))
+        self.requests = Requests(self.commands, services, lambda: (self.now[0], self.now[1]), self.known.get)
 
     def run(self, *items: Command | Call) -> list[Reply]:
         output, heard = TickOutput(5, 50, []), list[Any]()
@@ -80,3 +81,24 @@ def test_what_a_service_posts_waits_for_the_next_tick() -> None:
     rig = Rig(more=lambda _: rig.requests.posted.append(Posted(Call("more", {}), None)))
     rig.run(Call("more", {}))
     assert len(rig.requests.posted) == 1
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        ({"x": 3.0}, ""),
+        ({"x": None}, ""),
+        ({"x": 9.0}, "at most 5"),
+        ({"x": "far"}, "must be a number"),
+        ({}, "takes other arguments than when this was sent"),
+        ({"y": 1.0}, "takes other arguments than when this was sent"),
+    ],
+)
+def test_a_call_that_was_checked_for_another_component_is_checked_again(args: Any, text: str) -> None:
+    done = []
+    rig = Rig(**{"rov/sonar/set": done.append})
+    argument = Argument("x", "float", "reach", "m", required=False, maximum=5.0)
+    rig.known["rov/sonar/set"] = Service("rov/sonar/set", "Change it.", (argument,))
+    (reply,) = rig.run(Call("rov/sonar/set", args))
+    assert (reply.fault.text if reply.fault else "").count(text)
+    assert done == ([] if text else [args])

@@ -11,11 +11,10 @@ from msgspec import UNSET, UnsetType, structs
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
-from uwserver.physics.dynamics.params import BodyParams
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
-from uwserver.scenario.vehicle.body import add_body
+from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig
@@ -51,21 +50,19 @@ def build_scene(world: World, resolved: Resolved) -> None:
     world.set_scene(scene)
 
 
-def object_member(world: World, resolved: ResolvedObject, name: str) -> Member:
-    """A free object as a body of the world, at rest at the origin."""
-    row = world.hydro.add(resolved.params)
+def object_member(world: World, resolved: ResolvedObject, row: int, name: str) -> Member:
+    """A free object, whose body is in a row of the world, with its components."""
     truth = resolved.entry.truth
     sensors = () if isinstance(truth, UnsetType) else tuple(_truth(world, name, truth.rate_hz, row))
     services = tuple(component_services(world, sensors, ()))
     return Member(Vehicle(name, "object", row, world.hydro), sensors, (), services, resolved.solid)
 
 
-def vehicle_member(world: World, resolved: ResolvedVehicle, params: BodyParams, name: str) -> Member:
-    """A vehicle with its components as a body of the world, at rest at the origin."""
+def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
+    """A vehicle, whose body is in a row of the world, with its components."""
     file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
-    bodies = add_body(hydro, file, params)
+    params, bodies = hydro.params[row], own_rows(hydro, file, row)
     body = bodies[""]
-    row = body.row
     wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
     mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
     made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}

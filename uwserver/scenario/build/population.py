@@ -28,7 +28,7 @@ from uwserver.world.part import State
 from uwserver.world.world import World
 
 MAX_BODIES = 1000
-"""Bodies that were ever in the world since its last reset: each keeps its rows until then."""
+"""Rows for bodies. Those of one that was removed are for the next that is like it; until a reset for nobody else."""
 BURIED_M = 0.01
 """A body cannot be put deeper into something than this."""
 
@@ -42,7 +42,7 @@ class Born(Struct, frozen=True):
 
 
 class PopulationState(State, frozen=True):
-    """All bodies since the start, in the order of their rows; and what the scenario has, of which they are copies."""
+    """Who is in each row, or was last; and what the scenario has, of which they are copies."""
 
     scenario: Annotated[tuple[str, ...], Meta(max_length=65536)]
     born: Annotated[tuple[Born, ...], Meta(max_length=MAX_BODIES)]
@@ -99,8 +99,12 @@ class ScenarioPopulation(Population):
             raise Refused("bad_argument", f'"{shown(name)}" cannot be a name: letters, digits, _ and -', "name")
         if name in world.members:
             raise Refused("bad_argument", f'there is a "{name}" already: choose another name', "name")
-        if len(world.hydro) >= MAX_BODIES:
-            raise Refused("busy", f"{MAX_BODIES} bodies were there since the last reset: call world/reset", "name")
+        row = self._free_row(like)
+        if row is None and len(world.hydro) >= MAX_BODIES:
+            text = (
+                f"there is room for {MAX_BODIES} bodies, and for those that were removed only others like them come in"
+            )
+            raise Refused("busy", f"{text}: remove one like this, or call world/reset", "name")
         norm = math.hypot(*q_NB)
         if norm == 0.0:
             raise Refused("bad_argument", "a quaternion of zero length is no attitude", "q_NB")
@@ -111,15 +115,17 @@ class ScenarioPopulation(Population):
         if missing:
             raise Refused("denied", missing, "like")
         undo = world.hydro.arrays()
-        member = self._member(like, name)
+        member = self._member(like, name, row)
         self._place(member, p_NB, tuple(c / norm for c in q_NB))  # type: ignore[arg-type]  # four of them
         obstacle = self._obstacle(member)
         if obstacle:
             world.hydro.go_back(undo)
             world.set_current(world.water.current)
             raise Refused("bad_argument", f'"{name}" would begin inside {obstacle}: choose another place', "p_NB")
-        self._born += (Born(like, name),)
-        world.set_members([*world.members.values(), member])
+        row = member.vehicle.row
+        self._born = (*self._born[:row], Born(like, name), *self._born[row + 1 :])
+        # In the order of their rows, as after a restore.
+        world.set_members(sorted((*world.members.values(), member), key=lambda each: each.vehicle.row))
         world.set_current(world.water.current)
         world.hydro.load_kernels()
 
@@ -207,11 +213,22 @@ class ScenarioPopulation(Population):
         spawned = [each.like for each in born[self._first_spawned :]]
         return any(like not in vehicles or vehicles[like].solid is not None for like in spawned)
 
-    def _member(self, like: str, name: str) -> Member:
-        if like in self._resolved.vehicles:
-            member = vehicle_member(self._world, self._resolved.vehicles[like], self._params[like], name)
+    def _free_row(self, like: str) -> int | None:
+        """The first whose body was spawned like this one and removed: its rows in all tables fit. Rows of the start stay those of the start."""
+        rows = range(self._first_spawned, len(self._born))
+        return next((row for row in rows if self._born[row] == Born(like, self._born[row].name, False)), None)
+
+    def _member(self, like: str, name: str, row: int | None = None) -> Member:
+        """A body with its components, at rest at the origin: in rows that are free, or else in new ones."""
+        hydro = self._world.hydro
+        if row is None:
+            row = hydro.add(self._params[like])
         else:
-            member = object_member(self._world, self._resolved.objects[like], name)
+            hydro.revive(row)
+        if like in self._resolved.vehicles:
+            member = vehicle_member(self._world, self._resolved.vehicles[like], row, name)
+        else:
+            member = object_member(self._world, self._resolved.objects[like], row, name)
         self._parts[like] = tuple(part.path.removeprefix(f"{name}/") for part in member.parts)
         return member
 

@@ -9,7 +9,7 @@ from msgspec import Struct, msgpack
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.wording import not_built
-from uwserver.scenario.vehicle.body import add_body, body_params, own_actuators
+from uwserver.scenario.vehicle.body import body_params, own_actuators, own_rows
 from uwserver.scenario.vehicle.sensor_checks import check_fields
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
@@ -27,7 +27,7 @@ def check_actuators(
     own = own_actuators(vehicle)
     if not own:
         return
-    bodies = add_body(Hydrodynamics((), 1.0), vehicle, body_params(vehicle, devices, environment))
+    bodies = own_rows(Hydrodynamics([body_params(vehicle, devices, environment)], 1.0), vehicle, 0)
     for name, config in own.items():
         try:
             actuator = config.build(bodies[name])

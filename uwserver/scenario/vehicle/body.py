@@ -91,18 +91,18 @@ def own_actuators(vehicle: VehicleFile) -> dict[str, ActuatorConfig]:
     return {name: config for name, config in vehicle.actuators.items() if type(config) not in shipped}
 
 
-def add_body(hydro: Hydrodynamics, vehicle: VehicleFile, params: BodyParams) -> dict[str, Body]:
-    """Append a vehicle's body. Gives the rows that its actuators may write: one `Body` for the shipped kinds, under "", and for each actuator
+def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, Body]:
+    """The rows of a vehicle's body that its actuators may write: one `Body` for the shipped kinds, under "", and for each actuator
     of an extension one with a wrench of its own, under its name.
 
     Args:
         hydro: arrays of the world.
-        vehicle, params: a checked vehicle, and what `body_params` makes of it.
+        vehicle: a checked vehicle.
+        row: of its body, which was added.
     """
-    first, wrench, first_servo = len(hydro.thrusters), len(hydro.wrenches), len(hydro.servos)
-    row = hydro.add(params)
+    first, wrench, first_servo = (int(hydro.bodies[f"{kind}_first"][row]) for kind in ("thruster", "wrench", "servo"))
     thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}
-    servos = {servo.name: first_servo + k for k, servo in enumerate(params.appendages.servos)}
+    servos = {servo.name: first_servo + k for k, servo in enumerate(hydro.params[row].appendages.servos)}
     names = ("", *own_actuators(vehicle))
     return {name: Body(hydro, row, thrusters, wrench + k, servos) for k, name in enumerate(names)}
 

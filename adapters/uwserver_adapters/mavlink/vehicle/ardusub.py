@@ -23,6 +23,7 @@ from uwserver_adapters.mavlink.vehicle.payload import Payload
 from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 from uwserver_adapters.mavlink.vehicle.setpoints import SetPoints
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
+from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import seconds
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Message
@@ -32,6 +33,8 @@ HEARTBEAT_S = 1.0
 _SEVERITIES = {
     "watchdog": NOTICE, "fault": WARNING, "conflict": WARNING, "diverged": CRITICAL, "adapter_failed": ERROR, "shutdown": WARNING,
 }  # fmt: skip
+_TOLD = ("mode ", "armed", "disarmed", "fail-safe: ", "mission: item ")
+"""Begins of what the autopilot says that heartbeats and ArduSub's own texts tell too."""
 _BUTTON_MODES = {
     5: "MANUAL", 6: "STABILIZE", 7: "ALT_HOLD", 8: "POSHOLD", 9: "AUTO", 11: "GUIDED", 12: "ACRO", 13: "SURFTRAK",
 }  # fmt: skip
@@ -53,6 +56,7 @@ class ArduSub:
 
     def __init__(self, config: MavlinkConfig, context: AdapterContext, name: str, dialect: Dialect, send: Send) -> None:
         self._own_ports = re.compile(rf'"{re.escape(name)}/(?:autopilot/)?([^"]*)"')
+        self._voice, self._sticks = f'"{name}/autopilot" ', f'"{name}/autopilot/pilot"'
         self._config = config
         self._beat_at = -HEARTBEAT_S
         trial = context.ports.get(f"{name}/autopilot/test")
@@ -147,6 +151,7 @@ class ArduSub:
         if message.system != self.parameters.gcs_system:
             self.bridge.counters["not_in_charge"] += 1
             return
+        self.failsafes.heard_gcs(self._now)
         self.pilot.override(message, self._now)
 
     def _param_read(self, message: Message, channel: Channel) -> None:
@@ -233,9 +238,19 @@ class ArduSub:
             self.bridge.readings.forget()
             self.failsafes.restart()
             self.pilot.tick(self._now)
+        if self._is_told_otherwise(event):
+            return
         # Without our own name most texts fit in one message: Cockpit does not join the pieces of a longer one.
-        text = self._own_ports.sub(r"\1", event.text or event.event)
+        text = event.text.removeprefix(self._voice) or event.event
+        text = in_words_of_mavlink(self._own_ports.sub(r"\1", text))
         self.bridge.tell(_SEVERITIES.get(event.event, INFO), text)
+
+    def _is_told_otherwise(self, event: Event) -> bool:
+        """What ground stations see in the heartbeat, or are told as ArduSub tells it; and what the autopilots of other vehicles say."""
+        if event.event == "autopilot":
+            return not event.text.startswith(self._voice) or event.text.removeprefix(self._voice).startswith(_TOLD)
+        # The port springs back after a second, which is no loss yet: the fail-safe tells of that.
+        return event.event == "watchdog" and self._sticks in event.text
 
     def default_rates(self) -> Mapping[int, float]:
         """Streams of a new channel: rates (Hz) by group."""

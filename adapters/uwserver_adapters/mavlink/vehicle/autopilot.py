@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 from uwserver.adapter import AdapterContext, Conversation
 from uwserver.ports import Json, Refused, Reply
+from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
 
 SOURCE = "ground station"
 """One commander for all ground stations: they take turns by MAVLink's own rules."""
@@ -77,6 +78,7 @@ class Autopilot:
             self._told(refused.fault.text, done)
 
     def _told(self, reason: str, done: Done | None) -> None:
+        reason = in_words_of_mavlink(reason)
         stats = self._context.stats
         if reason:
             stats.errors += 1

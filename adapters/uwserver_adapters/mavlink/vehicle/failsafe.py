@@ -8,9 +8,9 @@ from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, SURFACE, Mode
 from uwserver_adapters.mavlink.vehicle.parameters import Parameters
 from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 
-_DISARM, _SURFACE = 2, 4
-AGAIN_S = 20.0
-"""A fail-safe that lasts is told again."""
+_DISARM, _HOLD, _SURFACE = 2, 3, 4
+AGAIN_S, GCS_AGAIN_S = 20.0, 30.0
+"""A fail-safe that lasts is told again; that of the ground station after the second."""
 
 
 class Failsafes:
@@ -31,6 +31,7 @@ class Failsafes:
         self._active: dict[str, float] = {}
         self._gcs_at: float | None = None
         self._autopilot = ""
+        self._has_acted_on_gcs = False
 
     @property
     def is_active(self) -> bool:
@@ -38,8 +39,9 @@ class Failsafes:
         return self._pilot.is_lost or bool(self._active)
 
     def heard_gcs(self, now: float) -> None:
-        """A heartbeat of the ground station that is in charge."""
+        """A heartbeat of the ground station that is in charge, or what counts as one."""
         self._gcs_at = now
+        self._has_acted_on_gcs = False
         if self._active.pop("gcs", None) is not None:
             self._bridge.tell(WARNING, "GCS Failsafe Cleared")
 
@@ -48,6 +50,7 @@ class Failsafes:
         self._active.clear()
         self._pilot.forget()
         self._gcs_at = None
+        self._has_acted_on_gcs = False
 
     def tick(self, now: float) -> None:
         """Look."""
@@ -60,10 +63,10 @@ class Failsafes:
     def _value(self, name: str) -> float:
         return self._parameters.value(name)
 
-    def _begins(self, name: str, now: float, severity: str, text: str) -> bool:
+    def _begins(self, name: str, now: float, severity: str, text: str, again_s: float = AGAIN_S) -> bool:
         """Tell what has begun, or lasts; whether it is time to act: it begins, and the vehicle is armed."""
         since = self._active.get(name)
-        if since is None or now - since >= AGAIN_S:
+        if since is None or now - since >= again_s:
             self._active[name] = now
             self._bridge.tell(severity, text)
         return since is None and self._bridge.readings.state().armed
@@ -85,11 +88,14 @@ class Failsafes:
         action = self._value("FS_GCS_ENABLE")
         if action == 0 or self._gcs_at is None or now - self._gcs_at <= self._value("FS_GCS_TIMEOUT"):
             return
-        if self._begins("gcs", now, WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost"):
-            if action == _DISARM:
-                self._disarm()
-            elif action in (3, _SURFACE):
-                self._enter(ALT_HOLD if action == 3 else SURFACE)
+        self._begins("gcs", now, WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost", GCS_AGAIN_S)
+        if self._has_acted_on_gcs or not self._bridge.readings.state().armed:
+            return  # armed later, it acts then
+        self._has_acted_on_gcs = True
+        if action == _DISARM:
+            self._disarm()
+        elif action in (_HOLD, _SURFACE):
+            self._bridge.set_mode(ALT_HOLD if action == _HOLD else SURFACE, self._or_disarm)
 
     def _check_leak(self, now: float) -> None:
         action = self._value("FS_LEAK_ENABLE")
@@ -115,8 +121,10 @@ class Failsafes:
                 self._enter(SURFACE)
 
     def _tell_autopilot(self) -> None:
-        """The autopilot has fail-safes of its own."""
+        """The autopilot has fail-safes of its own: those that ArduSub has not."""
         reason = self._bridge.readings.state().failsafe
+        if reason == "pilot" or (reason == "leak" and self._value("FS_LEAK_ENABLE")):
+            reason = ""  # the checks above tell of it, in ArduSub's words
         if reason != self._autopilot:
             self._autopilot = reason
             self._bridge.tell(*((CRITICAL, f"Failsafe: {reason}") if reason else (NOTICE, "Failsafe cleared")))
@@ -127,6 +135,12 @@ class Failsafes:
 
     def _enter(self, mode: Mode) -> None:
         self._bridge.set_mode(mode, self._tell_failure)
+
+    def _or_disarm(self, reason: str) -> None:
+        """What a mode that cannot be had leads to."""
+        if reason:
+            self._tell_failure(reason)
+            self._disarm()
 
     def _tell_failure(self, reason: str) -> None:
         if reason:

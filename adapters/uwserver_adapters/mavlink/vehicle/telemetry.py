@@ -34,8 +34,8 @@ ARMED, CUSTOM, STABILIZED, GUIDED, MANUAL = 128, 1, 16, 8, 64
 """Bits of base_mode."""
 GYRO, ACCELEROMETER, MAGNETOMETER, ABSOLUTE_PRESSURE, GPS = 1, 2, 4, 8, 32
 RATE_CONTROL, ATTITUDE_CONTROL, YAW_CONTROL, Z_CONTROL, XY_CONTROL = 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14
-OUTPUTS, AHRS, BATTERY, PREARM = 1 << 15, 1 << 21, 1 << 25, 1 << 28
-"""Bits of MAV_SYS_STATUS_SENSOR."""
+OUTPUTS, GEOFENCE, AHRS, BATTERY, PREARM = 1 << 15, 1 << 20, 1 << 21, 1 << 25, 1 << 28
+"""Bits of MAV_SYS_STATUS_SENSOR. ArduSub shows its fence as present, healthy and not enabled unless it is switched on; here it never is."""
 _LEVEL_FROM_BOW = 4 | 8 | 32
 """Bits of GIMBAL_DEVICE_FLAGS: roll and pitch from the horizon, yaw from the vehicle."""
 _INSTRUMENTS = {"imu": GYRO | ACCELEROMETER, "magnetometer": MAGNETOMETER, "depth": ABSOLUTE_PRESSURE,
@@ -153,13 +153,17 @@ class Telemetry:
     def _sys_status(self) -> Fields:
         readings, state = self._readings, self._state
         present = healthy = RATE_CONTROL | ATTITUDE_CONTROL | YAW_CONTROL | Z_CONTROL | XY_CONTROL | OUTPUTS | PREARM
-        if not state.has_autopilot:
+        present = healthy = present | GEOFENCE
+        leaks = bool((readings.last("leak") or {}).get("leak"))
+        if not state.has_autopilot or (
+            leaks and not state.armed
+        ):  # who is armed has passed the checks, as with ArduPilot
             healthy &= ~PREARM
         for kind, bits in _INSTRUMENTS.items():
             if readings.has(kind):
                 present |= bits
                 healthy |= bits if readings.last(kind) is not None else 0
-        enabled = present if state.armed else present & ~OUTPUTS
+        enabled = present & ~GEOFENCE if state.armed else present & ~(GEOFENCE | OUTPUTS)
         voltage, current = readings.number("battery", "voltage"), readings.number("battery", "current")
         charge = readings.number("battery", "charge")
         return {

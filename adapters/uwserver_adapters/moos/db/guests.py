@@ -22,7 +22,7 @@ NAME_S = 5.0
 TOGETHER = 1000
 """Messages in one packet at most: C++ clients throw away mail above 2048 that are unread."""
 AT_ONCE = 256
-"""Notifications of a packet that take effect together: about 2 ms. Behind so many of them others may have their turn."""
+"""Notifications of a packet that take effect together: about 0.5 ms. Behind so many of them others may have their turn."""
 HELD = 2048
 """Mail that waits for a synchronous client to ask; the oldest is dropped above, and above `queue_bytes`."""
 CLIENT_NAME_LIMIT = 128

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, RESTART_S, ArduPilotDriver, State
+from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.wire import Scale
 from uwserver_adapters.sil.channels import Outputs, OutputTable
 from uwserver_bench.ardupilot_peer import ArduPilotPeer, read, servo_packet
@@ -121,6 +121,12 @@ class Rig:
 
     def order(self) -> Order | None:
         return self.driver.order(1.0 if self.now == 100.0 else 0.05)
+
+    def listen(self, seconds: float) -> None:
+        """Wall time in which the driver is asked and nothing comes."""
+        for _ in range(round(seconds / 0.4)):
+            self.now += 0.4
+            assert self.order() is None
 
     def step(self, pwm: list[int], number: int | None = None, **values: tuple) -> dict[str, tuple[float, ...]]:
         """A whole frame: sent, ordered, ticked, answered, read."""
@@ -230,7 +236,7 @@ def test_an_autopilot_that_restarts_is_taken_up_again() -> None:
 def test_one_that_restarts_has_another_address() -> None:
     with rig() as r, another(r) as second:
         r.step([1500] * 8, 700)
-        r.now += RESTART_S
+        r.listen(1.2)
         second.send([1500] * 8, 0)
         assert r.order() is not None
         r.driver.answer(r.t_ns)
@@ -248,8 +254,7 @@ def test_a_second_autopilot_is_kept_out_until_the_first_is_silent() -> None:
         assert r.count("strangers") == 1
         assert "two autopilots" in r.stats.last_error
         r.step([1500] * 8, 701)
-        r.now += 4.0
-        assert r.order() is None
+        r.listen(4.0)
         assert r.stats.peers == 0
         second.send([1900] * 8, 34)
         assert r.order() is not None
@@ -287,6 +292,43 @@ def test_garbage_at_random_moves_nothing_and_the_autopilot_goes_on() -> None:
         assert counted == sent
         assert stranger.receive(0.001) is None
         assert (r.count("frames"), r.count("restarts"), r.count("lost")) == (21, 0, 0)
+
+
+def test_a_stray_frame_with_number_0_takes_nothing_over(caplog: pytest.LogCaptureFixture) -> None:
+    """A second ArduSub that is started on the same port; the first goes on, and somebody is told."""
+    with rig() as r, another(r) as second:
+        for number in range(700, 710):
+            r.step([1500] * 8, number)
+            second.send([1900] * 8, 0)
+            assert r.order() is None
+        assert second.receive(0.05) is None
+        assert (r.count("frames"), r.count("strangers"), r.count("restarts")) == (10, 10, 0)
+        assert "two autopilots send here" in r.stats.last_error
+        assert "port of its own" in r.stats.last_error
+        assert [line.count("second autopilot") for line in caplog.messages] == [1]  # not ten times
+
+
+def test_a_pause_of_the_world_is_no_silence_of_its_autopilot() -> None:
+    with rig() as r, another(r) as second:
+        r.step([1500] * 8, 700)
+        r.now += 60.0  # nobody asked the driver
+        r.peer.send([1500] * 8, 701)
+        second.send([1900] * 8, 0)
+        r.tick()
+        order = r.order()
+        assert order is not None
+        r.driver.answer(r.t_ns)
+        assert r.peer.receive(1.0) is not None
+        assert second.receive(0.05) is None
+
+
+def test_who_takes_over_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    with rig() as r, another(r) as second:
+        r.step([1500] * 8, 700)
+        r.listen(1.2)
+        second.send([1500] * 8, 0)
+        assert r.order() is not None
+        assert any("takes the vehicle over" in line for line in caplog.messages)
 
 
 def test_a_simulator_that_restarts_takes_any_number() -> None:
@@ -411,11 +453,9 @@ def test_a_wish_that_walks_to_its_goal_is_not_told() -> None:
 def test_silence() -> None:
     with rig() as r:
         r.step([1500] * 8)
-        r.now += 2.0
-        assert r.order() is None
+        r.listen(2.0)
         assert r.stats.peers == 1
-        r.now += 2.0
-        assert r.order() is None
+        r.listen(2.0)
         assert r.stats.peers == 0
         r.step([1500] * 8, 1)
         assert r.stats.peers == 1

@@ -161,6 +161,8 @@ class FakeRov(FakeContext):
     def _set_mode(self, args: Mapping[str, Json]) -> Json:
         if args["mode"] in ("position_hold", "guided", "mission") and not self.state["position_valid"]:
             raise Refused("denied", "no position")
+        if args["mode"] == "mission" and not self.items:
+            raise Refused("denied", "there is no mission: call rov/autopilot/set_mission first")
         self.state["mode"] = args["mode"]
         return None
 

@@ -244,6 +244,27 @@ def test_who_speaks_last_drives() -> None:
             assert r.stats.peers == 1
 
 
+def test_a_ground_station_does_not_take_the_vehicle_over() -> None:
+    """It looks for a vehicle at any port it is told, with heartbeats and requests; PX4, whose connection ended, would not come again."""
+    with rig() as r, connected(r) as px4:
+        assert r.order() is not None
+        station = r.connect()
+        for _ in range(3):
+            station.send(station.mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0))
+            station.send(
+                station.mav.command_long_encode(1, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 30, 1e5, 0, 0, 0, 0, 0)
+            )
+            r.order()
+            r.tick()
+        assert r.stats.details["connections"] == 1
+        assert "HIL_SENSOR" in px4.names()
+        r.now += 10.0
+        for _ in range(5):
+            r.order()
+        assert r.stats.details["refused"] == {"no autopilot": 1}
+        station.close()
+
+
 @pytest.mark.parametrize(
     "said", [b"", b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"\x16\x03\x01\x02\x00\x01", b"garbage" * 100]
 )

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.ports import Refused
+from uwserver.ports import Call, Command, Refused, Reply
+from uwserver.ports.checks import checked_command
+from uwserver.scenario.build import population
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.solids.tables import BoxObject, FlatSeabed
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors.truth import Truth
-from uwserver.world import World
+from uwserver.world import World, snapshot
 
 
 def world_of(**tables: object) -> World:
@@ -143,6 +145,94 @@ def test_a_refused_spawn_changes_nothing(args: dict[str, object], text: str) -> 
     world.step(10)
 
 
+def test_rows_of_who_left_are_used_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(population, "MAX_BODIES", 5)
+    world = world_of()
+    for n in range(4):
+        for like in ("spare", "crate", "spare"):
+            world.call(
+                "world/spawn", name=f"{like}{len(world.members)}", like=like, p_NB=[5.0, 4.0 * len(world.members), 4.0]
+            )
+        assert [member.vehicle.row for member in world.members.values()] == [0, 1, 2, 3, 4]
+        assert len(world.hydro) == 5, "nobody has rows but those who were here at once"
+        before = world.call("world/state_hash")
+        with pytest.raises(Refused, match="room for 5 bodies"):
+            world.call("world/spawn", name="more", like="spare", p_NB=[9.0, 0.0, 4.0])
+        assert world.call("world/state_hash") == before
+        for name in [*world.members][2:]:
+            world.call("world/remove", name=name)
+        # What the scenario begins with keeps its rows for a reset.
+        assert set(world.members) == {"rov", "crate"}
+        world.step(n)
+
+
+@pytest.mark.parametrize("like", ["rov", "crate"])
+def test_who_comes_into_used_rows_begins_as_new(like: str) -> None:
+    """Nothing of the one before: no set point, no motion, no fault, and no impulse where it lay on the seabed."""
+    used, new = world_of(), world_of()
+    place = {"like": like, "p_NB": [0.0, 5.0, 9.7], "q_NB": [0.9, 0.0, 0.0, 0.4]}
+    used.call("world/spawn", name="before", **place)
+    fault = {"name": "flooded", "kind": "buoyancy_change", "target": "before", "parameters": {"fraction": -0.2}}
+    used.call("world/set_fault", **fault)
+    for k in range(400):
+        if like == "rov" and k == 50:
+            used.command("before/thrusters", u=[0.4] * 8)
+        used.step()
+        new.step()
+    assert (used.hydro.touched.contacts.body_a == 2).any(), "it lies on the seabed"
+    used.call("world/remove", name="before")
+    assert not (used.hydro.touched.contacts.body_a == 2).any()
+    for world in (used, new):
+        world.call("world/spawn", name="after", **place)
+    assert used.vehicles["after"].row == new.vehicles["after"].row == 2
+    for _ in range(200):
+        assert used.step() == new.step()
+        np.testing.assert_array_equal(used.hydro.state, new.hydro.state)
+    parts = [snapshot.take(world).parts for world in (used, new)]
+    for states in parts:
+        del states["world/samples"]  # which are numbered, those of who left too
+    assert parts[0] == parts[1]
+
+
+def test_a_spawn_into_used_rows_that_is_refused_changes_nothing() -> None:
+    world = world_of()
+    world.call("world/spawn", name="a", like="spare", p_NB=[5.0, 0.0, 4.0])
+    world.call("world/remove", name="a")
+    before = world.call("world/state_hash")
+    with pytest.raises(Refused, match="begin inside the seabed"):
+        world.call("world/spawn", name="b", like="spare", p_NB=[5.0, 0.0, 12.0])
+    assert world.call("world/state_hash") == before
+    world.step(10)
+    world.call("world/spawn", name="b", like="spare", p_NB=[5.0, 0.0, 4.0])
+    assert world.vehicles["b"].row == 2
+
+
+def test_a_snapshot_knows_who_was_in_which_row() -> None:
+    world = world_of()
+
+    def story() -> list[object]:
+        """Who comes next, and where, after the rows of `a` are free."""
+        world.call("world/spawn", name="c", like="spare", p_NB=[5.0, 0.0, 4.0])
+        world.call("world/spawn", name="d", like="spare", p_NB=[5.0, 9.0, 4.0])
+        world.command("c/thrusters", u=[0.5] * 6)
+        samples = world.step(40)
+        rows = [(name, member.vehicle.row) for name, member in world.members.items()]
+        return [samples, rows, world.call("world/state_hash")]
+
+    for name, y in (("a", 0.0), ("b", 3.0)):
+        world.call("world/spawn", name=name, like="spare", p_NB=[5.0, y, 4.0])
+    world.step(5)
+    world.call("world/remove", name="a")
+    world.call("world/snapshot", name="here")
+    first = story()
+    assert first[1] == [("rov", 0), ("crate", 1), ("c", 2), ("b", 3), ("d", 4)]
+    world.call("world/restore", name="here")
+    assert story() == first
+    world.call("world/reset")
+    world.call("world/restore", name="here")
+    assert story() == first
+
+
 def test_two_that_meet_after_a_spawn_without_anything_solid_before() -> None:
     scenario = Scenario(
         schema=1,
@@ -158,3 +248,27 @@ def test_two_that_meet_after_a_spawn_without_anything_solid_before() -> None:
         world.step()
         met = met or bool(world.hydro.touched.impulse.any())
     assert met
+
+
+def test_what_was_sent_to_the_one_before_does_not_reach_the_next() -> None:
+    """One client sends all of it at once: each is checked when it comes, and carried out when another body has the name."""
+    world = world_of()
+    world.call("world/spawn", name="guest", like="rov", p_NB=[5.0, 0.0, 4.0])
+    world.step(2)
+    command = Command("guest/thrusters", checked_command(world.ports["guest/thrusters"], {"u": [0.5] * 8}), "a")
+    replies: list[Reply] = []
+    arguments = {"name": "guest", "like": "spare", "p_NB": [5.0, 0.0, 4.0], "q_NB": [1.0, 0.0, 0.0, 0.0]}
+    for item in (Call("world/remove", {"name": "guest"}, "a"), Call("world/spawn", arguments, "a"), command):
+        world.submit(item, replies.append)  # type: ignore[arg-type]
+    world.step(2)
+    assert [reply.fault.code if reply.fault else "" for reply in replies] == ["", "", "bad_shape"]
+    assert world.call("guest/thrusters/get")["value"] == {}  # type: ignore[index,call-overload]
+
+
+def test_who_comes_into_an_empty_world_is_told_of() -> None:
+    world = world_of()
+    for name in ("rov", "crate"):
+        world.call("world/remove", name=name)
+    world.advance()
+    world.call("world/spawn", name="guest", like="rov", p_NB=[5.0, 0.0, 4.0])
+    assert [event.event for event in world.advance().events] == ["ports_changed"]

@@ -77,7 +77,7 @@ def test_faults_of_missing_engines_come_with_the_command_for_everything(without)
 
 def test_check_fails_and_run_ends_before_it_compiles(without, monkeypatch):
     without("pymavlink")
-    monkeypatch.setattr("uwserver.cli.run._announce_compilation", lambda: pytest.fail("came to compiling"))
+    monkeypatch.setattr("uwserver.scenario.build.world.prepare", lambda *_: pytest.fail("came to compiling"))
     for command in ("check", "run"):
         done = CliRunner().invoke(main, [command, "bluerov2_qgc"])
         assert done.exit_code == 1

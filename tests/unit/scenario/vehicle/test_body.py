@@ -14,13 +14,13 @@ from uwserver.actuators import ActuatorTable, ForceTorqueConfig
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE
 from uwserver.scenario.vehicle.body import (
-    add_body,
     body_params,
     buoyancy_and_weight,
     force_table,
     lag,
     matrices,
     own_actuators,
+    own_rows,
     thruster_params,
 )
 from uwserver.scenario.vehicle.tables import LagTable, ThrusterDevice, VehicleFile
@@ -207,7 +207,7 @@ def test_each_actuator_of_an_extension_has_a_wrench_of_its_own(tiny, motor) -> N
     assert params.wrenches == 3
     hydro = Hydrodynamics((), 0.01)
     for first in (0, 3):  # the second vehicle's rows come after those of the first
-        bodies = add_body(hydro, vehicle, params)
+        bodies = own_rows(hydro, vehicle, hydro.add(params))
         assert {name: body.wrench for name, body in bodies.items()} == {"": first, "one": first + 1, "two": first + 2}
         assert {body.row for body in bodies.values()} == {first // 3}
         assert bodies["one"].thrusters == {"left": first // 3}
@@ -217,4 +217,4 @@ def test_each_actuator_of_an_extension_has_a_wrench_of_its_own(tiny, motor) -> N
 def test_a_vehicle_of_shipped_kinds_has_one(tiny, motor) -> None:
     params = body_params(tiny, {"left": motor}, SEA)
     assert params.wrenches == 1
-    assert list(add_body(Hydrodynamics((), 0.01), tiny, params)) == [""]
+    assert list(own_rows(Hydrodynamics([params], 0.01), tiny, 0)) == [""]

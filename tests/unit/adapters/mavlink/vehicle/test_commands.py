@@ -93,6 +93,7 @@ async def test_arming(bench):
 )  # fmt: skip
 async def test_modes(bench, number, mode):
     station = bench.station()
+    bench.rov.items = [{"kind": "surface"}]  # without a mission AUTO is refused
     assert await station.command(176, 1.0, float(number)) == ACCEPTED
     assert bench.rov.state["mode"] == mode
     bench.run(1.1)

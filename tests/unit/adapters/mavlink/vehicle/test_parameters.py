@@ -94,9 +94,9 @@ def test_one_by_name_or_index(bench):
         ("JS_LIGHTS_STEPS", -2.9, -2.0, 4),
         ("FS_PRESS_MAX", 105_001.0, 105_001.0, 6),
         ("JS_THR_GAIN", 0.1, 0.10000000149011612, 9),
-        ("FS_GCS_ENABLE", 200.0, 0.0, 2),  # beyond its type: as it was
-        ("FS_GCS_ENABLE", math.nan, 0.0, 2),
-        ("FS_GCS_ENABLE", math.inf, 0.0, 2),
+        ("FS_GCS_ENABLE", 200.0, 2.0, 2),  # beyond its type: as it was
+        ("FS_GCS_ENABLE", math.nan, 2.0, 2),
+        ("FS_GCS_ENABLE", math.inf, 2.0, 2),
         ("MAV_SYSID", 9.0, 1.0, 4),
     ],
 )
@@ -132,7 +132,7 @@ def test_the_packed_file_is_read_by_pymavlink():
         assert values == pytest.approx({name: parameters.value(name) for name in parameters.names})
         defaults = {name.decode(): value for name, value, _ in decoded.defaults or []}
         if with_defaults:
-            assert defaults["FS_GCS_ENABLE"] == 0
+            assert defaults["FS_GCS_ENABLE"] == 2
 
 
 def _ask(files: Files, **fields: object) -> list[Request]:

@@ -6,6 +6,8 @@ import asyncio
 
 import pytest
 
+from uwserver.ports import Event, Refused
+
 
 def steer(station, x=0, y=0, z=500, r=0, buttons=0, **more):
     station.send("MANUAL_CONTROL", 1, x, y, z, r, buttons, **more)
@@ -158,7 +160,8 @@ def test_an_override_that_is_not_renewed_ends(make_bench):
     assert len(bench.rov.commanded("pilot")) == len(sent)
 
 
-async def test_a_pilot_who_went_before_the_vehicle_was_armed_is_no_loss(bench):
+async def test_a_pilot_who_went_before_the_vehicle_was_armed_is_no_loss(make_bench):
+    bench = make_bench(parameters={"FS_GCS_ENABLE": 0})
     station = bench.station()
     steer(station, x=1000)
     bench.run(2.0)
@@ -184,6 +187,84 @@ async def test_a_lost_ground_station(make_bench, action, service):
         assert bench.rov.state["mode"] == ("depth_hold" if action == 3 else "surface")
     station.send("HEARTBEAT", 6, 8, 0, 0, 4, 3)
     assert "GCS Failsafe Cleared" in station.texts()
+
+
+async def test_a_ground_station_that_is_lost_disarms_as_ardusub_has_it_by_default(bench):
+    station = bench.station()
+    bench.rov.state["armed"] = True
+    bench.run(20.0)
+    assert not station.texts()  # none was there, so none is missed
+    station.send("HEARTBEAT", 6, 8, 0, 0, 4, 3)
+    bench.run(4.5)
+    assert bench.rov.state["armed"]
+    bench.run(1.0)
+    await asyncio.sleep(0.01)
+    assert not bench.rov.state["armed"]
+    bench.run(36.0)
+    assert station.texts().count("MYGCS: 255, heartbeat lost") == 2  # each 30 s
+
+
+async def test_a_vehicle_that_is_armed_while_its_ground_station_is_lost_fails_safe_then(bench):
+    station, other = bench.station(), bench.station(254)
+    station.send("HEARTBEAT", 6, 8, 0, 0, 4, 3)
+    bench.run(8.0)
+    assert await other.command(400, 1.0) == 0
+    bench.run(0.2)
+    await asyncio.sleep(0.01)
+    assert not bench.rov.state["armed"]
+
+
+async def test_a_fail_safe_whose_mode_cannot_be_had_disarms(make_bench):
+    bench = make_bench(parameters={"FS_GCS_ENABLE": 3})
+    bench.rov.state["armed"] = True
+
+    def no_depth(_):
+        raise Refused("denied", "depth_hold has no depth: it needs a valid sensor")
+
+    bench.rov.scripts["rov/autopilot/set_mode"] = no_depth
+    station = bench.station()
+    station.send("HEARTBEAT", 6, 8, 0, 0, 4, 3)
+    bench.run(6.0)
+    await asyncio.sleep(0.01)
+    assert not bench.rov.state["armed"]
+    assert "Failsafe action failed: ALT_HOLD has no depth: it needs a valid sensor" in station.texts()
+
+
+async def test_overrides_are_heartbeats_of_the_ground_station(make_bench):
+    bench = make_bench(parameters={"FS_PILOT_INPUT": 0})
+    station = bench.station()
+    bench.rov.state["armed"] = True
+    station.send("HEARTBEAT", 6, 8, 0, 0, 4, 3)
+    for _ in range(10):
+        station.send("RC_CHANNELS_OVERRIDE", 1, 1, *(1500,) * 18)
+        bench.run(1.0)
+    assert bench.rov.state["armed"]
+    assert not station.texts()
+
+
+def test_one_lost_stick_is_told_once(bench):
+    """What the world says of it too: the watchdog of the port, the autopilot's own fail-safe, that it was disarmed."""
+    station = bench.station()
+    bench.rov.state["armed"] = True
+    bench.run(1.0)
+    steer(station, x=1000)
+    bench.run(1.5)
+    voice = '"rov/autopilot"'
+    bench.rov.say(Event("watchdog", 1, 1, 'no command for "rov/autopilot/pilot" in 1 s: it went to neutral'))
+    bench.rov.say(Event("autopilot", 1, 1, f"{voice} fail-safe: no command from the pilot, the sticks are neutral"))
+    bench.rov.state["failsafe"] = "pilot"
+    bench.run(2.5)
+    bench.rov.state |= {"failsafe": "", "armed": False}
+    bench.rov.say(Event("autopilot", 1, 1, f"{voice} disarmed"))
+    bench.run(1.0)
+    assert station.texts() == ["Lost manual control"]
+
+
+def test_what_other_vehicles_autopilots_say_is_not_ours(bench):
+    station = bench.station()
+    bench.rov.say(Event("autopilot", 1, 1, '"rov2/autopilot" the test of the actuators is over'))
+    bench.rov.say(Event("autopilot", 1, 1, '"rov/autopilot" the test of the actuators is over'))
+    assert station.texts() == ["the test of the actuators is over"]
 
 
 def test_a_leak_is_told_again_and_again(make_bench):
@@ -217,8 +298,6 @@ def test_the_autopilot_has_failsafes_of_its_own(bench):
 
 
 def test_time_that_begins_anew_lets_the_sticks_go(bench):
-    from uwserver.ports import Event
-
     station = bench.station()
     bench.run(5.0)
     steer(station, x=1000)

@@ -232,18 +232,40 @@ def test_events_are_told_and_long_texts_come_in_pieces(bench):
     ]
 
 
+def test_the_lamps_of_a_vehicle_without_fence(told):
+    """As ArduSub: its fence is there and healthy, but not switched on; MAVProxy would cry "fence breach"."""
+    status, fence = told.last("SYS_STATUS"), 1 << 20
+    assert status.onboard_control_sensors_present & fence
+    assert status.onboard_control_sensors_health & fence
+    assert not status.onboard_control_sensors_enabled & fence
+
+
+def test_a_leak_that_forbids_arming_shows_before(bench):
+    station, prearm = bench.station(), 1 << 28
+
+    def healthy():
+        bench.run(1.0)
+        return bool(station.last("SYS_STATUS").onboard_control_sensors_health & prearm)
+
+    assert healthy()
+    bench.rov.said["leak"]["leak"] = True
+    assert not healthy()
+    bench.rov.state["armed"] = True  # forced: who is armed has passed
+    assert healthy()
+
+
 def test_events_name_our_ports_shortly(bench):
     station = bench.station()
-    for path in ("rov/autopilot/pilot", "rov/thrusters", "rov2/dvl"):
+    for path in ("rov/autopilot/velocity", "rov/thrusters", "rov2/dvl"):
         bench.rov.say(Event("watchdog", 1, 1, f'no command for "{path}" in 1 s: it went to neutral'))
     bench.rov.say(Event("mode", 1, 1, '"rov/autopilot" armed in mode depth_hold'))
     assert [m.text for m in station.of("STATUSTEXT")] == [
-        "no command for pilot in 1 s: it went to neutral",
+        "no command for velocity in 1 s: it went to neutral",
         "no command for thrusters in 1 s: it went to neutra",
         "l",
         'no command for "rov2/dvl" in 1 s: it went to neutr',
         "al",
-        "autopilot armed in mode depth_hold",
+        "armed in mode ALT_HOLD",
     ]
 
 

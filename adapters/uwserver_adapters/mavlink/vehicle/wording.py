@@ -1,0 +1,35 @@
+"""What the autopilot says, in the words of those who hold a ground station: modes as ArduSub names them, and no services or ports."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from uwserver_adapters.mavlink.vehicle.modes import MODES, shown
+
+_NAMES = "|".join({mode.autopilot for mode in MODES} | {"velocity", "heading_hold"})
+_RULES: tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...] = (
+    (re.compile(r"call \S+/set_mission first"), "upload one first"),
+    (re.compile(r"call \S+/arm first"), "arm first"),
+    (re.compile(r"call \S+/disarm first, or steer by \S+"), "disarm first, or steer by the sticks"),
+    (
+        re.compile(r"call \S+/set_mode with ([a-z_]+(?: or [a-z_]+)*) first"),
+        lambda m: f"change to {_modes(m[1])} first",
+    ),
+    (re.compile(r"arm with force = true if you must"), "force arming if you must"),
+    (re.compile(r"arm with force = true"), "force arming"),
+    (re.compile(rf"\b(in mode|mode) ({_NAMES})\b"), lambda m: f"{m[1]} {shown(m[2]).name}"),
+    (re.compile(rf"^({_NAMES})(?= has no )"), lambda m: shown(m[1]).name),
+)
+
+
+def _modes(names: str) -> str:
+    """Names of ArduSub for some of the autopilot, each once."""
+    return " or ".join(dict.fromkeys(shown(name).name for name in names.split(" or ")))
+
+
+def in_words_of_mavlink(text: str) -> str:
+    """A text of the autopilot for STATUSTEXT."""
+    for pattern, words in _RULES:
+        text = pattern.sub(words, text)
+    return text

@@ -1,0 +1,165 @@
+"""Each example, run as its first lines say: a paused server of its scenario, the program, and how well it did what it is for."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+PATIENCE_S = 300
+sys.path.insert(0, str(ROOT / "tests"))
+
+from server_process import serving  # noqa: E402
+
+from uwserver.scenario.files.documents import shipped  # noqa: E402
+
+
+def run(scenario: str, program: str, *arguments: str) -> list[float]:
+    """The numbers of the last line that the program prints."""
+    with serving(EXAMPLES / scenario, "--paused") as ((_, port), _):
+        command = [sys.executable, str(EXAMPLES / program), "--port", str(port), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", done.stdout.splitlines()[-1])]
+
+
+@pytest.fixture
+def picture(tmp_path: Path) -> Path:
+    pytest.importorskip("matplotlib")
+    return tmp_path / "picture.png"
+
+
+def test_depth_and_heading_follow_their_set_points(picture: Path) -> None:
+    depth, heading = run("depth_heading.toml", "depth_heading.py", "--out", str(picture))
+    assert 0.0 < depth < 0.1
+    assert 0.0 < heading < 8.0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_all_waypoints_are_visited_along_their_legs(picture: Path) -> None:
+    seconds, most, half, drift = run("waypoints.toml", "waypoints.py", "--out", str(picture))
+    assert 60.0 < seconds < 130.0
+    assert half < 0.22
+    assert most < 0.65
+    assert 0.0 < drift < 0.5
+    assert picture.exists()
+
+
+@pytest.mark.slow
+def test_the_pipe_is_followed_to_its_end(picture: Path) -> None:
+    _, most, half, end = run("pipe.toml", "pipe.py", "--out", str(picture))
+    assert most < 0.6
+    assert half < 0.12
+    assert 29.0 < end < 33.0
+    assert picture.exists()
+
+
+def test_it_docks_without_a_bump(picture: Path) -> None:
+    _, off, bumps = run("dock.toml", "dock.py", "--out", str(picture))
+    assert 0.0 < off < 0.2
+    assert bumps == 0
+    assert picture.exists()
+
+
+@pytest.mark.slow
+def test_the_swarm_forms_its_wedge(picture: Path, tmp_path: Path) -> None:
+    pytest.importorskip("zenoh")
+    text, port = (EXAMPLES / "swarm.toml").read_text(), free_port()
+    assert "7447" in text
+    (tmp_path / "swarm.toml").write_text(text.replace("7447", str(port)))
+    command = [sys.executable, "-m", "uwserver", "run", str(tmp_path / "swarm.toml"), "--paused"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        try:
+            assert server.stdout is not None
+            assert any(f"tcp/127.0.0.1:{port}" in line for line in server.stdout)
+            program = [sys.executable, str(EXAMPLES / "swarm.py"), "--connect", f"tcp/127.0.0.1:{port}"]
+            done = subprocess.run([*program, "--out", str(picture)], capture_output=True, text=True, timeout=PATIENCE_S)
+        finally:
+            server.terminate()
+            server.communicate(timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    (off,) = re.findall(r"more than ([\d.]+) m", done.stdout)
+    assert float(off) < 0.3
+    assert picture.exists()
+
+
+def test_a_mission_is_flown(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    text, port = shipped()["bluerov2_qgc"].read_text(), free_port(socket.SOCK_DGRAM)
+    assert "14550" in text
+    (tmp_path / "qgc.toml").write_text(text.replace("14550", str(port)))
+    with serving(tmp_path / "qgc.toml", "--speed", "4"):
+        command = [sys.executable, str(EXAMPLES / "mission.py"), "--link", f"udpin:127.0.0.1:{port}"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("waypoint") == 3
+    (off,) = re.findall(r"at most ([\d.]+) m off", done.stdout)
+    assert float(off) < 1.0
+
+
+def test_the_notebook_finds_the_drag_of_the_vehicle_file(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    cells = json.loads((EXAMPLES / "drag.ipynb").read_text())["cells"]
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    assert done.returncode == 0, done.stderr
+    linear, quadratic = map(float, re.findall(r"linear ([\d.]+) N s/m, quadratic ([\d.]+)", done.stdout)[0])
+    assert linear == pytest.approx(4.03, rel=0.25)
+    assert quadratic == pytest.approx(34.6, rel=0.1)
+    assert (tmp_path / "drag.png").exists()
+
+
+def holds_a_depth(*command: str) -> None:
+    """A compiled client, against the scenario that its first lines name."""
+    with serving("bluerov2_pool", "--paused") as ((host, port), _):
+        words = [word.format(host=host, port=port) for word in command]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S)
+        wrong = subprocess.run([*words[:-1], "x"][:1], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"depth (1\.9[5-9]|2\.0[0-5]) m\n", done.stdout)
+    assert wrong.returncode == 2
+    assert "usage" in wrong.stderr
+
+
+def test_cpp(tmp_path: Path) -> None:
+    if shutil.which("c++") is None or not Path("/usr/include/asio.hpp").exists():
+        pytest.skip("no C++ compiler, or no asio (Debian: libasio-dev)")
+    source = EXAMPLES / "cpp/depth_hold.cpp"
+    (line,) = re.findall(r"^//   (c\+\+ .*)$", source.read_text(), re.M)
+    words = [str(source) if word == source.name else word for word in line.split()]
+    subprocess.run([*words, "-Werror"], cwd=tmp_path, check=True, timeout=PATIENCE_S)
+    holds_a_depth(str(tmp_path / "depth_hold"), "{host}", "{port}", "2.0")
+
+
+def test_rust(tmp_path: Path) -> None:
+    if shutil.which("rustc") is None:
+        pytest.skip("no rustc")
+    source = EXAMPLES / "rust/depth_hold.rs"
+    subprocess.run(["rustc", "-O", "-D", "warnings", str(source)], cwd=tmp_path, check=True, timeout=PATIENCE_S)
+    holds_a_depth(str(tmp_path / "depth_hold"), "{host}:{port}", "2.0")
+
+
+def test_octave() -> None:
+    if shutil.which("octave-cli") is None:
+        pytest.skip("Octave is not installed: depth_hold.m is not run")
+    with serving("bluerov2_pool", "--paused") as ((host, port), _):
+        call = f'depth_hold("{host}", {port}, 2.0);'
+        command = ["octave-cli", "--path", str(EXAMPLES / "matlab"), "--eval", call]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert re.search(r"depth (1\.9[5-9]|2\.0[0-5]) m", done.stdout), done.stderr
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,152 @@
+"""Commands that write files to begin with, or show those that are shipped: new, show, copy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal, cast
+
+import click
+
+from uwserver.physics.geometry.shapes import BadSolid
+from uwserver.ports.checks import suggestion
+from uwserver.scenario.authoring.hull import mesh_hull
+from uwserver.scenario.authoring.starter import starter
+from uwserver.scenario.authoring.vehicle_starter import vehicle_starter
+from uwserver.scenario.files.convert import NAME
+from uwserver.scenario.files.documents import find, label_of, shipped
+
+_FOLDERS = {"scenario": "", "vehicle": "vehicles", "device": "devices"}
+_DEFAULT = "bluerov2_heavy"
+_POSITIVE = click.FloatRange(min=0.0, min_open=True)
+
+
+@click.command(short_help="Write a scenario or a vehicle file to begin with.")
+@click.argument("name", required=False)
+@click.option("--vehicle", metavar="VEHICLE", help=f"Of the scenario [default: {_DEFAULT}]; without NAME: the vehicle file to write.")  # fmt: skip
+@click.option("--from", "base", help=f"The vehicle that the new one begins as: a shipped one or a file [default: {_DEFAULT}].")  # fmt: skip
+@click.option("--mesh", help="The new vehicle's hull, x ahead: .stl, .obj, .ply, .glb, .gltf; a closed solid.")
+@click.option("--scale", type=_POSITIVE, help="m of one unit of the mesh: 0.001 for millimetres [default: 1].")
+@click.option("--up", type=click.Choice(["y", "z"]), help="The mesh's axis that points up [default: y for glTF, else z].")  # fmt: skip
+@click.option("--mass", type=_POSITIVE, help="kg, with --mesh [default: neutral in sea water].")
+def new(
+    name: str | None, vehicle: str | None, base: str | None, mesh: str | None, scale: float | None, up: str | None,
+    mass: float | None,
+) -> None:  # fmt: skip
+    """Write a commented starter scenario NAME.toml here; or, without NAME, a vehicle file.
+
+    `uwserver new tank --vehicle bluerov2` writes the scenario tank.toml. `uwserver new --vehicle crab --from bluerov2 --mesh hull.stl --mass 12`
+    writes the vehicle crab.toml: thrusters and sensors of BlueROV2, volume, centre and inertia from the mesh, added mass and damping by formula.
+    """
+    given = {"--from": base, "--mesh": mesh, "--scale": scale, "--up": up, "--mass": mass}
+    if name is not None:
+        _refuse_given(given, "of a vehicle file: leave NAME out, and give the vehicle's name by --vehicle")
+        _new_scenario(_stem(name, "NAME"), vehicle or _DEFAULT)
+    elif vehicle is None:
+        raise click.UsageError("give NAME for a scenario, or --vehicle NAME for a vehicle file")
+    else:
+        if mesh is None:
+            _refuse_given({key: given[key] for key in ("--scale", "--up", "--mass")}, "of a mesh: give it by --mesh")
+        axis = cast('Literal["y", "z"] | None', up)
+        _new_vehicle(_stem(vehicle, "--vehicle"), base or _DEFAULT, mesh, scale or 1.0, axis, mass)
+
+
+def _new_scenario(stem: str, vehicle: str) -> None:
+    _found(vehicle, "vehicles", "--vehicle")
+    path = _write(Path(f"{stem}.toml"), starter(stem, vehicle))
+    click.echo(f"wrote {path}; next: uwserver check {path} && uwserver run {path}")
+
+
+def _new_vehicle(
+    stem: str, base: str, mesh: str | None, scale: float, up: Literal["y", "z"] | None, mass: float | None
+) -> None:
+    text = _found(base, "vehicles", "--from").read_text(encoding="utf-8-sig")
+    begun_as = Path(base).stem
+    if mesh is None:
+        written = vehicle_starter(stem, begun_as, text)
+    else:
+        try:
+            hull = mesh_hull(Path(mesh), scale, up)
+        except BadSolid as error:
+            raise click.BadParameter(str(error), param_hint="--mesh") from error
+        reading = (f'up = "{up}"\n' if up else "") + (f"scale = {scale!r}\n" if scale != 1.0 else "")
+        written = vehicle_starter(stem, begun_as, text, hull, mesh, mass, reading)
+        size = " x ".join(f"{edge:.3g}" for edge in hull.size)
+        click.echo(f"{mesh}: {size} m (length, width, height), {hull.volume:.4g} m3")
+    path = _write(Path(f"{stem}.toml"), written)
+    click.echo(f"wrote {path}; next: uwserver manoeuvres {path}, and uwserver new tank --vehicle {path}")
+
+
+@click.command()
+@click.argument("name")
+def show(name: str) -> None:
+    """Print a shipped scenario, vehicle or device file."""
+    click.echo(_shipped(name)[1].read_text(encoding="utf-8"), nl=False)
+
+
+@click.command()
+@click.argument("name")
+@click.option("--as", "stem", help="Name of the copy, without .toml [default: NAME].")
+def copy(name: str, stem: str | None) -> None:
+    """Copy a shipped file here, to change it.
+
+    NAME is of a scenario, vehicle or device; the copy is NAME.toml.
+
+    Files that a scenario names (its seabed, say) are not copied: give their paths in the copy.
+    """
+    kind, source = _shipped(name)
+    path = _write(Path(f"{source.stem if stem is None else _stem(stem, '--as')}.toml"), source.read_text("utf-8"))
+    uses = {
+        "scenario": f"uwserver run {path}",
+        "vehicle": f'model = "{path}" in a scenario beside it',
+        "device": f'"{path}" in place of its name, in a vehicle file or scenario beside it',
+    }
+    click.echo(f"wrote {path}, a {kind}; use it by: {uses[kind]}")
+
+
+def _shipped(name: str) -> tuple[str, Path]:
+    """What kind of file it is, and where."""
+    found: Mapping[str, Mapping[str, Path]] = {kind: shipped(folder) for kind, folder in _FOLDERS.items()}
+    stem = name.removesuffix(".toml")
+    for kind, files in found.items():
+        if stem in files:
+            return kind, files[stem]
+    every = [known for files in found.values() for known in files]
+    text = f'nothing that is shipped is called "{name}"{suggestion(name, every)}; `uwserver list` shows what there is'
+    raise click.BadParameter(text, param_hint="NAME")
+
+
+def _found(reference: str, folder: str, hint: str) -> Path:
+    def refuse(text: str) -> None:
+        raise click.BadParameter(text, param_hint=hint)
+
+    path = find(reference, folder, Path.cwd(), refuse)
+    assert path is not None
+    return path
+
+
+def _refuse_given(options: Mapping[str, object], why: str) -> None:
+    for option, value in options.items():
+        if value is not None:
+            raise click.UsageError(f"{option} is {why}")
+
+
+def _stem(name: str, hint: str) -> str:
+    stem = name.removesuffix(".toml")
+    if not NAME.fullmatch(stem):
+        raise click.BadParameter("begin with a letter or _, go on with letters, digits, _ and -", param_hint=hint)
+    return stem
+
+
+def _write(path: Path, text: str) -> Path:
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise click.ClickException(f"{path} exists already: choose another name, or remove it first") from None
+    except OSError as error:
+        raise click.ClickException(f"cannot write {label_of(path)}: {error.strerror}") from error
+    return path
+
+
+COMMANDS = (new, show, copy)
