@@ -76,7 +76,7 @@ def core_radius(shapes: Shapes, s: int, line: int) -> float:
 
 
 @compiled
-def _farthest(shapes: Shapes, s: int, corners: Array, line: int, sign: float, d: Array, x: Array) -> int:
+def farthest(shapes: Shapes, s: int, corners: Array, line: int, sign: float, d: Array, x: Array) -> int:
     """The point x of a core that lies farthest along sign * d; returns its number, -1 on a rim."""
     if s < 0:
         best, most = 0, -FAR
@@ -119,8 +119,8 @@ def _farthest(shapes: Shapes, s: int, corners: Array, line: int, sign: float, d:
 def core_gap(shapes: Shapes, cores: Cores, n: Array) -> float:
     """Gap between the cores along n, without the shift, m."""
     xa, xb = np.empty(3), np.empty(3)
-    _farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, n, xa)
-    _farthest(shapes, cores.b[0], cores.corners, cores.lines[1], 1.0, n, xb)
+    farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, n, xa)
+    farthest(shapes, cores.b[0], cores.corners, cores.lines[1], 1.0, n, xb)
     gap = 0.0
     for i in range(3):
         gap += (xa[i] - xb[i]) * n[i]
@@ -132,8 +132,8 @@ def _add_corner(shapes: Shapes, cores: Cores, v: Array) -> bool:
     """Put the corner of the difference that lies farthest along -v behind the simplex; False if it is one of the simplex."""
     k = cores.size[0]
     W, codes = cores.W, cores.codes
-    codes[k, 0] = _farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, v, cores.A[k])
-    codes[k, 1] = _farthest(shapes, cores.b[0], cores.corners, cores.lines[1], 1.0, v, cores.B[k])
+    codes[k, 0] = farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, v, cores.A[k])
+    codes[k, 1] = farthest(shapes, cores.b[0], cores.corners, cores.lines[1], 1.0, v, cores.B[k])
     for i in range(3):
         cores.A[k, i] += cores.shift[i]
         W[k, i] = cores.A[k, i] - cores.B[k, i]

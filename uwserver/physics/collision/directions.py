@@ -14,8 +14,10 @@ import numpy as np
 
 from uwserver.physics.collision.broad_phase import SEARCH
 from uwserver.physics.collision.closest import shape_distance
-from uwserver.physics.collision.cores import FAR, Cores, core_gap, core_radius, new_cores
+from uwserver.physics.collision.cores import FAR, Cores, core_gap, core_radius, farthest, new_cores
+from uwserver.physics.collision.manifold import FLAT, Work, clip, cut_by_triangle, new_work
 from uwserver.physics.geometry.slots import HALF_SPACE, MESH, Shapes
+from uwserver.physics.geometry.support import support_face, support_feature
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at
@@ -66,6 +68,42 @@ def start_direction(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> 
             n[i] /= math.sqrt(square)
     else:
         n[0], n[1], n[2] = 0.0, 0.0, -1.0
+
+
+@compiled
+def over_triangle(
+    shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, line: Array
+) -> int:
+    """The line between a shape and a triangle, where it stands along the triangle's normal: 1 if so, 0 if they are farther apart than reach (m).
+
+    So it does where the lowest point of a shape, or some of a face that lies flat on the plane, is over the triangle and not deep in it: the
+    case of all that lies on a seabed, and a hundredth of the work that the others are. Otherwise -1.
+    """
+    n, ring, low = cores.n, work.ring, FAR
+    start_direction(shapes, a, b, triangle, n)
+    cut_by_triangle(shapes, triangle, n, work)
+    cores.lines[:] = 0
+    d, radius = -n, core_radius(shapes, a, 0)
+    farthest(shapes, a, cores.corners, 0, 1.0, d, cores.xa)
+    for i in range(3):
+        ring[0, i] = cores.xa[i] - radius * n[i]
+    height = dot(ring[0], n) - dot(work.cut[0], n)
+    if height > reach:
+        return 0
+    if height < _SHALLOW:
+        return -1
+    size = 1
+    if support_face(shapes.slots[a], shapes.R[a], d, shapes.face_normals, work.t) >= FLAT:
+        size = support_feature(shapes, a, d, ring, work.codes)
+    size = clip(work, size, 3, n)
+    for k in range(size):
+        height = dot(ring[k], n) - dot(work.cut[0], n)
+        if height < low:
+            low = height
+            for i in range(3):
+                line[i], line[3 + i] = n[i], ring[k, i] - height * n[i]
+    line[6] = low
+    return -1 if size == 0 else (1 if low <= reach else 0)
 
 
 @compiled
@@ -198,10 +236,12 @@ def triangles_in(shapes: Shapes, s: int, low: Array, high: Array, found: Array) 
 
 @compiled
 def _add_line(
-    shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, lines: Array, overlapping: Array, total: int
+    shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, lines: Array, overlapping: Array, total: int
 ) -> int:  # fmt: skip
     line = np.empty(LINE)
-    outcome = apart(shapes, a, b, triangle, reach, cores, line)
+    outcome = over_triangle(shapes, a, b, triangle, reach, cores, work, line) if triangle >= 0 else -1
+    if outcome < 0:
+        outcome = apart(shapes, a, b, triangle, reach, cores, line)
     if outcome < 0 and triangle >= 0:
         outcome = 1 if out_of_triangle(shapes, a, b, triangle, cores, line) else 0
     if outcome == 0:
@@ -227,7 +267,7 @@ def find_lines(table: Array, pairs: Array, first: Array, lines: Array, overlappi
         How many lines there are.
     """
     shapes, reach, low, high = _shapes_at(table), _reach_at(table), _low_at(table), _high_at(table)
-    cores, near = new_cores(), np.empty(256, np.int64)
+    cores, work, near = new_cores(), new_work(), np.empty(256, np.int64)
     total = 0
     for i in range(len(pairs)):
         a, b = pairs[i]
@@ -236,14 +276,14 @@ def find_lines(table: Array, pairs: Array, first: Array, lines: Array, overlappi
         if shapes.slots[b].kind == HALF_SPACE:
             continue
         if shapes.slots[b].kind != MESH:
-            total = _add_line(shapes, a, b, -1, far, cores, lines, overlapping, total)
+            total = _add_line(shapes, a, b, -1, far, cores, work, lines, overlapping, total)
             continue
         count = triangles_in(shapes, b, low[a], high[a], near)
         if count > len(near):
             near = np.empty(2 * count, np.int64)
             count = triangles_in(shapes, b, low[a], high[a], near)
         for k in range(count):
-            total = _add_line(shapes, a, b, near[k], far, cores, lines, overlapping, total)
+            total = _add_line(shapes, a, b, near[k], far, cores, work, lines, overlapping, total)
     first[len(pairs)] = total
     return total
 

@@ -12,12 +12,14 @@ import numpy as np
 
 from uwserver.physics.collision.broad_phase import SEARCH
 from uwserver.physics.collision.manifold import (
+    FLAT,
     FULL,
     KEPT,
     Work,
     add_point,
     add_polygon,
     clip,
+    cut_by_triangle,
     new_work,
     reduce,
     thin_out,
@@ -30,8 +32,6 @@ from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.physics.kernel.linear import dot
 
-_FLAT = 1.0 - 5e-6
-"""Cosine above which a direction is that of a face: 3 mrad."""
 _DEEP = -2e-3
 """m; deeper than this in a mesh a body is pushed out although no feature explains how."""
 _POINT = 1 << 33
@@ -48,7 +48,7 @@ def _face_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work:
     d = -n
     of_a = support_face(slots[a], R[a], d, shapes.face_normals, t)
     of_b = support_face(slots[b], R[b], n, shapes.face_normals, face)
-    if max(of_a, of_b) < _FLAT:
+    if max(of_a, of_b) < FLAT:
         return _line_contacts(shapes, a, b, n, reach, work, count)
     plane_of_b = of_b >= of_a - 1e-9
     if plane_of_b:
@@ -129,7 +129,7 @@ def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: 
         for m in range(meeting):
             k = here[m]
             along = dot(normals[k], n)
-            if abs(along) < _FLAT or k < slots[b].face_first or k >= last:
+            if abs(along) < FLAT or k < slots[b].face_first or k >= last:
                 continue
             on_face = True
             new = True
@@ -156,19 +156,11 @@ def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: 
 @compiled
 def _triangle_contacts(shapes: Shapes, a: int, k: int, t: Array, reach: float, work: Work, count: int) -> int:
     """Contacts of what a shape shows to the plane of a triangle, over the triangle, whose normal towards the shape is t."""
-    cut, across = work.cut, np.empty(3)
-    for i in range(3):
-        for c in range(3):
-            cut[c, i] = shapes.vertices[shapes.triangles[k, c], i]
-    u, v = cut[1] - cut[0], cut[2] - cut[0]
-    across[0], across[1], across[2] = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    if dot(across, t) < 0.0:  # the other side of a sheet
-        for i in range(3):
-            cut[1, i], cut[2, i] = cut[2, i], cut[1, i]
+    cut_by_triangle(shapes, k, t, work)
     d = -t
     size = support_feature(shapes, a, d, work.ring, work.codes)
     size = clip(work, size, 3, t)
-    return add_polygon(work, size, cut[0], t, True, 8 * k, reach, count)
+    return add_polygon(work, size, work.cut[0], t, True, 8 * k, reach, count)
 
 
 @compiled
@@ -179,7 +171,7 @@ def _edge_contacts(
     slot, P, R, t, ring, codes = shapes.slots[a], shapes.P[a], shapes.R[a], work.t, work.ring, work.codes
     d = -n
     before = count
-    if support_face(slot, R, d, shapes.face_normals, t) >= _FLAT:
+    if support_face(slot, R, d, shapes.face_normals, t) >= FLAT:
         cuts = support_feature(shapes, a, t, work.cut, work.cut_codes)
         for m in range(meeting):
             for c in range(3):
