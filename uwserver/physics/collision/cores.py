@@ -24,6 +24,17 @@ _SAME = 1e-7
 """m; corners that are nearer to each other than this, as on a rim, are one: a simplex of both would have no shape."""
 
 
+class Simplex(NamedTuple):
+    """A copy of the simplex of `Cores`, with its fields."""
+
+    size: Array
+    W: Array
+    A: Array
+    B: Array
+    codes: Array
+    weights: Array
+
+
 class Cores(NamedTuple):
     """Two shapes, and a simplex of the difference of their cores: corner k is A[k] - B[k].
 
@@ -37,6 +48,9 @@ class Cores(NamedTuple):
         weights: (4) of the closest point.
         n: (3) unit direction from b to a, in and out.
         xa, xb: (3) closest points of the shifted core of a, and of that of b.
+        kept: the simplex of the step before.
+        v, last: (3) the point of either that is nearest to the origin.
+        trial, ends: (4) and (2, 3) for passing use.
     """
 
     a: Array
@@ -53,15 +67,23 @@ class Cores(NamedTuple):
     n: Array
     xa: Array
     xb: Array
+    kept: Simplex
+    v: Array
+    last: Array
+    trial: Array
+    ends: Array
 
 
 @compiled
 def new_cores() -> Cores:
     """Work space for any pair."""
+    kept = Simplex(
+        np.zeros(1, np.int64), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 2), np.int64), np.zeros(4)
+    )  # fmt: skip
     return Cores(
         np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((3, 3)), np.zeros(3), np.zeros(2, np.int64), np.zeros(1, np.int64),
         np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 2), np.int64), np.zeros(4), np.zeros(3), np.zeros(3),
-        np.zeros(3),
+        np.zeros(3), kept, np.zeros(3), np.zeros(3), np.zeros(4), np.zeros((2, 3)),
     )  # fmt: skip
 
 
@@ -118,7 +140,7 @@ def farthest(shapes: Shapes, s: int, corners: Array, line: int, sign: float, d: 
 @compiled
 def core_gap(shapes: Shapes, cores: Cores, n: Array) -> float:
     """Gap between the cores along n, without the shift, m."""
-    xa, xb = np.empty(3), np.empty(3)
+    xa, xb = cores.ends[0], cores.ends[1]
     farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, n, xa)
     farthest(shapes, cores.b[0], cores.corners, cores.lines[1], 1.0, n, xb)
     gap = 0.0
@@ -192,7 +214,7 @@ def _outside(p: Array, q: Array, r: Array, other: Array) -> bool:
 def _nearest(cores: Cores, v: Array) -> bool:
     """Find the point v of the simplex nearest to the origin and drop the corners that it does not need; False if the origin is inside."""
     W, weights, count = cores.W, cores.weights, cores.size[0]
-    trial, best = np.zeros(4), FAR
+    trial, best = cores.trial, FAR
     if count == 1:
         weights[0] = 1.0
     elif count == 2:
@@ -234,13 +256,13 @@ def _nearest(cores: Cores, v: Array) -> bool:
 
 
 @compiled
-def _copy(cores: Cores, v: Array, to: Cores, to_v: Array) -> None:
+def _copy(one: Cores | Simplex, v: Array, to: Cores | Simplex, to_v: Array) -> None:
     """Copy a simplex and its nearest point."""
-    to.size[0] = cores.size[0]
-    for k in range(cores.size[0]):
-        to.codes[k, 0], to.codes[k, 1], to.weights[k] = cores.codes[k, 0], cores.codes[k, 1], cores.weights[k]
+    to.size[0] = one.size[0]
+    for k in range(one.size[0]):
+        to.codes[k, 0], to.codes[k, 1], to.weights[k] = one.codes[k, 0], one.codes[k, 1], one.weights[k]
         for i in range(3):
-            to.W[k, i], to.A[k, i], to.B[k, i] = cores.W[k, i], cores.A[k, i], cores.B[k, i]
+            to.W[k, i], to.A[k, i], to.B[k, i] = one.W[k, i], one.A[k, i], one.B[k, i]
     for i in range(3):
         to_v[i] = v[i]
 
@@ -248,7 +270,9 @@ def _copy(cores: Cores, v: Array, to: Cores, to_v: Array) -> None:
 @compiled
 def core_distance(shapes: Shapes, cores: Cores, reach: float) -> float:
     """Distance of the cores, which gives n, xa and xb; 0 if they overlap, `FAR` if they are farther apart than reach (m)."""
-    v, kept, last = cores.n.copy(), new_cores(), np.empty(3)
+    v, kept, last = cores.v, cores.kept, cores.last
+    for i in range(3):
+        v[i] = cores.n[i]
     cores.size[0] = 0
     _add_corner(shapes, cores, v)
     cores.size[0] = 1

@@ -14,10 +14,10 @@ import numpy as np
 
 from uwserver.physics.collision.broad_phase import SEARCH
 from uwserver.physics.collision.closest import shape_distance
-from uwserver.physics.collision.cores import FAR, Cores, core_gap, core_radius, farthest, new_cores
-from uwserver.physics.collision.manifold import FLAT, Work, clip, cut_by_triangle, new_work
+from uwserver.physics.collision.cores import FAR, Cores, core_gap, core_radius, new_cores
+from uwserver.physics.collision.faces import SHALLOW, out_of_face, over_triangle, triangle_side
+from uwserver.physics.collision.manifold import Work, new_work
 from uwserver.physics.geometry.slots import HALF_SPACE, MESH, Shapes
-from uwserver.physics.geometry.support import support_face, support_feature
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at
@@ -28,8 +28,8 @@ LINE = 7
 _CLEAR = 1e-3
 """m; by how much shapes that overlap are moved apart beyond their touch."""
 _TURNS = 32
-_SHALLOW = -1e-3
-"""m; a shape that is no deeper than this in a triangle, along its normal, comes out along it."""
+_SETTLED = 1e-11
+"""A direction that turns by less than this from one turn to the next is exact: what is left is rounding."""
 
 _shapes_at = arrays_at(Shapes, SEARCH)
 _reach_at, _low_at, _high_at = array_at(SEARCH, "reach"), array_at(SEARCH, "low"), array_at(SEARCH, "high")
@@ -48,62 +48,18 @@ def _set_pair(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores) -> No
 @compiled
 def start_direction(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> None:
     """A direction n (3) to begin with: the normal of a triangle, outward or towards the shape; or that between the middles of two shapes."""
-    x, square = np.empty(3), 0.0
-    for i in range(3):
-        x[i] = shapes.P[a, i] + dot(shapes.R[a, i], shapes.slots[a].centre)
     if triangle >= 0:
-        height = 0.0
-        for i in range(3):
-            n[i] = shapes.triangle_normals[triangle, i]
-            height += (x[i] - shapes.vertices[shapes.triangles[triangle, 0], i]) * n[i]
-        if height < 0.0 and shapes.slots[b].oriented == 0:
-            for i in range(3):
-                n[i] = -n[i]
+        triangle_side(shapes, a, b, triangle, n)
         return
     for i in range(3):
-        n[i] = x[i] - shapes.P[b, i] - dot(shapes.R[b, i], shapes.slots[b].centre)
+        n[i] = shapes.P[a, i] + dot(shapes.R[a, i], shapes.slots[a].centre)
+        n[i] -= shapes.P[b, i] + dot(shapes.R[b, i], shapes.slots[b].centre)
     square = dot(n, n)
     if square > 1e-12:
         for i in range(3):
             n[i] /= math.sqrt(square)
     else:
         n[0], n[1], n[2] = 0.0, 0.0, -1.0
-
-
-@compiled
-def over_triangle(
-    shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, line: Array
-) -> int:
-    """The line between a shape and a triangle, where it stands along the triangle's normal: 1 if so, 0 if they are farther apart than reach (m).
-
-    So it does where the lowest point of a shape, or some of a face that lies flat on the plane, is over the triangle and not deep in it: the
-    case of all that lies on a seabed, and a hundredth of the work that the others are. Otherwise -1.
-    """
-    n, ring, low = cores.n, work.ring, FAR
-    start_direction(shapes, a, b, triangle, n)
-    cut_by_triangle(shapes, triangle, n, work)
-    cores.lines[:] = 0
-    d, radius = -n, core_radius(shapes, a, 0)
-    farthest(shapes, a, cores.corners, 0, 1.0, d, cores.xa)
-    for i in range(3):
-        ring[0, i] = cores.xa[i] - radius * n[i]
-    height = dot(ring[0], n) - dot(work.cut[0], n)
-    if height > reach:
-        return 0
-    if height < _SHALLOW:
-        return -1
-    size = 1
-    if support_face(shapes.slots[a], shapes.R[a], d, shapes.face_normals, work.t) >= FLAT:
-        size = support_feature(shapes, a, d, ring, work.codes)
-    size = clip(work, size, 3, n)
-    for k in range(size):
-        height = dot(ring[k], n) - dot(work.cut[0], n)
-        if height < low:
-            low = height
-            for i in range(3):
-                line[i], line[3 + i] = n[i], ring[k, i] - height * n[i]
-    line[6] = low
-    return -1 if size == 0 else (1 if low <= reach else 0)
 
 
 @compiled
@@ -152,7 +108,7 @@ def way_out(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores, line: A
             n[i] = line[i] = cores.n[i]
             line[3 + i] = cores.xb[i] + radius_b * n[i]
         line[6] = gap
-        if turned < 1e-14:
+        if turned < _SETTLED:
             break
     return found
 
@@ -165,7 +121,7 @@ def out_of_triangle(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores,
     for i in range(3):
         normal[i] = line[i]
     found = way_out(shapes, a, b, triangle, cores, line)
-    if found and line[6] > _SHALLOW:
+    if found and line[6] > SHALLOW:
         return True
     for e in range(3):
         square = 0.0
@@ -244,6 +200,8 @@ def _add_line(
         outcome = apart(shapes, a, b, triangle, reach, cores, line)
     if outcome < 0 and triangle >= 0:
         outcome = 1 if out_of_triangle(shapes, a, b, triangle, cores, line) else 0
+    elif outcome < 0 and out_of_face(shapes, a, b, cores, work, line):
+        outcome = 1
     if outcome == 0:
         return total
     if total < len(lines):
