@@ -24,11 +24,10 @@ from msgspec import Struct
 
 from uwserver import __version__
 from uwserver.physics import PHYSICS
-from uwserver.physics.collision.engine import chosen_engine
 from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
-from uwserver.scenario.load.export import tables
+from uwserver.scenario.load.export import engine_named, tables
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
@@ -147,12 +146,9 @@ def versions_here() -> Versions:
 
 def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
     """The metadata record of a recording. Keys of adapters that hold a token, password or secret are left out."""
-    world = resolved.scenario.world
-    # A replay elsewhere must not choose another engine.
-    named = msgspec.structs.replace(world, engine=chosen_engine(world.engine))
     whole = {
         "name": resolved.name,
-        "scenario": _without_secrets(tables(msgspec.structs.replace(resolved.scenario, world=named), defaults=True)),
+        "scenario": _without_secrets(tables(engine_named(resolved.scenario), defaults=True)),
         "vehicles": {
             name: {
                 "vehicle": tables(vehicle.vehicle, defaults=True),

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from uwserver.physics.collision.engine import chosen_engine
 from uwserver.scenario.files.convert import fields
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
@@ -35,6 +36,12 @@ def explain(resolved: Resolved) -> str:
     whole["vehicles"] = {name: _vehicle(vehicle) for name, vehicle in resolved.vehicles.items()}
     comments = [f"# {problem}\n" for problem in resolved.warnings]
     return "".join(comments) + _toml(whole)
+
+
+def engine_named(scenario: Scenario) -> Scenario:
+    """The scenario with the engine that "auto" stands for here, so that a run elsewhere does not choose another."""
+    world = msgspec.structs.replace(scenario.world, engine=chosen_engine(scenario.world.engine))
+    return msgspec.structs.replace(scenario, world=world)
 
 
 def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
