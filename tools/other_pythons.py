@@ -1,8 +1,9 @@
 """Tries uwserver with the other CPythons of this machine; exits with 1 if anything failed there.
 
-Each gets an environment under .venv/pythons with the wheel and what running needs, and there: doctor, the default scenario, the codecs, and
-the contacts with the engine that this Python has. Versions that are not installed are skipped, with a line that says so. Kernels compile once
-for each Python, into the user's cache. The time of each part is printed.
+Each gets a fresh environment with the wheels and, there: doctor, checks, the default scenario, every scenario with something solid, the codecs,
+and the contacts with the engine that this Python has. What uwserver depends on is installed once for each Python, into the user's cache, and
+anew when what is needed changes; kernels likewise compile once. Versions that are not on the machine are skipped, with a line that says so.
+The time of each part is printed: on the wall, and of the processors.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -21,16 +23,27 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.10", "3.12", "3.13")
 EXTRAS = "solid,zenoh,mavlink"
-TESTING = ("pytest>=8.2", "hypothesis>=6.100", "msgpack>=1.0", "jsonschema>=4.20")
+TESTING = ("pytest>=8.2", "hypothesis>=6.100", "msgpack>=1.0", "jsonschema>=4.20", "pyserial>=3.5")
+PROJECTS = {"uwserver": ROOT, "uwclient": ROOT / "clients" / "python"}
+SOLID = ("pool_inspection", "subsea_template", "slope", "push_the_crate", "remus_survey", "one_of_everything")
 TESTS = (
     "tests/unit/ports",
     "tests/unit/adapter",
     "tests/unit/adapters/native",
+    "tests/unit/adapters/moos",
     "tests/unit/physics/collision/test_engine.py",
-    "tests/unit/physics/collision/test_narrow_phase.py",
-    "tests/unit/physics/rays/test_tree.py",
+    "tests/unit/physics/collision/test_solids.py",
     "tests/physics/test_contact.py",
 )
+RUN_TESTS = """import os, sys
+import pytest
+os.chdir(sys.argv[1])
+sys.exit(pytest.main(["-q", "-m", "not slow", "-p", "no:cacheprovider", *sys.argv[2:]]))
+"""
+"""As a file: with `python -m pytest` the checkout would stand before the wheel."""
+BORROW = "import site; site.addsitedir({!r})\n"
+KEPT = 2
+"""Environments kept of each Python; the oldest go."""
 TIMEOUT_S = 900.0
 
 
@@ -80,59 +93,103 @@ def run(*command: str | Path, cwd: Path) -> str:
     return done.stdout
 
 
-def build_wheel(folder: Path) -> Path:
-    """The wheel of uwserver, built by the Python that runs this."""
-    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, ROOT, cwd=folder)
-    (wheel,) = folder.glob("uwserver-*.whl")
-    return wheel
+def build_wheels(folder: Path) -> tuple[Path, ...]:
+    """The wheels of uwserver and its client, built by the Python that runs this."""
+    for project in PROJECTS.values():
+        run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, project, cwd=folder)
+    return tuple(next(folder.glob(f"{name}-*.whl")) for name in PROJECTS)
 
 
-def prepare(python: Path, wheel: Path, home: Path) -> None:
-    """An environment with the wheel and its dependencies; these only if what is needed has changed."""
-    inside = home / "bin" / "python"
-    stamp, needed = (
-        home / "needed",
-        hashlib.sha256((ROOT / "pyproject.toml").read_bytes() + str(python).encode()).hexdigest(),
-    )
-    pip = (inside, "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
-    if not stamp.exists() or stamp.read_text() != needed:
-        run(python, "-m", "venv", "--clear", home, cwd=ROOT)
-        run(*pip, f"uwserver[{EXTRAS}] @ {wheel.as_uri()}", *TESTING, cwd=ROOT)
-        stamp.write_text(needed)
-    run(*pip, "--no-deps", "--force-reinstall", wheel, cwd=ROOT)
+def cache() -> Path:
+    """Where environments with the dependencies are kept: outside of any checkout."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path("~/.cache").expanduser()) / "uwserver" / "pythons"
 
 
-def try_one(version: str, python: Path, wheel: Path, work: Path) -> None:
+def dependencies(version: str, python: Path, wheels: tuple[Path, ...]) -> Path:
+    """Folder with what uwserver and these tests need for one Python; made if there is none for what is needed now."""
+    needed = hashlib.sha256(f"{python} {EXTRAS} {TESTING}".encode())
+    for project in PROJECTS.values():
+        needed.update((project / "pyproject.toml").read_bytes())
+    folder = cache() / f"{version}-{needed.hexdigest()[:12]}"
+    if not folder.is_dir():
+        folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        # Of two that make it at once, the first to end has made it; nobody sees half of one.
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f"{version}-part-") as work:
+            part = Path(work) / "env"
+            run(python, "-m", "venv", part, cwd=folder.parent)
+            pip = (part / "bin" / "python", "-m", "pip", "--disable-pip-version-check")
+            server, *others = wheels
+            run(
+                *pip, "install", "--quiet", f"uwserver[{EXTRAS}] @ {server.as_uri()}", *others, *TESTING,
+                cwd=folder.parent,
+            )  # fmt: skip
+            run(*pip, "uninstall", "--quiet", "--yes", *PROJECTS, cwd=folder.parent)
+            if not folder.is_dir():
+                part.rename(folder)
+    folder.touch()
+    made = [path for path in folder.parent.glob(f"{version}-*") if "part" not in path.name]
+    for old in sorted(made, key=lambda path: path.stat().st_mtime)[:-KEPT]:
+        shutil.rmtree(old, ignore_errors=True)
+    return folder / "lib" / f"python{version}" / "site-packages"
+
+
+def environment(version: str, python: Path, wheels: tuple[Path, ...], home: Path) -> None:
+    """A fresh environment with the wheels, which borrows what they depend on."""
+    borrowed = dependencies(version, python, wheels)
+    run(python, "-m", "venv", "--without-pip", home, cwd=ROOT)
+    own = home / "lib" / f"python{version}" / "site-packages"
+    (own / "dependencies.pth").write_text(BORROW.format(str(borrowed)))
+    run(
+        home / "bin" / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-deps", "--no-index",
+        "--ignore-installed", *wheels, cwd=ROOT,
+    )  # fmt: skip
+
+
+def try_one(version: str, python: Path, wheels: tuple[Path, ...], work: Path) -> None:
     """Everything with one Python. Raises Failed."""
-    home = ROOT / ".venv" / "pythons" / version
-    server, inside = home / "bin" / "uwserver", home / "bin" / "python"
+    home = work / version
+    inside = home / "bin" / "python"
+    server: tuple[str | Path, ...] = (home / "bin" / "uwserver",)
+    freerun = ("--port", "0", "--mode", "freerun", "--until")
+    tests = work / "run_tests.py"
+    tests.write_text(RUN_TESTS)
     parts: tuple[tuple[str, tuple[tuple[str | Path, ...], ...]], ...] = (
-        ("doctor", ((server, "doctor"),)),
-        ("check", tuple((server, "check", name) for name in ("bluerov2_pool", "slope"))),
-        ("default scenario", ((server, "run", "--port", "0", "--until", "0.5", "--mode", "freerun"),)),
-        ("codecs and contacts", ((inside, "-m", "pytest", "-q", "-p", "no:cacheprovider", *TESTS),)),
+        ("doctor", ((*server, "doctor"),)),
+        ("check", tuple((*server, "check", name) for name in ("bluerov2_pool", *SOLID))),
+        ("default scenario", ((*server, "run", *freerun, "0.5"),)),
+        ("solid scenarios", tuple((*server, "run", name, *freerun, "0.2") for name in SOLID)),
+        ("codecs and contacts", ((inside, tests, ROOT, *TESTS),)),
     )
     with timed(version, "environment"):
-        prepare(python, wheel, home)
+        environment(version, python, wheels, home)
     for name, commands in parts:
         with timed(version, name):
             for command in commands:
-                run(*command, cwd=ROOT if "pytest" in command else work)
+                run(*command, cwd=work)
 
 
 class timed:  # read as a statement
     """Prints how long a part took."""
 
     def __init__(self, version: str, part: str) -> None:
-        self._label, self._begin = f"python {version}: {part}", 0.0
+        self._label, self._begin, self._used = f"python {version}: {part}", 0.0, 0.0
 
     def __enter__(self) -> None:
-        self._begin = time.monotonic()
+        self._begin, self._used = time.monotonic(), _processor_s()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        wall, used = time.monotonic() - self._begin, _processor_s() - self._used
         print(
-            f"{self._label}: {'ok' if kind is None else 'FAILED'}, {time.monotonic() - self._begin:.0f} s", flush=True
+            f"{self._label}: {'ok' if kind is None else 'FAILED'}, {wall:.0f} s ({used:.0f} s of processors)",
+            flush=True,
         )
+
+
+def _processor_s() -> float:
+    """Processor time of all commands that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def main(versions: tuple[str, ...]) -> int:
@@ -140,15 +197,15 @@ def main(versions: tuple[str, ...]) -> int:
     failed = 0
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        with timed(f"{sys.version_info[0]}.{sys.version_info[1]}", "wheel"):
-            wheel = build_wheel(work)
+        with timed(f"{sys.version_info[0]}.{sys.version_info[1]}", "wheels"):
+            wheels = build_wheels(work)
         for version in versions:
             python = interpreter(version)
             if python is None:
                 print(f"python {version}: skipped, neither below `pyenv root` nor on the PATH", flush=True)
                 continue
             try:
-                try_one(version, python, wheel, work)
+                try_one(version, python, wheels, work)
             except (Failed, subprocess.TimeoutExpired) as error:
                 print(error, file=sys.stderr, flush=True)
                 failed = 1
