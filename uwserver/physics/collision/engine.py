@@ -54,7 +54,7 @@ def engine_attitude(placed: Placed) -> tuple[float, float, float, float]:
 
 _PACKAGES = {"bullet": "pybullet", "coal": "coal"}
 ENGINES = tuple(_PACKAGES)
-"""Names, in the order in which "auto" looks for them: Bullet is a third of coal's size and has no wheels from CPython 3.12 on."""
+"""Names, in the order in which "auto" looks for them: recordings made so far are Bullet's, which has no wheels from CPython 3.12 on."""
 
 
 def missing_engine(name: str = AUTO, instead: bool = True) -> str | None:

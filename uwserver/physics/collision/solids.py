@@ -1,7 +1,8 @@
 """Everything solid in one world, and where its bodies touch.
 
 Which shapes come near each other and where they touch is worked out from the exact shapes (`broad_phase`, `directions`, `narrow_phase`). An
-engine (`engine`) is asked one thing, the shortest way out of an overlap, and only about convex shapes that do overlap.
+engine (`engine`) is asked one thing, the shortest way out of an overlap, and only about convex shapes that overlap otherwise than by lying
+on a face (`faces`).
 """
 
 from __future__ import annotations
