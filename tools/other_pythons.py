@@ -38,6 +38,7 @@ TESTS = (
 RUN_TESTS = """import os, sys
 import pytest
 os.chdir(sys.argv[1])
+sys.path.append("bench")  # where the proofs are
 sys.exit(pytest.main(["-q", "-m", "not slow", "-p", "no:cacheprovider", *sys.argv[2:]]))
 """
 """As a file: with `python -m pytest` the checkout would stand before the wheel."""
