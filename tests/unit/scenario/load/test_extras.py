@@ -71,7 +71,8 @@ def test_faults_of_missing_engines_come_with_the_command_for_everything(without)
         in done.output
     )
     assert (
-        'warning: not installed: pybullet; all that this scenario needs: pip install "uwserver[solid]"' in done.output
+        'warning: not installed: pybullet or coal; all that this scenario needs: pip install "uwserver[solid]"'
+        in done.output
     )
 
 
