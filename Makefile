@@ -21,7 +21,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image lock clean
+.PHONY: help ready install run test parts test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs site dist image lock clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -45,7 +45,11 @@ $(STAMP): $(READY) bench/pyproject.toml
 run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
 	@exec $(BIN)/uwserver run $(ARGS)
 
-test: lint types fast-tests docs-check wheel-smoke  ## everything that .ci/run checks
+PARTS = lint types fast-tests docs-check wheel-smoke
+test: $(PARTS)  ## everything that .ci/run checks
+
+parts:
+	@echo install $(PARTS)
 
 test-all: lint types all-tests docs-check  ## the same and the slow tests: container, long fuzz, peers built for the test
 	$(BIN)/python tools/wheel_smoke.py --dependencies
@@ -74,6 +78,9 @@ docs-check: install
 
 wheel-smoke: install
 	$(BIN)/python tools/wheel_smoke.py
+
+other-pythons: install  ## try CPython 3.10, 3.12 and 3.13, as far as they are on this machine
+	$(BIN)/python tools/other_pythons.py
 
 demo: install  ## drive a 5 m square by feedback on the simulated sensors and draw it
 	$(BIN)/python tools/demo.py $(ARGS)

@@ -14,6 +14,7 @@ import uwserver.cli.doctor as command
 from uwserver.adapter import AdapterNotFound
 from uwserver.cli import diagnosis
 from uwserver.cli.diagnosis import Finding
+from uwserver.physics.collision import engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
 
@@ -60,11 +61,14 @@ def test_this_python_and_its_packages_are_good() -> None:
     assert {finding.name: finding.level for finding in diagnosis.wheels()}["numba"] == "ok"
 
 
-@pytest.mark.parametrize("version", [(3, 9, 1), (3, 12, 0)])
-def test_other_pythons_are_not(version: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("version", "level"), [((3, 10, 4), "ok"), ((3, 13, 0), "ok"), ((3, 15, 0), "warning")])
+def test_pythons_newer_than_those_tried_are_warned_of(
+    version: tuple[int, int, int], level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(diagnosis.sys, "version_info", version)
-    assert diagnosis.python().level == "fault"
-    assert "3.11" in diagnosis.python().remedy
+    finding = diagnosis.python()
+    assert (finding.level, finding.text.split(":")[0]) == (level, ".".join(map(str, version)))
+    assert ("use Python 3.13 or older" in finding.remedy) == (level == "warning")
 
 
 def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,6 +83,29 @@ def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.M
     )
     assert "no_such_thing" in needed.text
     assert "uwserver[dream]" in optional.remedy
+
+
+@pytest.mark.parametrize(
+    ("installed", "level", "text"),
+    [
+        (["pybullet", "coal"], "ok", "bullet (coal too)"),
+        (["coal"], "ok", "coal"),
+        ([], "warning", 'neither pybullet nor coal is installed: pip install "uwserver[solid]"'),
+    ],
+)
+def test_the_engine_of_contacts_is_named(
+    installed: list[str], level: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "find_spec", lambda name: name if name in installed else None)
+    finding = diagnosis.contacts()
+    assert (finding.level, finding.text) == (level, text)
+
+
+def test_rays_without_embree_are_told_to_be_slower(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "find_spec", lambda name: None)
+    finding = diagnosis.rays()
+    assert finding.level == "warning"
+    assert "slower tree of uwserver's own" in finding.text
 
 
 def test_a_scenario_that_lacks_a_package_gets_the_command(monkeypatch: pytest.MonkeyPatch) -> None:

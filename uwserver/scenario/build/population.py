@@ -61,6 +61,7 @@ class ScenarioPopulation(Population):
     def __init__(self, world: World, resolved: Resolved) -> None:
         self._world = world
         self._resolved = resolved
+        self._engine = resolved.scenario.world.engine
         self._born: tuple[Born, ...] = ()
         self._first_spawned = 0
         self._parts: dict[str, tuple[str, ...]] = {}
@@ -115,7 +116,9 @@ class ScenarioPopulation(Population):
         if norm == 0.0:
             raise Refused("bad_argument", "a quaternion of zero length is no attitude", "q_NB")
         vehicle = self._resolved.vehicles.get(like)
-        missing = missing_engines() if world.scene is None and vehicle is not None and vehicle.solid else None
+        missing = (
+            missing_engines(self._engine) if world.scene is None and vehicle is not None and vehicle.solid else None
+        )
         if missing:
             raise Refused("denied", missing, "like")
         undo = world.hydro.arrays()
@@ -193,7 +196,7 @@ class ScenarioPopulation(Population):
                 raise ValueError(f'"{shown(born.name)}" cannot be a name')
         if len(set(names)) < len(names):
             raise ValueError("two bodies have one name")
-        missing = missing_engines() if self._world.scene is None and self._needs_scene(state.born) else None
+        missing = missing_engines(self._engine) if self._world.scene is None and self._needs_scene(state.born) else None
         if missing:
             raise ValueError(missing)
 

@@ -9,11 +9,18 @@ from importlib.util import find_spec
 from msgspec import UNSET
 
 from uwserver.adapter import AdapterTable
+from uwserver.physics.collision.engine import AUTO, missing_engine
 from uwserver.scenario.load.tables import Scenario
-from uwserver.scenario.solids.shapes import ENGINES
 from uwserver.scenario.solids.tables import GridSeabed
 
 _OWN = re.compile(r"uwserver\[(\w+)\]")
+_SOLID = "uwserver[solid]"
+_ENGINES = {
+    AUTO: ("pybullet or coal", _SOLID),
+    "bullet": ("pybullet", "pybullet"),
+    "coal": ("coal", "uwserver[coal]"),
+}
+"""What is missing where an engine for contacts is, and the requirement, by its name in `[world]`."""
 
 
 def missing_extras(scenario: Scenario, is_solid: bool) -> str:
@@ -25,6 +32,10 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
     """
     needed = _needed(scenario, is_solid)
     absent = {module: requirement for module, requirement in needed.items() if not _is_there(module)}
+    engine = scenario.world.engine
+    if "scipy" in needed and missing_engine(engine):
+        name, requirement = _ENGINES[engine]
+        absent[name] = requirement
     if not absent:
         return ""
     names = dict.fromkeys(module.partition(".")[0] for module in absent)
@@ -44,7 +55,7 @@ def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:
     """Requirement by module."""
     needed: dict[str, str] = {}
     if is_solid or scenario.objects or scenario.structures or scenario.seabed is not UNSET:
-        needed |= dict.fromkeys(ENGINES, "uwserver[solid]")
+        needed |= {"scipy": _SOLID}
     if isinstance(scenario.seabed, GridSeabed) and scenario.seabed.file.endswith((".nc", ".nc4")):
         needed |= dict.fromkeys(("h5netcdf", "h5py"), "uwserver[netcdf]")
     if scenario.server.uvloop:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import UNSET
 
+from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.geometry.shapes import (
     BadSolid,
     Box,
@@ -61,7 +62,9 @@ class SolidFiles:
         self._scenario, self._report = scenario, report
         self._folder = document.path.parent if document.path else Path.cwd()
         self._reported = False
-        self._read_seabed(scenario.at("world").value)
+        world: WorldTable | None = scenario.at("world").value
+        self._engine = world.engine if world is not None else AUTO
+        self._read_seabed(world)
         for name, node in scenario.at("structures").parts.items():
             table: Structure | None = node.value
             path: KeyPath = ("structures", name)
@@ -150,7 +153,7 @@ class SolidFiles:
 
     def _engines(self, path: KeyPath, report: Report) -> bool:
         """Whether all that solids need is installed; says so once."""
-        missing = missing_engines()
+        missing = missing_engines(self._engine)
         if missing is not None and not self._reported:
             self._reported = True
             report(path, missing)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
+import msgspec
 import pytest
 from click.testing import CliRunner
 from uwserver_adapters.ardupilot.dvl import DvlTable
 
 from uwserver.cli import main
 from uwserver.scenario.load import extras
-from uwserver.scenario.load.extras import install_command
+from uwserver.scenario.load.extras import install_command, missing_extras
 from uwserver.scenario.load.scenario import load
 
 
@@ -27,6 +28,7 @@ def without(monkeypatch):
             return find_spec(name)
 
         monkeypatch.setattr(extras, "find_spec", find)
+        monkeypatch.setattr("uwserver.physics.collision.engine.find_spec", find)
         monkeypatch.setattr("uwserver.scenario.solids.shapes.find_spec", find)
 
     return hide
@@ -61,15 +63,16 @@ def test_one_command_installs_all(without, adapters, tmp_path):
 
 
 def test_faults_of_missing_engines_come_with_the_command_for_everything(without):
-    without("pybullet", "pymavlink")
+    without("pybullet", "coal", "pymavlink")
     done = CliRunner().invoke(main, ["check", "bluerov2_qgc", "pool_inspection"])
     assert done.exit_code == 1
     assert (
-        'not installed: pybullet, pymavlink; all that this scenario needs: pip install "uwserver[mavlink,solid]"'
+        'not installed: pymavlink, pybullet or coal; all that this scenario needs: pip install "uwserver[mavlink,solid]"'
         in done.output
     )
     assert (
-        'warning: not installed: pybullet; all that this scenario needs: pip install "uwserver[solid]"' in done.output
+        'warning: not installed: pybullet or coal; all that this scenario needs: pip install "uwserver[solid]"'
+        in done.output
     )
 
 
@@ -98,3 +101,20 @@ def test_adapters_name_what_they_need_as_they_are_set(adapters):
     assert list(adapters["ardupilot_json"](dvl=DvlTable()).needs().values()) == [mavlink]
     assert not adapters["sockets"]().needs()
     assert not adapters["moos"]().needs()
+
+
+@pytest.mark.parametrize(
+    ("engine", "missing"),
+    [
+        ("auto", ""),
+        ("bullet", 'not installed: pybullet; all that this scenario needs: pip install "pybullet"'),
+        ("coal", ""),
+    ],
+)
+def test_one_engine_is_enough_unless_another_is_named(engine, missing, adapters, monkeypatch):
+    monkeypatch.setattr(
+        "uwserver.physics.collision.engine.find_spec", lambda name: None if name == "pybullet" else name
+    )
+    scenario = load("pool_inspection", adapters=adapters).scenario
+    chosen = msgspec.structs.replace(scenario, world=msgspec.structs.replace(scenario.world, engine=engine))
+    assert missing_extras(chosen, is_solid=True) == missing
