@@ -104,7 +104,7 @@ def install(python: Path, wheels: list[Path], dependencies: bool, work: Path) ->
         run(*pip, "install", "--quiet", "--no-deps", *wheels, cwd=work)
         return
     stock = work / "stock"
-    run(*pip, "download", "--quiet", "--dest", stock, *wheels, cwd=work)
+    run(*pip, "download", "--quiet", "--find-links", wheels[0].parent, "--dest", stock, *wheels, cwd=work)
     run(*pip, "install", "--quiet", "--no-index", "--find-links", stock, *wheels, cwd=work)
 
 
