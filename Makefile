@@ -22,7 +22,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-versio
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image clean
+.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image lock clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -95,8 +95,12 @@ dist: install  ## build what is published into dist/, and check it (ARGS="--pyth
 	$(INSTALL) -e ".[release]" -e clients/python
 	$(BIN)/python tools/dist.py $(ARGS)
 
+# Podman's own format has no health check.
 image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")
-	$(BUILDER) build -t $(IMAGE) $(ARGS) .
+	$(BUILDER) build $(if $(filter podman buildah,$(notdir $(BUILDER))),--format docker) -t $(IMAGE) $(ARGS) .
+
+lock:  ## pin what the image holds in requirements.lock (needs uv; ARGS=--upgrade for the newest versions)
+	$(PYTHON) tools/lock.py $(ARGS)
 
 clean:  ## remove .venv and everything built
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

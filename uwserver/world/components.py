@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -20,7 +20,7 @@ from uwserver.ports.checks import check_given, check_values
 from uwserver.sensors import Scope, Sensor
 from uwserver.sensors.base import blank
 from uwserver.sensors.wiring import Wiring
-from uwserver.world.part import Carry, Part, RandomStream, State, read_record, record
+from uwserver.world.part import Carry, Part, RandomStream, State, is_awake, read_record, record
 from uwserver.world.vehicle import Vehicle
 
 Held = tuple[bool, tuple[Value, ...]] | None
@@ -318,6 +318,17 @@ class ActuatorSlot(Part):
         self.conflicts, self.timeouts = by.conflicts, by.timeouts
 
 
+class ByPath(NamedTuple):
+    """What belongs to a body, by path; and those of its parts that act or hear."""
+
+    awake: tuple[Part, ...]
+    sensors: dict[str, SensorSlot]
+    actuators: dict[str, ActuatorSlot]
+    parts: dict[str, Part]
+    services: dict[str, Service]
+    carry: dict[str, Carry]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
     """One body of a world with all that belongs to it; it comes and goes as a whole.
@@ -328,6 +339,7 @@ class Member:
         services: those of its components, and what they do.
         solid: its collision shapes; None for none.
         others: whatever else lives and goes with it, as an autopilot.
+        by_path: all of it; made once, as bodies come and go within a tick.
     """
 
     vehicle: Vehicle
@@ -336,6 +348,18 @@ class Member:
     services: tuple[tuple[Service, Carry], ...] = ()
     solid: Solid | None = None
     others: tuple[Part, ...] = ()
+    by_path: ByPath = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        by_path = ByPath(
+            tuple(part for part in self.parts if is_awake(part)),
+            {slot.port.path: slot for slot in self.sensors},
+            {slot.port.path: slot for slot in self.actuators},
+            {part.path: part for part in self.parts},
+            {service.path: service for service, _ in self.services},
+            {service.path: carry for service, carry in self.services},
+        )
+        object.__setattr__(self, "by_path", by_path)
 
     @property
     def parts(self) -> tuple[Part, ...]:

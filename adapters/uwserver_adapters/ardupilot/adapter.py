@@ -152,6 +152,7 @@ class ArduPilotAdapter:
             config.silence_s,
             asyncio.get_running_loop().time,
             context.stats,
+            context.tell_conflict,
         )
 
 

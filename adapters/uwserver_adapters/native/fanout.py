@@ -9,7 +9,7 @@ from typing import Protocol
 import msgspec
 
 from uwserver.adapter import AdapterContext, SampleForm
-from uwserver.ports import Event, Json, Port, Sample, matches
+from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.outbox import Delivery, Outgoing
@@ -185,8 +185,8 @@ class Fanout:
         """Sensors that fit a pattern."""
         paths = self._covered.get(pattern)
         if paths is None:
-            ports = self.context.ports.values()
-            paths = tuple(port.path for port in ports if port.direction == "sensor" and matches(pattern, port.path))
+            ports = self.context.ports
+            paths = tuple(path for path in matching(pattern, ports) if ports[path].direction == "sensor")
             if len(self._covered) >= CACHED_PATTERNS:
                 self._covered.clear()
             self._covered[pattern] = paths

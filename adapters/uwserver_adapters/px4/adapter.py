@@ -132,4 +132,6 @@ class Px4Adapter:
         senses = Senses(readings, roles, config.origin_deg, odometry_s, config.odometry_sigma)
         outputs = Outputs(config.outputs, ports, vehicle)
         steady = asyncio.get_running_loop().time
-        return driver.Px4Driver(listener, outputs, senses, ticks, 1.0 / imu.rate_hz, steady, context.stats)
+        return driver.Px4Driver(
+            listener, outputs, senses, ticks, 1.0 / imu.rate_hz, steady, context.stats, context.tell_conflict
+        )

@@ -18,7 +18,7 @@ import numpy as np
 
 from uwserver.frames import multiply
 from uwserver.physics.collision.contacts import NO_CONTACTS, NUMBERS, Contacts
-from uwserver.physics.geometry.rows import Part, part, shapes_of
+from uwserver.physics.geometry.rows import Part, Stock
 from uwserver.physics.geometry.shapes import (
     BadSolid,
     Box,
@@ -30,7 +30,6 @@ from uwserver.physics.geometry.shapes import (
     Solid,
     Sphere,
     TriangleMesh,
-    check_shape,
 )
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import addresses
@@ -96,7 +95,7 @@ class Solids:
         self._idle: dict[int, list[int]] = {}
         self._next_solid = self._next_part = 0
         self._pairs = np.zeros((256, 2), np.int64)
-        self._rebuild()
+        self._stock, self._is_stale = Stock(), True
 
     def close(self) -> None:
         """Give back the engine's world; contacts can no longer be found."""
@@ -143,12 +142,10 @@ class Solids:
                 # Bullet never gives back the memory of a shape that a body had: the body waits for the next of this shape.
                 self._idle.setdefault(id(self._placed_of[body]), []).append(body)
         del self._rows_of[solid_id]
-        self._rebuild()
+        self._is_stale = True
 
     def _add(self, solid: Solid, row: int) -> int:
-        for placed in solid.shapes:
-            check_shape(placed.shape)
-        made = [(part(placed), placed) for placed in solid.shapes]
+        made = [(self._stock.part(placed), placed) for placed in solid.shapes]
         solid_id, self._next_solid = self._next_solid, self._next_solid + 1
         entries: list[tuple[Part, int]] = []
         for p, placed in made:
@@ -159,7 +156,7 @@ class Solids:
             entries.append((p, self._engine_body(p, placed)))
         self._parts[solid_id] = entries
         self._rows_of[solid_id] = row
-        self._rebuild()
+        self._is_stale = True
         return solid_id
 
     def _ident(self, row: int, k: int) -> int:
@@ -207,7 +204,8 @@ class Solids:
         return body
 
     def _rebuild(self) -> None:
-        """Arrays of all slots, those of moving bodies first."""
+        """Arrays of all slots, those of moving bodies first: once for all that came and went since contacts were last looked for."""
+        self._is_stale = False
         # By row: the order of contacts, too, must not depend on who came when.
         moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
@@ -219,7 +217,7 @@ class Solids:
             first += len(self._parts[key])
         n, m = len(entries), len(bodies)
         broad_phase, _ = _kernels()
-        self._shapes = shapes_of([p for p, _ in entries])
+        self._shapes = self._stock.shapes([p for p, _ in entries])
         self._search = broad_phase.Search(
             np.array(bodies, dtype=np.int64).reshape(-1, 3), np.arange(first, n), np.zeros((n, 4)), np.zeros(n),
             np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), np.zeros(m, np.bool_),
@@ -237,6 +235,8 @@ class Solids:
 
         At most four contacts of each pair of convex shapes (or shape and mesh) and direction. `NO_CONTACTS` when everybody is far away.
         """
+        if self._is_stale:
+            self._rebuild()
         if not len(self._search.bodies):
             return NO_CONTACTS
         pairs = self._find_pairs(state, dt)

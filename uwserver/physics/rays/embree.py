@@ -114,6 +114,7 @@ class Rays:
     def __init__(self) -> None:
         self._static: dict[int, Solid] = {}
         self._moving: dict[int, _Carried] = {}
+        self._scenes: dict[int, tuple[Solid, _Scene | None]] = {}
         self._still: tuple[_Scene, ...] | None = None
         self._simple: tuple[Simple, IntArray] | None = None
 
@@ -126,13 +127,18 @@ class Rays:
 
     def add_moving(self, body: int, solid: Solid, row: int) -> None:
         """Add what the body in `row` of the state array carries. Raises BadSolid."""
-        for placed in solid.shapes:
-            check_shape(placed.shape)
-        scene = next((there.scene for there in self._moving.values() if there.solid is solid), None)
-        if scene is None and len(facets(solid).corners) > FEW:
-            scene = _Scene({body: solid})
+        scene = self._scene_of(solid)
         self._moving[body] = _Carried(solid, row, scene)
         self._simple = None
+
+    def _scene_of(self, solid: Solid) -> _Scene | None:
+        """Of its own; kept for the next who carries the same."""
+        if id(solid) not in self._scenes:
+            for placed in solid.shapes:
+                check_shape(placed.shape)
+            scene = _Scene({0: solid}) if len(facets(solid).corners) > FEW else None
+            self._scenes[id(solid)] = solid, scene  # so that nobody else gets this id
+        return self._scenes[id(solid)][1]
 
     def remove(self, body: int) -> None:
         """Take a solid away; KeyError if there is none of this id."""

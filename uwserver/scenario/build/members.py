@@ -148,9 +148,8 @@ def stream_of(seed: int, path: str) -> np.random.Generator:
 def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
     divisor = round(world.rate_hz / physics_rate(rate_hz))
     for name, kind in TRUTH.items():
-        sensor = kind()
+        sensor = kind()  # which draws nothing: a random stream of its own would cost more than all else here
         path = f"{vehicle}/truth/{name}"
-        sensor.start(stream_of(world.seed, path))
         port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
         yield SensorSlot(port, row, sensor, (), world.rate_hz, divisor, 0)
 

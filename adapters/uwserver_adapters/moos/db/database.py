@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 
 from msgspec.structs import replace
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
 from uwserver_adapters.moos.clock import Latency
+from uwserver_adapters.moos.db.patterns import fits, work
 from uwserver_adapters.moos.wire import Message
 
 NAME_LIMIT = 256
 """Longest name of a variable, characters."""
 FILTERS = 256
 """Wildcard registrations of one client."""
+FILTERS_OF_ALL = 2048
+"""Of those of all clients: each counts 1 and for each star 1, for each question mark 16. Each new variable is compared with all of them."""
+AT_ONCE = 100
+"""Variables that one request looks at before others have their turn."""
+LISTED = 256
+"""Variables that the summaries tell of, and of each client: they are made every second."""
 KEPT_BYTES = 256 << 20
 """Of all values together."""
 REFUSED = "DB_REFUSED"
@@ -146,6 +154,11 @@ class Database:
         self._clients[name].latency.add((self._now() - sent) * 1e3)
 
     def take(self, name: str, message: Message) -> None:
+        """The same as `steps`, all at once."""
+        for _ in self.steps(name, message):
+            pass
+
+    def steps(self, name: str, message: Message) -> Iterator[None]:
         """A message of a client. What is not taken is told in DB_REFUSED; unknown types are ignored, as MOOSDB does."""
         if message.type == wire.NOTIFY:
             self.write(message)
@@ -154,12 +167,12 @@ class Database:
         elif message.type == wire.UNREGISTER:
             self._forget(name, message.key)
         elif message.type == wire.WILDCARD_REGISTER:
-            self.register_all(name, *wire.wildcard_of(message))
+            yield from self.register_all(name, *wire.wildcard_of(message))
         elif message.type == wire.WILDCARD_UNREGISTER:
             pattern, app, _ = wire.wildcard_of(message)
-            self.forget_all(name, pattern, app)
+            yield from self.forget_all(name, pattern, app)
         elif message.type == wire.SERVER_REQUEST:
-            self._answer(name, message)
+            yield from self._answer(name, message)
 
     def _refuse(self, client: str, key: str, reason: str) -> str:
         """Tell everybody, sparingly; returns the reason."""
@@ -185,23 +198,34 @@ class Database:
             subscription.last = self._steady()
             client.deliver(variable.letter)
 
-    def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
-        """A client hears all variables that match, also those that come later."""
+    def register_all(self, name: str, pattern: str, app: str, interval: float) -> Iterator[None]:
+        """A client hears all variables that match, also those that come later. In pieces: there may be many."""
         if reason := self.objection(name, pattern, app):
             self._refuse(name, pattern, reason)
             return
         self._clients[name].filters[pattern, app] = interval
-        for key, variable in list(self.variables.items()):
-            if variable.letter is not None and _fits(key, variable.letter.message.src, pattern, app):
+        for count, (key, variable) in enumerate(list(self.variables.items()), 1):
+            if name not in self._clients:
+                return
+            if variable.letter is not None and fits(key, variable.letter.message.src, pattern, app):
                 self.register(name, key, interval)
+            if count % AT_ONCE == 0:
+                yield
 
     def objection(self, name: str, pattern: str, app: str) -> str:
         """Why a client cannot hear all that match; "" when it can."""
         filters = self._clients[name].filters
         if max(len(pattern), len(app)) > NAME_LIMIT:
             return f"a pattern has at most {NAME_LIMIT} characters"
-        if len(filters) >= FILTERS and (pattern, app) not in filters:
+        if (pattern, app) in filters:
+            return ""
+        if len(filters) >= FILTERS:
             return f"{FILTERS} wildcard registrations are the most a client has"
+        there = sum(work(*each) for client in self._clients.values() for each in client.filters)
+        if there + work(pattern, app) > FILTERS_OF_ALL:
+            return (
+                "the wildcard registrations of all clients have too many stars and question marks: name the variables"
+            )
         return ""
 
     def _forget(self, name: str, key: str) -> None:
@@ -210,13 +234,17 @@ class Database:
             variable.subscribers.pop(name, None)
             self._clients[name].hears.pop(key, None)
 
-    def forget_all(self, name: str, pattern: str, app: str) -> None:
-        """A client hears these no more."""
+    def forget_all(self, name: str, pattern: str, app: str) -> Iterator[None]:
+        """A client hears these no more; in pieces."""
         client = self._clients[name]
         client.filters.pop((pattern, app), None)
-        for key in list(client.hears):
+        for count, key in enumerate(list(client.hears), 1):
+            if name not in self._clients:
+                return
+            if count % AT_ONCE == 0:
+                yield
             letter = self.variables[key].letter
-            if _fits(key, letter.message.src if letter is not None else "", pattern, app):
+            if fits(key, letter.message.src if letter is not None else "", pattern, app):
                 self._forget(name, key)
 
     # -- writes ---------------------------------------------------------------------------------------------------------------------
@@ -269,7 +297,7 @@ class Database:
     def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
         for name, client in self._clients.items():
             for (pattern, app), interval in client.filters.items():
-                if name not in variable.subscribers and _fits(key, source, pattern, app):
+                if name not in variable.subscribers and fits(key, source, pattern, app):
                     variable.subscribers[name] = Subscription(client.deliver, interval)
                     client.hears[key] = None
 
@@ -297,7 +325,7 @@ class Database:
 
     def _summary(self) -> str:
         lines = []
-        for key, variable in self.variables.items():
+        for key, variable in islice(self.variables.items(), LISTED):
             letter = variable.letter
             source = letter.message.src if letter is not None else "(write pending)"
             value = "" if letter is None else str(replace(letter.message, data=letter.message.data[:64]).value)
@@ -308,20 +336,21 @@ class Database:
         return "".join(lines)
 
     def _traffic(self) -> str:
-        return ",".join(f"{name}={':'.join(c.hears)}&{':'.join(c.writes)}" for name, c in self._clients.items())
+        clients = self._clients.items()
+        return ",".join(f"{name}={':'.join(_first(c.hears))}&{':'.join(_first(c.writes))}" for name, c in clients)
 
     def _quality(self) -> str:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
 
-    def _answer(self, name: str, request: Message) -> None:
+    def _answer(self, name: str, request: Message) -> Iterator[None]:
         replies: Iterable[Message]
         if request.key == "ALL":
-            replies = [self._listed(key, variable) for key, variable in self.variables.items()]
+            replies = (self._listed(key, variable) for key, variable in list(self.variables.items()))
         elif "PROC_SUMMARY" in request.key:
-            replies = [
+            replies = (
                 self._reply("PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', c.hears)},{_list('PUBLISHED=', c.writes)}")
-                for who, c in self._clients.items()
-            ]
+                for who, c in list(self._clients.items())
+            )
         elif "VAR_SUMMARY" in request.key:
             replies = [self._reply("VAR_SUMMARY", ",".join(self.variables))]
         elif "DB_CLEAR" in request.key:
@@ -335,8 +364,10 @@ class Database:
             self._refuse(name, request.key, "no request: ask for ALL, VAR_SUMMARY, PROC_SUMMARY or DB_CLEAR")
             return
         deliver = self._clients[name].deliver
-        for reply in replies:
+        for count, reply in enumerate(replies, 1):
             deliver(Letter(reply))
+            if count % AT_ONCE == 0 or reply.key == "PROC_SUMMARY":
+                yield
 
     def _listed(self, key: str, variable: Variable) -> Message:
         if variable.letter is None:
@@ -355,31 +386,9 @@ def _ignore(message: Message) -> None:
     """No log."""
 
 
+def _first(names: Iterable[str]) -> Iterable[str]:
+    return islice(names, LISTED)
+
+
 def _list(title: str, names: Iterable[str]) -> str:
     return title + "".join(f",{name}" for name in names)
-
-
-def _fits(key: str, source: str, pattern: str, app: str) -> bool:
-    return glob(pattern, key) and glob(app, source)
-
-
-def glob(pattern: str, text: str) -> bool:
-    """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Time grows with the product of the lengths, no faster."""
-    start, stars, rest = pattern.partition("*")
-    if not rest and "?" not in start:  # nearly all there are
-        return text.startswith(start) if stars else text == start
-    at = 0
-    star = resume = -1
-    where = 0
-    while where < len(text):
-        if at < len(pattern) and pattern[at] == "*":
-            star, resume = at, where
-            at += 1
-        elif at < len(pattern) and pattern[at] in ("?", text[where]):
-            at, where = at + 1, where + 1
-        elif star >= 0:
-            resume += 1
-            at, where = star + 1, resume
-        else:
-            return False
-    return all(rest == "*" for rest in pattern[at:])

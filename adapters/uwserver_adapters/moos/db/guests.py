@@ -156,8 +156,10 @@ class Guest(Connection):
                 echo = Message(wire.TIMING, first.key, host.clock.now(), src=first.src, time=first.time, number2=0.0)
                 self._send(wire.packet([wire.encode(echo)]), 1)
         for number, message in enumerate(messages, 1):
-            host.database.take(self.name, message)
-            if message.type != wire.NOTIFY or number % AT_ONCE == 0:
+            known = len(host.database.variables)
+            yield from host.database.steps(self.name, message)
+            is_new = len(host.database.variables) != known  # which is compared with all that clients look for
+            if message.type != wire.NOTIFY or is_new or number % AT_ONCE == 0:
                 yield
         if not self._is_asynchronous:
             self._answer()

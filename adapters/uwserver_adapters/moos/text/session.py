@@ -15,7 +15,8 @@ from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.codec import finite
 from uwserver_adapters.moos.config import MoosTextConfig
-from uwserver_adapters.moos.db.database import Database, Letter, glob
+from uwserver_adapters.moos.db.database import Database, Letter
+from uwserver_adapters.moos.db.patterns import glob
 from uwserver_adapters.moos.text.lines import Malformed, Verb, Write, error_line, pair_line, reply_line
 
 HELP = """\
@@ -136,14 +137,16 @@ class TextSession:
             return
         self._heard.add(words[0])
         self._send(reply_line(event.tag, f"SUBSCRIBE {words[0]}"))
-        self._database.register_all(self.name, words[0], "*", interval)
+        for _ in self._database.register_all(self.name, words[0], "*", interval):
+            pass
 
     def _unsubscribe(self, event: Verb) -> None:
         if len(event.rest.split()) != 1:
             self.refuse("invalid_request", "write UNSUBSCRIBE pattern", event.tag)
             return
         self._heard.discard(event.rest)
-        self._database.forget_all(self.name, event.rest, "*")
+        for _ in self._database.forget_all(self.name, event.rest, "*"):
+            pass
         self._send(reply_line(event.tag, f"UNSUBSCRIBE {event.rest}"))
 
     def _list(self, event: Verb) -> None:

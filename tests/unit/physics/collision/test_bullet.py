@@ -250,6 +250,24 @@ def test_what_is_removed_is_gone_and_others_keep_their_keys():
             solids.remove(first)
 
 
+def test_the_arrays_are_made_anew_once_for_all_that_came_and_went(monkeypatch):
+    made = []
+    rebuild = Solids._rebuild
+    monkeypatch.setattr(Solids, "_rebuild", lambda self: (made.append(1), rebuild(self)))
+    with Solids() as solids:
+        box = Solid("box", (Placed(Box((0.5, 0.5, 0.5))),))
+        ids = [solids.add_moving(box, row) for row in range(20)]
+        for each in ids[5:]:
+            solids.remove(each)
+        state = np.zeros((20, 13))
+        state[:, 3] = 1.0
+        state[:, 0] = 10.0 * np.arange(20)
+        assert not len(solids.find_contacts(state, 0.01).gap)
+        state[:5, 0] = 0.0
+        assert {*solids.find_contacts(state, 0.01).body_a.tolist()} == {0, 1, 2, 3}
+    assert len(made) == 1
+
+
 def test_what_comes_and_goes_is_made_once_and_touches_as_if_new():
     """Bullet keeps the memory of every body that it ever had."""
     floor, form = grid(5, 1.0), body(Box((0.3, 0.2, 0.1)), Placed(Cylinder(0.1, 0.2), (0.0, 0.0, 0.2)))

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.db import database as module
-from uwserver_adapters.moos.db.database import Database, glob
+from uwserver_adapters.moos.db.database import AT_ONCE, FILTERS_OF_ALL, LISTED, Database
+from uwserver_adapters.moos.db.patterns import glob
 from uwserver_adapters.moos.wire import Message
 
 
@@ -331,6 +332,57 @@ def test_unknown_types_are_ignored(tank):
     for type in (".", "C", "K", "W", "þ"):
         tank.database.take("a", Message(type, "X", src="a"))
     assert "X" not in tank.database.variables
+
+
+def test_what_looks_at_all_variables_lets_others_have_their_turn():
+    """Twenty thousand of them took one request forty milliseconds of the loop."""
+    tank = Community(5000)
+    tank.join("a", "b")
+    for n in range(5000 - len(tank.database.variables)):
+        tank.write("a", f"V{n}", 1.0)
+    tank.heard("b")
+    for message in (
+        wire.wildcard(wire.WILDCARD_REGISTER, "b", 0.0, "*", "*"),
+        Message(wire.SERVER_REQUEST, "ALL", id=-2),
+        wire.wildcard(wire.WILDCARD_UNREGISTER, "b", 0.0, "*", "*"),
+    ):
+        most = steps = 0
+        before = len(tank.boxes["b"])
+        for _ in tank.database.steps("b", message):
+            most, before, steps = max(most, len(tank.boxes["b"]) - before), len(tank.boxes["b"]), steps + 1
+        assert steps >= 5000 // AT_ONCE - 1
+        assert most <= AT_ONCE
+    halfway = tank.database.steps("b", wire.wildcard(wire.WILDCARD_REGISTER, "b", 0.0, "V*", "*"))
+    next(halfway)
+    tank.database.leave("b")
+    assert list(halfway) == [], "it left meanwhile"
+
+
+def test_summaries_end():
+    """They are made each second, whatever anybody wrote."""
+    tank = Community(2000)
+    tank.join("a")
+    for n in range(1000):
+        tank.write("a", f"V{n}", 1.0)
+    tank.register("a", "DB_VARSUMMARY")
+    tank.register("a", "DB_RWSUMMARY")
+    tank.database.tell()
+    said = dict(tank.heard("a"))
+    assert said["DB_VARSUMMARY"].count("\n") == LISTED
+    assert said["DB_RWSUMMARY"].partition("&")[2].count("V") == LISTED
+
+
+def test_what_each_new_variable_is_compared_with_is_bounded(tank):
+    """The filters of all clients together: by the stars in them."""
+    for n in range(300):
+        tank.wildcard("ab"[n % 2], "*x" * 20 + str(n))
+    work = sum(1 + pattern.count("*") for c in tank.database._clients.values() for pattern, _ in c.filters)
+    assert FILTERS_OF_ALL * 0.9 < work <= FILTERS_OF_ALL
+    assert tank.database.refused > 100
+    tank.wildcard("a", "*x" * 20 + "0")  # one that is there may be renewed
+    refused = tank.database.refused
+    tank.wildcard("a", "*", type=wire.WILDCARD_UNREGISTER)
+    assert tank.database.refused == refused
 
 
 @pytest.mark.parametrize(
