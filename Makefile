@@ -17,7 +17,8 @@ MAKE_VENV = $(UV) venv --quiet --python $(PYTHON) $(VENV)
 INSTALL = $(UV) pip install --quiet --python $(BIN)/python
 else
 MAKE_VENV = $(PYTHON) -m venv $(VENV)
-INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# As uv does, byte code is left to the first import: most of the dialects of MAVLink are never imported.
+INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 endif
 
 .DEFAULT_GOAL := help
@@ -94,12 +95,12 @@ docs: install  ## regenerate the generated pages of docs/ and the JSON Schemas o
 	$(BIN)/python tools/vehicle_pages.py
 
 site: install  ## build the documentation as a site into build/site; a link that leads nowhere is an error
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[site]"
+	$(INSTALL) -e ".[site]" -e clients/python
 	$(BIN)/python tools/site.py
 
-dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uwserver
-	$(BIN)/python -m build --wheel --outdir dist .
-	$(BIN)/python -m build --wheel --outdir dist clients/python
+dist: install  ## build what is published into dist/, and check it (ARGS="--python python3.10 --python python3.11 --release --bars")
+	$(INSTALL) -e ".[release]" -e clients/python
+	$(BIN)/python tools/dist.py $(ARGS)
 
 # Podman's own format has no health check.
 image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")

@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.10", "3.12", "3.13")
-EXTRAS = "solid,zenoh,mavlink"
+EXTRAS = "solid"
 TESTING = ("pytest>=8.2", "hypothesis>=6.100", "msgpack>=1.0", "jsonschema>=4.20", "pyserial>=3.5")
 PROJECTS = {"uwserver": ROOT, "uwclient": ROOT / "clients" / "python"}
 SOLID = ("pool_inspection", "subsea_template", "slope", "push_the_crate", "remus_survey", "one_of_everything")

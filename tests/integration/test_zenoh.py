@@ -359,7 +359,7 @@ def test_without_the_package_the_others_still_serve(tmp_path):
         (tmp_path / "tank.toml").write_text(ROV + TCP + BUS + f"required = {required}\n")
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
         assert done.returncode == status, done.stderr
-        assert re.search(r"pip install ['\"]uwserver\[zenoh\]['\"]", done.stderr)
+        assert "pip install uwserver" in done.stderr
 
 
 def test_the_programs_and_the_command_of_the_guide_run(tmp_path):

@@ -35,7 +35,7 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
     required: bool = True
 
     def needs(self) -> Mapping[str, str]:
-        """Modules that are imported only once it runs, each with the requirement that brings it: ``{"zenoh": "uwserver[zenoh]"}``.
+        """Modules that are imported only once it runs, each with the requirement that brings it: ``{"h5py": "uwserver[netcdf]"}``.
 
         Those that are not installed are told before anything else is done.
         """

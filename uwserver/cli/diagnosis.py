@@ -29,11 +29,11 @@ _REQUIRED = {"numpy": "numpy", "numba": "numba", "msgspec": "msgspec", "mcap": "
 _OPTIONAL = {
     "scipy": ("scipy", "scenarios with something solid", "solid"),
     "h5netcdf": ("h5netcdf", "seabeds in NetCDF", "netcdf"),
-    "pymavlink": ("pymavlink", "scenarios with MAVLink", "mavlink"),
-    "eclipse-zenoh": ("zenoh", "scenarios with zenoh", "zenoh"),
+    "pymavlink": ("pymavlink", "scenarios with MAVLink", ""),
+    "eclipse-zenoh": ("zenoh", "scenarios with zenoh", ""),
     "matplotlib": ("matplotlib", "pictures", "plot"),
 }
-"""Module, who needs it, and the extra that brings it, by distribution; engines have findings of their own."""
+"""Module, who needs it, and the extra that brings it ("": none, every installation has it), by distribution; engines have findings of their own."""
 
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000
 _NEEDED_MB = 400
@@ -72,7 +72,8 @@ def wheels() -> Iterator[Finding]:
     for distribution, module in _REQUIRED.items():
         yield _wheel(distribution, module, "fault", "pip install --force-reinstall uwserver")
     for distribution, (module, purpose, extra) in _OPTIONAL.items():
-        yield _wheel(distribution, module, "warning", f"only {purpose} need it: pip install 'uwserver[{extra}]'")
+        package = f"'uwserver[{extra}]'" if extra else "uwserver"
+        yield _wheel(distribution, module, "warning", f"only {purpose} need it: pip install {package}")
 
 
 def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding:
@@ -108,13 +109,15 @@ def rays() -> Finding:
 def kernels() -> Finding:
     """The cache of compiled kernels: where, writable, warm."""
     from uwserver.physics.builds import STAGES, missing
-    from uwserver.physics.kernel.compiled import cache_state
+    from uwserver.physics.kernel.compiled import ENTRY_KERNELS, cache_state
 
+    rest, package = missing(STAGES), cache_state._replace(folder=None)
+    if package.packaged and not any(map(package.missing, ENTRY_KERNELS.values())):
+        return Finding("kernels", "ok", f"came with the wheel, for {package.packaged[0].name.partition('-')[2]}")
     if cache_state.folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that you own and nobody else can write"
         return Finding("kernels", "warning", cache_state.reason, remedy)
     where = f"{cache_state.folder} ({cache_state.reason or 'writable'})"
-    rest = missing(STAGES)
     if not rest:
         return Finding("kernels", "ok", f"compiled, in {where}")
     text = f"not compiled yet: {', '.join(rest)}; in {where}"

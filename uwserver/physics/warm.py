@@ -190,8 +190,8 @@ def echo_kernels() -> None:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
 
 
-_KEPT = 4
-"""Caches of other versions that stay: another installation or checkout may be at work with them."""
+_KEPT = 16
+"""Caches of other versions, 2 MB each, that stay: other installations and checkouts may be at work with them, and wheels are made of them."""
 
 
 def prune(folder: Path) -> list[Path]:

@@ -13,7 +13,8 @@ from uwserver.physics.collision.engine import AUTO, missing_engine
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import GridSeabed
 
-_OWN = re.compile(r"uwserver\[(\w+)\]")
+_OWN = re.compile(r"uwserver(?:\[(\w+)\])?")
+"""What this distribution brings itself, which `pip install uwserver` mends, or one of its extras."""
 _SOLID = "uwserver[solid]"
 _ENGINES = {
     AUTO: ("pybullet or coal", _SOLID),
@@ -45,10 +46,11 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
 def install_command(requirements: Iterable[str]) -> str:
     """One line for a shell that installs all of them, our own extras together."""
     wanted = sorted(set(requirements))
-    extras = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
-    others = [each for each in wanted if not _OWN.fullmatch(each)]
-    whole = ([f"uwserver[{','.join(extras)}]"] if extras else []) + others
-    return "pip install " + " ".join(f'"{each}"' for each in whole)
+    own = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
+    extras = ",".join(extra for extra in own if extra)
+    whole = [f"uwserver[{extras}]" if extras else "uwserver"] if own else []
+    whole += [each for each in wanted if not _OWN.fullmatch(each)]
+    return "pip install " + " ".join(each if each.isidentifier() else f'"{each}"' for each in whole)
 
 
 def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:
