@@ -8,9 +8,9 @@ ENV NUMBA_CACHE_DIR=/opt/uwserver/kernels \
     NUMBA_CPU_NAME=generic \
     PIP_NO_CACHE_DIR=1 \
     PIP_DISABLE_PIP_VERSION_CHECK=1
-# `strip` is in binutils. pybullet has wheels for x86-64 only; elsewhere it is compiled.
+# `strip` is in binutils.
 RUN apt-get update \
-    && apt-get install -y --no-install-recommends binutils $(test "$(uname -m)" = x86_64 || echo g++ python3-dev) \
+    && apt-get install -y --no-install-recommends binutils \
     && rm -rf /var/lib/apt/lists/*
 # Every version is pinned (`make lock`), that of what builds the wheels of the sources too; so two builds of one commit hold the same.
 COPY requirements.lock /
@@ -28,7 +28,7 @@ RUN /opt/uwserver/venv/bin/pip install --no-deps --no-build-isolation /src /src/
     && find pymavlink/dialects -name "*.py" ! -name __init__.py ! -path "*/v20/ardupilotmega.py" ! -path "*/v20/common.py" \
         ! -path "*/v20/development.py" -delete \
     && find . -type d -name tests -prune -exec rm -rf {} + \
-    && find pybullet.*.so llvmlite uvloop zstandard zenoh kiwisolver fontTools lz4 -name "*.so" -exec strip --strip-unneeded {} + \
+    && find $(ls -d pybullet.*.so) llvmlite uvloop zstandard zenoh kiwisolver fontTools lz4 -name "*.so" -exec strip --strip-unneeded {} + \
     && find /opt/uwserver -type d -name __pycache__ -prune -exec rm -rf {} +
 # Compiles the kernels, and writes the byte code of what a server imports; so the run-time stage starts at once from a read-only disk.
 WORKDIR /tmp

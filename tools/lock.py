@@ -18,10 +18,10 @@ else:
 ROOT = Path(__file__).parents[1]
 LOCK = ROOT / "requirements.lock"
 PROJECTS = (ROOT / "pyproject.toml", ROOT / "clients" / "python" / "pyproject.toml")
-NOT_FOR_SERVING = ("dev", "docs", "release", "site")
-"""Extras of which the image needs nothing."""
+NOT_FOR_SERVING = ("coal", "dev", "docs", "release", "site")
+"""Extras of which the image needs nothing; it has one engine for contacts."""
 ONLY = {"embreex": "platform_machine == 'x86_64'"}
-"""Where there is a wheel of what comes in no other form; elsewhere the image is built without it, and solid scenarios say what they miss."""
+"""Where there is a wheel of what comes in no other form; elsewhere the image is built without it, and rays take a slower way."""
 
 
 def name_of(requirement: str) -> str:

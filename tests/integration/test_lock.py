@@ -66,7 +66,9 @@ def test_holds_all_that_the_image_needs_in_versions_that_fit() -> None:
 
 
 def test_leaves_out_on_arm_what_has_no_wheel_there() -> None:
-    assert locked().keys() - locked("aarch64").keys() == TOOL["ONLY"].keys()
+    assert locked().keys() - locked("aarch64").keys() == {*TOOL["ONLY"], "pybullet"}
+    assert "coal" in locked("aarch64"), "which takes the place of pybullet"
+    assert "coal" not in locked(), "one engine is enough, and it is large"
 
 
 @pytest.mark.parametrize(("requirement", "name"), [("Msg_Pack[a]>=1", "msg-pack"), ("h5py>=3.8", "h5py")])
