@@ -1,5 +1,6 @@
-# Two commands are enough: `make run` and `make test`. Needs Python 3.11 (with venv), git and make; everything else goes into .venv.
-PYTHON ?= python3.11
+# Two commands are enough: `make run` and `make test`. Needs a Python (with venv), git and make; everything else goes into .venv.
+# The first of these that there is and runs: a version manager leaves names of versions that are switched off.
+PYTHON ?= $(or $(firstword $(foreach p,python3.11 python3.12 python3.13 python3.10,$(shell $(p) -c 'print("$(p)")' 2> /dev/null))),python3.11)
 ARGS ?=
 IMAGE ?= uwserver
 BUILDER ?= docker
