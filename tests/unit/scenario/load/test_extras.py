@@ -109,7 +109,7 @@ def test_adapters_name_what_they_need_as_they_are_set(adapters):
     ("engine", "missing"),
     [
         ("auto", ""),
-        ("bullet", 'not installed: pybullet; all that this scenario needs: pip install pybullet'),
+        ("bullet", "not installed: pybullet; all that this scenario needs: pip install pybullet"),
         ("coal", ""),
     ],
 )
