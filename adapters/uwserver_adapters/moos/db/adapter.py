@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, serve_tcp, serving
+from uwserver.adapter import AdapterContext, Chores, Peers, Refusals, address_text, serve_tcp, serving
 from uwserver_adapters.moos.clock import DatabaseClock, warp_of
 from uwserver_adapters.moos.config import MoosDbConfig
-from uwserver_adapters.moos.db.chores import Chores
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.guests import Batch, Guest
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient

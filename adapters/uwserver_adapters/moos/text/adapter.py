@@ -10,6 +10,7 @@ import msgspec
 from uwserver.adapter import (
     HIGH_WATER,
     AdapterContext,
+    Chores,
     Connection,
     Peers,
     Refusals,
@@ -21,7 +22,6 @@ from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
 from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import MoosTextConfig
-from uwserver_adapters.moos.db.chores import Chores
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
 from uwserver_adapters.moos.db.variable import Letter
