@@ -9,8 +9,9 @@ from uwserver_adapters.mavlink.wire import channel, json_form
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge import calls
 from uwserver_adapters.moos.config import MoosDbConfig, MoosTextConfig
-from uwserver_adapters.moos.db import database, guests
+from uwserver_adapters.moos.db import database, guests, patterns
 from uwserver_adapters.moos.text import lines
+from uwserver_adapters.native import fanout
 from uwserver_adapters.px4 import door
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
@@ -135,6 +136,8 @@ def _messages() -> Iterator[Row]:
 def _clients() -> Iterator[Row]:
     yield "requests a second", _setting(SocketsConfig, "max_requests_per_s"), "`overload`, then not read"
     yield "subscriptions", _setting(SocketsConfig, "max_subscriptions"), "`overload`"
+    covered = f"{fanout.COVERED}, or twice all ports where that is more; each counted for each subscription"
+    yield "ports that its subscriptions cover", covered, "`overload`"
     yield "unanswered commands and calls", _setting(SocketsConfig, "max_unanswered"), "`overload`"
     yield (
         "unread samples of a delivery",
@@ -194,7 +197,7 @@ def _moos() -> Iterator[Row]:
     yield "`moosdb`: clients", _setting(MoosDbConfig, "max_clients"), "disconnected"
     yield "`moosdb`: time to say a name; its length", f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}", "disconnected"
     yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
-    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, for each `?` 16"
+    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, with a `?` {patterns.MARKED}"
     yield "`moosdb`: filters of all clients", stars, "refused"
     yield "`moosdb`: variables in a summary, and of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"

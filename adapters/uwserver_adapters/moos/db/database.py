@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
+from itertools import islice, zip_longest
 
 from msgspec.structs import replace
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
-from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.db.patterns import fits, work
+from uwserver_adapters.moos.db.variable import Client, Letter, Subscription, Variable
 from uwserver_adapters.moos.wire import Message
 
 NAME_LIMIT = 256
@@ -18,9 +18,13 @@ NAME_LIMIT = 256
 FILTERS = 256
 """Wildcard registrations of one client."""
 FILTERS_OF_ALL = 2048
-"""Of those of all clients: each counts 1 and for each star 1, for each question mark 16. Each new variable is compared with all of them."""
-AT_ONCE = 100
-"""Variables that one request looks at before others have their turn."""
+"""Of those of all clients: each counts 1 and for each star 1, with a question mark 64 more. Each new variable is compared with all of them."""
+PIECE = 600
+"""Work after which others may have their turn, in units of a third of a microsecond: see `Database.spent`."""
+DELIVERED = 3
+"""Work of a message to a client; each 256 bytes are one unit more, as they are copied and encoded."""
+NAMES = 2048
+"""Names in one answer to VAR_SUMMARY: where there are more variables there are more answers."""
 LISTED = 256
 """Variables that the summaries tell of, and of each client: they are made every second."""
 KEPT_BYTES = 256 << 20
@@ -30,72 +34,6 @@ REFUSED = "DB_REFUSED"
 
 _MEAN = 0.5
 """Weight of the newest interval in a variable's frequency."""
-
-
-class Letter:
-    """A message on its way to many: encoded once."""
-
-    __slots__ = ("_data", "message")
-
-    def __init__(self, message: Message) -> None:
-        self.message = message
-        self._data: bytes | None = None
-
-    @property
-    def data(self) -> bytes:
-        """The encoded message."""
-        if self._data is None:
-            self._data = wire.encode(self.message)
-        return self._data
-
-
-class Subscription:
-    """Where writes of a variable go, how often at most, and when one last did (by the steady clock)."""
-
-    __slots__ = ("deliver", "interval", "last")
-
-    def __init__(self, deliver: Callable[[Letter], None], interval: float) -> None:
-        self.deliver = deliver
-        self.interval = interval
-        self.last = -1e300
-
-
-class Variable:
-    """One variable.
-
-    Attributes:
-        letter: its last value; None before the first.
-        written: MOOS time of that by our clock.
-        last: the same by the steady clock.
-        writes: how many.
-        frequency: mean number of writes in a MOOS second.
-    """
-
-    def __init__(self) -> None:
-        self.letter: Letter | None = None
-        self.written = self.last = 0.0
-        self.writes = 0
-        self.frequency = 0.0
-        self.subscribers: dict[str, Subscription] = {}
-
-    @property
-    def kind(self) -> str:
-        """D, S or B; "" before the first write."""
-        return self.letter.message.kind if self.letter is not None else ""
-
-    def clear(self) -> None:
-        """Forget value and type."""
-        self.letter = None
-        self.writes, self.written, self.frequency = 0, 0.0, 0.0
-
-
-class _Client:
-    def __init__(self, deliver: Callable[[Letter], None]) -> None:
-        self.deliver = deliver
-        self.filters: dict[tuple[str, str], float] = {}
-        self.hears: dict[str, None] = {}
-        self.writes: dict[str, None] = {}
-        self.latency = Latency()
 
 
 class Database:
@@ -110,6 +48,7 @@ class Database:
     Attributes:
         name: under which it writes variables of its own.
         refused: writes and registrations that were not taken.
+        spent: work that was done, about, in units of a third of a microsecond: who asks for much of it looks here when it is time for others.
         log: called with each write that was taken.
     """
 
@@ -119,13 +58,14 @@ class Database:
         self.community = community
         self.name = f"MOOSDB_{community}"
         self.refused = 0
+        self.spent = 0
         self.log: Callable[[Message], None] = _ignore
         self.variables: dict[str, Variable] = {}
         self._now = now
         self._steady = now if steady is None else steady
         self._start, self._steady_start = now(), self._steady()
         self._max_variables = max_variables
-        self._clients: dict[str, _Client] = {}
+        self._clients: dict[str, Client] = {}
         self._kept = 0
         self._is_refusing = False
         self._told = Quota(FAULTS_PER_S, self._steady)
@@ -139,15 +79,22 @@ class Database:
 
     def join(self, name: str, deliver: Callable[[Letter], None]) -> None:
         """A client is there; `deliver` takes its mail."""
-        self._clients[name] = _Client(deliver)
+        self._clients[name] = Client(deliver)
         self.say("DB_EVENT", f"connected={name}")
 
-    def leave(self, name: str) -> None:
-        """It went: its registrations end."""
+    def leave(self, name: str) -> Iterator[None]:
+        """It went, and hears nothing more. What is left of it is tidied up in pieces: to be taken to the end, some time."""
         client = self._clients.pop(name)
-        for key in client.hears:
-            self.variables[key].subscribers.pop(name, None)
+        client.leave()
         self.say("DB_EVENT", f"disconnected={name}")
+        return self._tidy(name, client)
+
+    def _tidy(self, name: str, client: Client) -> Iterator[None]:
+        for key in self.paced(client.hears, DELIVERED):
+            if key is None:
+                yield
+            else:
+                self.variables[key].drop(name, client)
 
     def beat(self, name: str, sent: float) -> None:
         """A heartbeat of a client, sent at a MOOS time of its clock."""
@@ -174,6 +121,21 @@ class Database:
         elif message.type == wire.SERVER_REQUEST:
             yield from self._answer(name, message)
 
+    def paced(self, names: Iterable[str], each: int) -> Iterator[str | None]:
+        """These names, as they are now, and between them None where others may have their turn.
+
+        Args:
+            names: of variables; only they are copied: the pairs of a large dictionary would take 2 ms.
+            each: work that one of them is; what is done besides counts too.
+        """
+        start = self.spent
+        for name in list(names):
+            if self.spent - start >= PIECE:
+                yield None
+                start = self.spent
+            self.spent += each
+            yield name
+
     def _refuse(self, client: str, key: str, reason: str) -> str:
         """Tell everybody, sparingly; returns the reason."""
         self.refused += 1
@@ -191,26 +153,35 @@ class Database:
         if isinstance(variable, str):
             return
         client = self._clients[name]
-        subscription = Subscription(client.deliver, interval if 0.0 < interval < float("inf") else 0.0)
+        subscription = Subscription(client, interval if 0.0 < interval < float("inf") else 0.0)
         variable.subscribers[name] = subscription
         client.hears[key] = None
+        self.spent += DELIVERED
         if variable.letter is not None:
             subscription.last = self._steady()
-            client.deliver(variable.letter)
+            self.deliver(client, variable.letter)
+
+    def deliver(self, client: Client, letter: Letter) -> None:
+        """A message to one client."""
+        self.spent += DELIVERED + (len(letter.message.data) >> 8)
+        client.deliver(letter)
 
     def register_all(self, name: str, pattern: str, app: str, interval: float) -> Iterator[None]:
         """A client hears all variables that match, also those that come later. In pieces: there may be many."""
         if reason := self.objection(name, pattern, app):
             self._refuse(name, pattern, reason)
             return
-        self._clients[name].filters[pattern, app] = interval
-        for count, (key, variable) in enumerate(list(self.variables.items()), 1):
-            if name not in self._clients:
-                return
-            if variable.letter is not None and fits(key, variable.letter.message.src, pattern, app):
-                self.register(name, key, interval)
-            if count % AT_ONCE == 0:
+        client = self._clients[name]
+        client.filters[pattern, app] = interval
+        for key in self.paced(self.variables, work(pattern, app)):
+            if key is None:
                 yield
+                if self._clients.get(name) is not client:
+                    return
+                continue
+            letter = self.variables[key].letter
+            if letter is not None and fits(key, letter.message.src, pattern, app):
+                self.register(name, key, interval)
 
     def objection(self, name: str, pattern: str, app: str) -> str:
         """Why a client cannot hear all that match; "" when it can."""
@@ -238,11 +209,12 @@ class Database:
         """A client hears these no more; in pieces."""
         client = self._clients[name]
         client.filters.pop((pattern, app), None)
-        for count, key in enumerate(list(client.hears), 1):
-            if name not in self._clients:
-                return
-            if count % AT_ONCE == 0:
+        for key in self.paced(client.hears, DELIVERED + work(pattern, app)):
+            if key is None:
                 yield
+                if self._clients.get(name) is not client:
+                    return
+                continue
             letter = self.variables[key].letter
             if fits(key, letter.message.src if letter is not None else "", pattern, app):
                 self._forget(name, key)
@@ -286,19 +258,21 @@ class Database:
         writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
         if writer is not None:
             writer.writes[message.key] = None
+        self.spent += DELIVERED
         for subscription in variable.subscribers.values():
             if not subscription.interval:
-                subscription.deliver(letter)
+                self.deliver(subscription.client, letter)
             elif now - subscription.last >= subscription.interval:
                 subscription.last = now
-                subscription.deliver(letter)
+                self.deliver(subscription.client, letter)
         return ""
 
     def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
         for name, client in self._clients.items():
             for (pattern, app), interval in client.filters.items():
-                if name not in variable.subscribers and fits(key, source, pattern, app):
-                    variable.subscribers[name] = Subscription(client.deliver, interval)
+                self.spent += work(pattern, app)
+                if not variable.hears(name, client) and fits(key, source, pattern, app):
+                    variable.subscribers[name] = Subscription(client, interval)
                     client.hears[key] = None
 
     def _variable(self, client: str, key: str) -> Variable | str:
@@ -343,31 +317,46 @@ class Database:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
 
     def _answer(self, name: str, request: Message) -> Iterator[None]:
-        replies: Iterable[Message]
+        """What a client asks of the database itself, in pieces."""
+        client = self._clients[name]
         if request.key == "ALL":
-            replies = (self._listed(key, variable) for key, variable in list(self.variables.items()))
+            replies = self._all()
         elif "PROC_SUMMARY" in request.key:
-            replies = (
-                self._reply("PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', c.hears)},{_list('PUBLISHED=', c.writes)}")
-                for who, c in list(self._clients.items())
-            )
+            replies = self._clients_summary()
         elif "VAR_SUMMARY" in request.key:
-            replies = [self._reply("VAR_SUMMARY", ",".join(self.variables))]
+            replies = (self._reply("VAR_SUMMARY", ",".join(part)) for part in _parts(self.variables, NAMES))
         elif "DB_CLEAR" in request.key:
-            for variable in self.variables.values():
-                variable.clear()
-            for client in self._clients.values():
-                client.writes.clear()
-            self._kept = 0
-            replies = []
+            replies = self._cleared()
         else:
             self._refuse(name, request.key, "no request: ask for ALL, VAR_SUMMARY, PROC_SUMMARY or DB_CLEAR")
             return
-        deliver = self._clients[name].deliver
-        for count, reply in enumerate(replies, 1):
-            deliver(Letter(reply))
-            if count % AT_ONCE == 0 or reply.key == "PROC_SUMMARY":
+        start = self.spent
+        for reply in replies:
+            if reply is not None:
+                self.deliver(client, Letter(reply))
+            if reply is None or self.spent - start >= PIECE:
                 yield
+                start = self.spent
+
+    def _all(self) -> Iterator[Message | None]:
+        for key in self.paced(self.variables, DELIVERED):
+            yield None if key is None else self._listed(key, self.variables[key])
+
+    def _clients_summary(self) -> Iterator[Message]:
+        for who, client in list(self._clients.items()):
+            hears, writes = _parts(client.hears, LISTED), _parts(client.writes, LISTED)
+            for heard, written in zip_longest(hears, writes, fillvalue=()):
+                text = f"{who}:{_list('SUBSCRIBED=', heard)},{_list('PUBLISHED=', written)}"
+                yield self._reply("PROC_SUMMARY", text)
+
+    def _cleared(self) -> Iterator[None]:
+        for client in self._clients.values():
+            client.writes.clear()
+        for key in self.paced(self.variables, DELIVERED):
+            if key is None:
+                yield
+            else:
+                self._kept -= self.variables[key].clear()
 
     def _listed(self, key: str, variable: Variable) -> Message:
         if variable.letter is None:
@@ -388,6 +377,12 @@ def _ignore(message: Message) -> None:
 
 def _first(names: Iterable[str]) -> Iterable[str]:
     return islice(names, LISTED)
+
+
+def _parts(names: Iterable[str], most: int) -> Iterator[list[str]]:
+    """These names, as they are now, in parts of at most so many; one part without any where there are none."""
+    there = list(names)
+    return (there[at : at + most] for at in range(0, max(1, len(there)), most))
 
 
 def _list(title: str, names: Iterable[str]) -> str:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
+MARKED = 64
+"""What a pattern with a question mark costs: 20 us with the longest names."""
+
 
 def fits(key: str, source: str, pattern: str, app: str) -> bool:
     """Whether a variable and who wrote it last are meant."""
     return glob(pattern, key) and glob(app, source)
 
 
-def work(pattern: str, app: str) -> int:
+def work(pattern: str, app: str = "") -> int:
     """What a comparison costs, about: in units of a third of a microsecond."""
-    both = pattern + app
-    return 1 + both.count("*") + 16 * both.count("?")
+    return 1 + sum(each.count("*") + MARKED * ("?" in each) for each in (pattern, app))
+
+
+def is_pattern(text: str) -> bool:
+    """Whether it may stand for more than one name."""
+    return "*" in text or "?" in text
 
 
 def _has_parts(parts: list[str], text: str) -> bool:
@@ -30,22 +40,48 @@ def _has_parts(parts: list[str], text: str) -> bool:
     return True
 
 
+class _Places(NamedTuple):
+    """A pattern as sets of places, each a bit; a place is how many of its characters but stars are behind.
+
+    Attributes:
+        takes: for a character, the places from which it leads to the next.
+        takes_any: the same for a character that is none of the pattern's.
+        stays: places with a star.
+        end: behind all.
+    """
+
+    takes: dict[str, int]
+    takes_any: int
+    stays: int
+    end: int
+
+
+@lru_cache(maxsize=256)
+def _places(pattern: str) -> _Places:
+    takes_any = stays = 0
+    takes: dict[str, int] = {}
+    here = 1
+    for character in pattern:
+        if character == "*":
+            stays |= here
+            continue
+        if character == "?":
+            takes_any |= here
+        else:
+            takes[character] = takes.get(character, 0) | here
+        here <<= 1
+    return _Places({character: places | takes_any for character, places in takes.items()}, takes_any, stays, here)
+
+
 def glob(pattern: str, text: str) -> bool:
-    """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Time grows with the product of the lengths, no faster."""
+    """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Nothing is tried twice: a character costs the same at
+    whatever places of the pattern it may stand."""
     if "?" not in pattern:  # nearly all there are
         return _has_parts(pattern.split("*"), text)
-    at = 0
-    star = resume = -1
-    where = 0
-    while where < len(text):
-        if at < len(pattern) and pattern[at] == "*":
-            star, resume = at, where
-            at += 1
-        elif at < len(pattern) and pattern[at] in ("?", text[where]):
-            at, where = at + 1, where + 1
-        elif star >= 0:
-            resume += 1
-            at, where = star + 1, resume
-        else:
+    takes, takes_any, stays, end = _places(pattern)
+    at = 1
+    for character in text:
+        at = (at & takes.get(character, takes_any)) << 1 | at & stays
+        if not at:
             return False
-    return all(rest == "*" for rest in pattern[at:])
+    return at & end != 0
