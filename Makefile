@@ -47,7 +47,7 @@ $(STAMP): $(READY) bench/pyproject.toml
 run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
 	@exec $(BIN)/uwserver run $(ARGS)
 
-PARTS = lint types fast-tests docs-check wheel-smoke
+PARTS = lint types fast-tests docs-check wheel-smoke other-pythons
 test: $(PARTS)  ## everything that .ci/run checks
 
 parts:

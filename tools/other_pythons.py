@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -153,7 +154,7 @@ def try_one(version: str, python: Path, wheels: tuple[Path, ...], work: Path) ->
     inside = home / "bin" / "python"
     server: tuple[str | Path, ...] = (home / "bin" / "uwserver",)
     freerun = ("--port", "0", "--mode", "freerun", "--until")
-    tests = work / "run_tests.py"
+    tests = work / f"run_tests_{version}.py"
     tests.write_text(RUN_TESTS)
     parts: tuple[tuple[str, tuple[tuple[str | Path, ...], ...]], ...] = (
         ("doctor", ((*server, "doctor"),)),
@@ -174,17 +175,14 @@ class timed:  # read as a statement
     """Prints how long a part took."""
 
     def __init__(self, version: str, part: str) -> None:
-        self._label, self._begin, self._used = f"python {version}: {part}", 0.0, 0.0
+        self._label, self._begin = f"python {version}: {part}", 0.0
 
     def __enter__(self) -> None:
-        self._begin, self._used = time.monotonic(), _processor_s()
+        self._begin = time.monotonic()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        wall, used = time.monotonic() - self._begin, _processor_s() - self._used
-        print(
-            f"{self._label}: {'ok' if kind is None else 'FAILED'}, {wall:.0f} s ({used:.0f} s of processors)",
-            flush=True,
-        )
+        outcome = "ok" if kind is None else "FAILED"
+        print(f"{self._label}: {outcome}, {time.monotonic() - self._begin:.0f} s", flush=True)
 
 
 def _processor_s() -> float:
@@ -194,23 +192,29 @@ def _processor_s() -> float:
 
 
 def main(versions: tuple[str, ...]) -> int:
-    """Try all versions; returns 1 if one failed."""
-    failed = 0
+    """Try all versions, as many at a time as there are cores; returns 1 if one failed."""
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         with timed(f"{sys.version_info[0]}.{sys.version_info[1]}", "wheels"):
             wheels = build_wheels(work)
-        for version in versions:
+
+        def succeeds(version: str) -> bool:
             python = interpreter(version)
             if python is None:
                 print(f"python {version}: skipped, neither below `pyenv root` nor on the PATH", flush=True)
-                continue
+                return True
             try:
-                try_one(version, python, wheels, work)
+                with timed(version, "all"):
+                    try_one(version, python, wheels, work)
             except (Failed, subprocess.TimeoutExpired) as error:
                 print(error, file=sys.stderr, flush=True)
-                failed = 1
-    return failed
+                return False
+            return True
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            done = list(pool.map(succeeds, versions))
+        print(f"{_processor_s():.0f} s of processors", flush=True)
+    return 0 if all(done) else 1
 
 
 if __name__ == "__main__":
