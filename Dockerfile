@@ -8,19 +8,27 @@ ENV NUMBA_CACHE_DIR=/opt/uwserver/kernels \
     NUMBA_CPU_NAME=generic \
     PIP_NO_CACHE_DIR=1 \
     PIP_DISABLE_PIP_VERSION_CHECK=1
-# pybullet has wheels for x86-64 only; elsewhere it is compiled.
-RUN test "$(uname -m)" = x86_64 \
-    || { apt-get update && apt-get install -y --no-install-recommends g++ python3-dev && rm -rf /var/lib/apt/lists/*; }
-COPY . /src
+# `strip` is in binutils.
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends binutils \
+    && rm -rf /var/lib/apt/lists/*
+# Every version is pinned (`make lock`), that of what builds the wheels of the sources too; so two builds of one commit hold the same.
+COPY requirements.lock /
 RUN python3.11 -m venv /opt/uwserver/venv \
-    && /opt/uwserver/venv/bin/pip install "/src[solid,mavlink,zenoh]" "/src/clients/python[msgpack]" \
+    && /opt/uwserver/venv/bin/pip install --require-hashes -r /requirements.lock
+COPY . /src
+# Example models, tests, symbols for debugging and the installer itself are more than half of the size. Only libraries without others that
+# come along in a folder `.libs` are stripped: those were patched when their wheels were made, and do not stand it.
+RUN /opt/uwserver/venv/bin/pip install --no-deps --no-build-isolation /src /src/clients/python \
+    && /opt/uwserver/venv/bin/pip uninstall -y hatchling pathspec pluggy tomlkit trove-classifiers lxml pip setuptools \
     && cd /opt/uwserver/venv/lib/python3.11/site-packages \
-    # Example models, tests and the installer itself: a third of the size.
-    && rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils \
-    && rm -rf pip pip-*.dist-info setuptools setuptools-*.dist-info pkg_resources _distutils_hack distutils-precedence.pth \
-    && find pymavlink/dialects -name "*.py" ! -name __init__.py ! -path "*/v20/ardupilotmega.py" ! -path "*/v20/development.py" -delete \
-    && rm -rf pymavlink/generator lxml lxml-*.dist-info \
-    && find numpy numba llvmlite scipy trimesh -type d -name tests -prune -exec rm -rf {} + \
+    && rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils eglRenderer.*.so \
+    && rm -rf pkg_resources _distutils_hack distutils-precedence.pth matplotlib/mpl-data/sample_data \
+    && find pymavlink -name "*.xml" -delete && rm -rf pymavlink/generator \
+    && find pymavlink/dialects -name "*.py" ! -name __init__.py ! -path "*/v20/ardupilotmega.py" ! -path "*/v20/common.py" \
+        ! -path "*/v20/development.py" -delete \
+    && find . -type d -name tests -prune -exec rm -rf {} + \
+    && find $(ls -d pybullet.*.so) llvmlite uvloop zstandard zenoh kiwisolver fontTools lz4 -name "*.so" -exec strip --strip-unneeded {} + \
     && find /opt/uwserver -type d -name __pycache__ -prune -exec rm -rf {} +
 # Compiles the kernels, and writes the byte code of what a server imports; so the run-time stage starts at once from a read-only disk.
 WORKDIR /tmp
@@ -38,7 +46,7 @@ ENV PATH=/opt/uwserver/venv/bin:$PATH \
     NUMBA_CPU_NAME=generic \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1
-# Keeps the times of the files: numba and Python compare them with those of the sources.
+# Keeps the times of the files: Python compares them with those of the sources.
 COPY --from=builder /opt/uwserver /opt/uwserver
 # An owner without a name suffices: nothing of the image is written at run time.
 RUN mkdir -p /records && chown 10001:10001 /records

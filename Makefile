@@ -1,5 +1,6 @@
-# Two commands are enough: `make run` and `make test`. Needs Python 3.11 (with venv), git and make; everything else goes into .venv.
-PYTHON ?= python3.11
+# Two commands are enough: `make run` and `make test`. Needs a Python (with venv), git and make; everything else goes into .venv.
+# The first of these that there is and runs: a version manager leaves names of versions that are switched off.
+PYTHON ?= $(or $(firstword $(foreach p,python3.11 python3.12 python3.13 python3.10,$(shell $(p) -c 'print("$(p)")' 2> /dev/null))),python3.11)
 ARGS ?=
 IMAGE ?= uwserver
 BUILDER ?= docker
@@ -17,11 +18,12 @@ MAKE_VENV = $(UV) venv --quiet --python $(PYTHON) $(VENV)
 INSTALL = $(UV) pip install --quiet --python $(BIN)/python
 else
 MAKE_VENV = $(PYTHON) -m venv $(VENV)
-INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# As uv does, byte code is left to the first import: most of the dialects of MAVLink are never imported.
+INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke demo bench docs site dist image clean
+.PHONY: help ready install run test parts test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs site dist image lock clean
 
 help:  ## show this
 	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -45,7 +47,11 @@ $(STAMP): $(READY) bench/pyproject.toml
 run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
 	@exec $(BIN)/uwserver run $(ARGS)
 
-test: lint types fast-tests docs-check wheel-smoke  ## everything that .ci/run checks
+PARTS = lint types fast-tests docs-check wheel-smoke other-pythons
+test: $(PARTS)  ## everything that .ci/run checks
+
+parts:
+	@echo install $(PARTS)
 
 test-all: lint types all-tests docs-check  ## the same and the slow tests: container, long fuzz, peers built for the test
 	$(BIN)/python tools/wheel_smoke.py --dependencies
@@ -75,6 +81,9 @@ docs-check: install
 wheel-smoke: install
 	$(BIN)/python tools/wheel_smoke.py
 
+other-pythons: install  ## try CPython 3.10, 3.12 and 3.13, as far as they are on this machine
+	$(BIN)/python tools/other_pythons.py
+
 demo: install  ## drive a 5 m square by feedback on the simulated sensors and draw it
 	$(BIN)/python tools/demo.py $(ARGS)
 
@@ -87,15 +96,19 @@ docs: install  ## regenerate the generated pages of docs/ and the JSON Schemas o
 	$(BIN)/python tools/vehicle_pages.py
 
 site: install  ## build the documentation as a site into build/site; a link that leads nowhere is an error
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[site]"
+	$(INSTALL) -e ".[site]" -e clients/python
 	$(BIN)/python tools/site.py
 
-dist: docs  ## build both wheels into dist/, with the JSON Schemas in that of uwserver
-	$(BIN)/python -m build --wheel --outdir dist .
-	$(BIN)/python -m build --wheel --outdir dist clients/python
+dist: install  ## build what is published into dist/, and check it (ARGS="--python python3.10 --python python3.11 --release --bars")
+	$(INSTALL) -e ".[release]" -e clients/python
+	$(BIN)/python tools/dist.py $(ARGS)
 
+# Podman's own format has no health check.
 image:  ## build the container image (BUILDER=podman, IMAGE=name, ARGS="--build-arg BASE=...")
-	$(BUILDER) build -t $(IMAGE) $(ARGS) .
+	$(BUILDER) build $(if $(filter podman buildah,$(notdir $(BUILDER))),--format docker) -t $(IMAGE) $(ARGS) .
+
+lock:  ## pin what the image holds in requirements.lock (needs uv; ARGS=--upgrade for the newest versions)
+	$(PYTHON) tools/lock.py $(ARGS)
 
 clean:  ## remove .venv and everything built
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

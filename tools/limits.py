@@ -9,8 +9,9 @@ from uwserver_adapters.mavlink.wire import channel, json_form
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge import calls
 from uwserver_adapters.moos.config import MoosDbConfig, MoosTextConfig
-from uwserver_adapters.moos.db import database, guests
+from uwserver_adapters.moos.db import database, guests, patterns
 from uwserver_adapters.moos.text import lines
+from uwserver_adapters.native import fanout
 from uwserver_adapters.px4 import door
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
@@ -19,8 +20,8 @@ from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
 from uwserver.recording import recorder, replay
 from uwserver.scenario.files import documents, locate
-from uwserver.scenario.load import scenario
-from uwserver.scenario.solids import archive, bathymetry, mesh_checks
+from uwserver.scenario.load import counts, scenario
+from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
 from uwserver.server import http, life_cycle, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
@@ -65,6 +66,9 @@ def _files() -> Iterator[Row]:
     yield "any file", "a plain file: no folder, pipe, device or socket", refused
     yield "scenario, vehicle or device (TOML), Python extension", _bytes(documents.MOST_BYTES), refused
     yield "parts of a dotted key or header", str(locate.MOST_PARTS), refused
+    yield "vehicles, copies counted, and objects", str(counts.MOST_BODIES), refused + "; `world/spawn`: `busy`"
+    yield "structures", str(counts.MOST_STRUCTURES), refused
+    yield "sensors, their streams and modifiers, actuators, of all vehicles", str(counts.MOST_COMPONENTS), refused
     yield "faults told", str(scenario.MOST_PROBLEMS), "the rest is not looked at"
     yield "extensions", "in the scenario's folder or below, links followed", "not run"
     yield "mesh (STL, OBJ, PLY, glTF with all its files)", _bytes(mesh_checks.MOST_BYTES), refused
@@ -74,6 +78,8 @@ def _files() -> Iterator[Row]:
         f"{bathymetry.MOST_POINTS}",
         refused,
     )
+    triangles = f"{memory.TRIANGLE_BYTES} bytes each, {memory.RESERVE_BYTES // 1_000_000} MB for the rest"
+    yield f"memory that is free, from {memory.FEW_TRIANGLES} triangles of seabed and structures on", triangles, refused
     yield "classic NetCDF file", _bytes(bathymetry.MOST_BYTES), refused
 
 
@@ -116,7 +122,8 @@ def _messages() -> Iterator[Row]:
     yield f"plain texts (ASCII, from {bounds.PLAIN_TEXT} bytes on)", _bytes(bounds.MAX_PLAIN), "`too_large`"
     yield "binary values of msgpack", _bytes(bounds.MAX_BINARY), "`too_large`"
     long = f"JSON with more than {bounds.FEW} numbers that have an exponent or {bounds.LONG_NUMBER} digits"
-    yield long, _bytes(bounds.LONG_NUMBERS_LIMIT), "`too_large`"
+    huge = f"{_bytes(bounds.LONG_NUMBERS_LIMIT)}; {_bytes(bounds.HUGE_LIMIT)} where more than {bounds.FEW} have one of three digits"
+    yield long, huge, "`too_large`"
     yield "digits of a number, where there are more such", str(bounds.MAX_DIGITS), "`invalid_request`"
     yield "maps and lists", f"{bounds.MAX_CONTAINERS}, {bounds.MAX_DEPTH} deep", "`invalid_request`"
     yield "values, keys included", str(bounds.MAX_VALUES), "`invalid_request`"
@@ -129,6 +136,8 @@ def _messages() -> Iterator[Row]:
 def _clients() -> Iterator[Row]:
     yield "requests a second", _setting(SocketsConfig, "max_requests_per_s"), "`overload`, then not read"
     yield "subscriptions", _setting(SocketsConfig, "max_subscriptions"), "`overload`"
+    covered = f"{fanout.COVERED}, or twice all ports where that is more; each counted for each subscription"
+    yield "ports that its subscriptions cover", covered, "`overload`"
     yield "unanswered commands and calls", _setting(SocketsConfig, "max_unanswered"), "`overload`"
     yield (
         "unread samples of a delivery",
@@ -172,6 +181,8 @@ def _strangers() -> Iterator[Row]:
 def _world() -> Iterator[Row]:
     waiting = f"{turns.MAX_WAITING} of a client, {turns.MAX_WAITING_OF_ALL} of all, but {turns.FREE_PLACES} of each"
     yield "commands and calls that wait for their tick", waiting, "`overload`"
+    size = f"{_bytes(turns.MAX_BYTES)} of a client, {_bytes(turns.MAX_BYTES_OF_ALL)} of all, but one request of each"
+    yield "their bytes, decoded lists and maps fourfold", size, "`overload`"
     yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
     spent = f"{_ms(intake.REQUESTS_NS / NANOSECONDS)} for commands and calls, {_ms(thread.STEERING_NS / NANOSECONDS)} for the clock"
     yield "a tick in real time", spent, "the rest waits for the next tick"
@@ -186,6 +197,9 @@ def _moos() -> Iterator[Row]:
     yield "`moosdb`: clients", _setting(MoosDbConfig, "max_clients"), "disconnected"
     yield "`moosdb`: time to say a name; its length", f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}", "disconnected"
     yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
+    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, with a `?` {patterns.MARKED}"
+    yield "`moosdb`: filters of all clients", stars, "refused"
+    yield "`moosdb`: variables in a summary, and of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"
     yield "`moos_text`: a line, its pairs", f"{_bytes(lines.LINE_LIMIT)}, {lines.PAIRS}", "an error line"
 

@@ -15,7 +15,7 @@ from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.embree import Rays
+from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.vehicle.profiles import check_profile

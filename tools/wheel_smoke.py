@@ -1,14 +1,16 @@
-"""Builds the wheels of uwserver, uwclient and the benchmark, installs them in a fresh environment and uses them there; exits with 1 at the
-first fault. The benchmark comes last: before, `uwserver bench` must say what to install.
+"""Builds source distributions of uwserver, uwclient and the benchmark and wheels from these, installs the wheels in a fresh environment and uses
+them there; exits with 1 at the first fault. The benchmark comes last: before, `uwserver bench` must say what to install.
 
 By default the environment borrows the dependencies of the environment that runs this script, and only the wheels are installed;
-`--dependencies` installs these too, as a user's pip would.
+`--dependencies` installs these too, as a user's pip would, and watches how much that is. `--dist DIR` takes the wheels of a folder, as `make dist`
+left them: those with compiled kernels must not compile anything.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -32,8 +34,12 @@ COMMANDS = (
     ("uwserver", "validate", str(ROOT / "tests" / "physics" / "oracles" / "spheroid_1.json")),
     ("uwserver", "run", "--port", "0", "--until", "0.5", "--mode", "freerun"),
 )
+FINISHED = ("push_the_crate", "slope", "bluerov2_open_sea")
+"""Scenarios that between them need most kernels; run where a wheel brings these."""
 SCHEMAS = ("scenario", "vehicle", "device")
 """Kinds of file whose JSON Schema is made for the wheel; git does not keep them."""
+INSTALLED_MB, DOWNLOAD_SLACK = 1000.0, 0.1
+"""What all default dependencies may take on the disk, and how far the download may be from the figure in the README."""
 TIMEOUT_S = 300.0
 
 
@@ -77,10 +83,10 @@ def make_schemas() -> None:
 
 
 def build(name: str, out: Path) -> Path:
-    """The wheel of a distribution, with its contents compared with the checkout."""
+    """The wheel of a distribution, built from its source distribution, with its contents compared with the checkout."""
     project, folders = PACKAGES[name]
-    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, project, cwd=out)
-    (wheel,) = out.glob(f"{name}-*.whl")
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", out, project, cwd=out)
+    (wheel,) = out.glob(f"{name}-*-py3-none-any.whl")
     with zipfile.ZipFile(wheel) as archive:
         inside = {path for path in archive.namelist() if ".dist-info/" not in path}
         licensed = any(path.endswith("LICENSE") for path in archive.namelist())
@@ -95,8 +101,29 @@ def build(name: str, out: Path) -> Path:
 
 def install(python: Path, wheels: list[Path], dependencies: bool, work: Path) -> None:
     """Put wheels into the environment of a Python."""
-    options = [] if dependencies else ["--no-deps"]
-    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *options, *wheels, cwd=work)
+    pip = (sys.executable, "-m", "pip", "--python", python)
+    if not dependencies:
+        run(*pip, "install", "--quiet", "--no-deps", *wheels, cwd=work)
+        return
+    stock = work / "stock"
+    run(*pip, "download", "--quiet", "--find-links", wheels[0].parent, "--dest", stock, *wheels, cwd=work)
+    run(*pip, "install", "--quiet", "--no-index", "--find-links", stock, *wheels, cwd=work)
+
+
+def weigh(environment: Path, stock: Path) -> None:
+    """Compare what was downloaded and installed with what is promised."""
+    download, installed = megabytes(stock), megabytes(environment)
+    print(f"default dependencies: {download:.0f} MB to download, {installed:.0f} MB installed")
+    found = re.search(r"\b(\d+) MB to download", (ROOT / "README.md").read_text(encoding="utf-8"))
+    if found is None or abs(download / float(found[1]) - 1.0) > DOWNLOAD_SLACK:
+        raise Fault(f"{download:.0f} MB were downloaded: write that into README.md, which says {found and found[0]}")
+    if installed > INSTALLED_MB:
+        raise Fault(f"{installed:.0f} MB were installed, {INSTALLED_MB:.0f} at most: which dependency has grown?")
+
+
+def megabytes(folder: Path) -> float:
+    """Size of all files below a folder, 10^6 bytes."""
+    return sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir()) / 1e6
 
 
 def environment_with(wheels: list[Path], folder: Path, dependencies: bool) -> Path:
@@ -104,7 +131,9 @@ def environment_with(wheels: list[Path], folder: Path, dependencies: bool) -> Pa
     run(sys.executable, "-m", "venv", "--without-pip", folder, cwd=folder.parent)
     python = folder / "bin" / "python"
     install(python, wheels, dependencies, folder.parent)
-    if not dependencies:
+    if dependencies:
+        weigh(folder, folder.parent / "stock")
+    else:
         # Path entries of a .pth file are not searched for further .pth files, so an editable install over there stays out.
         packages = Path(
             run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder.parent).strip()
@@ -153,20 +182,51 @@ def use_benchmark(scripts: Path, wheel: Path, work: Path, dependencies: bool) ->
     print("uwserver bench: ok")
 
 
+def check_nothing_is_compiled(scripts: Path, work: Path) -> None:
+    """Run what needs the engines of solid things and most kernels; that environment's cache of kernels stays empty."""
+    for scenario in FINISHED:
+        command = ("run", scenario, "--port", "0", "--until", "0.5", "--mode", "freerun")
+        run(scripts / "uwserver", *command, cwd=work, environment=clean_environment(work))
+        print(f"uwserver {' '.join(command)}: ok")
+    compiled = sorted(path.name for path in (work / "cache").rglob("*.kernel"))
+    if compiled:
+        raise Fault(f"the wheel has kernels, and these were compiled all the same: {', '.join(compiled)}")
+    print("kernels: as they came in the wheel")
+
+
+def taken(dist: Path) -> dict[str, Path]:
+    """The wheels of a folder for this Python, by distribution: one with kernels before a pure one."""
+    tag = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    wheels = {}
+    for name in PACKAGES:
+        found = [*sorted(dist.glob(f"{name}-*-{tag}-*.whl")), *sorted(dist.glob(f"{name}-*-py3-none-any.whl"))]
+        if not found:
+            raise Fault(f"{dist} has no wheel of {name} for {tag}: make dist")
+        wheels[name] = found[0].resolve()
+    return wheels
+
+
 def main() -> int:
     """Build, install, use."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dependencies", action="store_true", help="install the dependencies too")
+    parser.add_argument("--dist", type=Path, help="take the wheels of this folder")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="uwserver-wheels-") as name:
         out = Path(name)
         try:
-            make_schemas()
-            wheels = {distribution: build(distribution, out) for distribution in PACKAGES}
+            if options.dist:
+                wheels = taken(options.dist)
+            else:
+                make_schemas()
+                wheels = {distribution: build(distribution, out) for distribution in PACKAGES}
+            finished = not wheels["uwserver"].name.endswith("-py3-none-any.whl")
             benchmark, work = wheels.pop(BENCHMARK), out / "work"
             work.mkdir()
             scripts = environment_with([*wheels.values()], out / "venv", options.dependencies)
             use(scripts, work)
+            if finished:
+                check_nothing_is_compiled(scripts, work)
             use_benchmark(scripts, benchmark, work, options.dependencies)
         except Fault as fault:
             print(f"wheel smoke test: {fault}", file=sys.stderr)

@@ -24,7 +24,7 @@ from uwserver_bench.rows import Row
 from uwserver_bench.solids import pebble, seabed_mesh, states_above
 
 if TYPE_CHECKING:
-    from uwserver.physics.collision.bullet import Solids
+    from uwserver.physics.collision.solids import Solids
 
 RESTING_BARS = {10: 5.0, 100: 0.5}
 FAR_BAR = 1.10
@@ -42,7 +42,7 @@ def bench_contact(quick: bool, say: Callable[[str], None]) -> list[Row]:
         say: gets a line of progress.
     """
     try:
-        from uwserver.physics.collision.bullet import Solids
+        from uwserver.physics.collision.solids import Solids
     except ImportError as error:
         return [Row("contact", "hulls on a seabed", "x realtime", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, budget_s, settle = (2, 0.02, 20) if quick else (7, 0.4, SETTLE_TICKS)

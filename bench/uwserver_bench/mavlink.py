@@ -53,7 +53,7 @@ def bench_mavlink(quick: bool, say: Callable[[str], None]) -> list[Row]:
     """
     name = f"{STATIONS} ground stations at the rates of QGroundControl: added share of a core"
     if find_spec("pymavlink") is None:
-        return [Row("mavlink", name, "%", (), note='not measured: pip install "uwserver[mavlink]"')]
+        return [Row("mavlink", name, "%", (), note="not measured: pip install uwserver")]
     warm()
     repeats, seconds = (1, 2.0) if quick else (3, 10.0)
     alone, shares, told, downloads = list[float](), list[float](), list[float](), list[float]()

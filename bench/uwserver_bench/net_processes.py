@@ -21,7 +21,7 @@ WIRE_ADDRESS: Mapping[str, str] = {
 """Under which name the server tells the address of each transport."""
 RATE_HZ = 250
 HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
-NO_ZENOH = 'not measured: pip install "uwserver[zenoh]"'
+NO_ZENOH = "not measured: pip install uwserver"
 
 _SCENARIO = f"""\
 schema = 1

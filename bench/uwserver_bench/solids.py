@@ -14,8 +14,8 @@ from uwserver.simulation.clock import SystemTime
 from uwserver_bench.rows import Row
 
 if TYPE_CHECKING:
-    from uwserver.physics.collision.bullet import Solids
-    from uwserver.physics.rays.embree import Rays
+    from uwserver.physics.collision.solids import Solids
+    from uwserver.physics.rays.casting import Rays
 
 POINTS = 224
 """Along an edge of the seabed: 99 458 triangles of 2 m."""
@@ -35,8 +35,8 @@ def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
         say: gets a line of progress.
     """
     try:
-        from uwserver.physics.collision.bullet import Solids
-        from uwserver.physics.rays.embree import Rays
+        from uwserver.physics.collision.solids import Solids
+        from uwserver.physics.rays.casting import Rays
     except ImportError as error:
         return [Row("solids", "seabed and rays", "s", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, times = (2, 2) if quick else (7, 50)

@@ -50,22 +50,22 @@ def spent_file(trace: str) -> str:
 
 def open_spent(trace: str, mode: str = "r") -> npt.NDArray[np.int64]:
     """The times of threads of a running server, or a new array: a row for each tick, see `Threads`."""
-    return np.memmap(spent_file(trace), dtype=np.int64, mode=mode, shape=(TICKS, 2))  # type: ignore[call-overload,no-any-return]
+    return np.memmap(spent_file(trace), dtype=np.int64, mode=mode, shape=(TICKS, 3))  # type: ignore[call-overload,no-any-return]
 
 
 class Threads:
-    """What has been spent until now, ns: processor time of the loop's thread, and time for which this thread or that of the simulation wanted
-    a processor that others had (0 where the system does not tell). Made on the loop's thread."""
+    """What has been spent until now, ns: processor time of the loop's thread; time for which this thread or that of the simulation wanted
+    a processor that others had (0 where the system does not tell); processor time of the simulation's. Made on the loop's thread."""
 
     def __init__(self) -> None:
         self._loop = time.pthread_getcpuclockid(threading.get_ident())
         self._files = [_scheduled(threading.get_native_id())]
 
-    def now(self) -> tuple[int, int]:
-        """Both. Simulation thread."""
+    def now(self) -> tuple[int, int, int]:
+        """All three. Simulation thread."""
         if len(self._files) < 2:
             self._files.append(_scheduled(threading.get_native_id()))
-        return time.clock_gettime_ns(self._loop), sum(map(_waited, self._files))
+        return time.clock_gettime_ns(self._loop), sum(map(_waited, self._files)), time.thread_time_ns()
 
 
 def _scheduled(thread: int) -> int | None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -117,6 +119,40 @@ def test_the_notebook_finds_the_drag_of_the_vehicle_file(tmp_path: Path) -> None
     assert linear == pytest.approx(4.03, rel=0.25)
     assert quadratic == pytest.approx(34.6, rel=0.1)
     assert (tmp_path / "drag.png").exists()
+
+
+def test_a_survey_of_moos_ivp(tmp_path: Path, picture: Path) -> None:
+    """Helm and autopilot are real; each program of the Antler block is started, with the ports changed."""
+    if not os.environ.get("UWSERVER_MOOS_BIN"):
+        pytest.skip("UWSERVER_MOOS_BIN is not set: a folder with pHelmIvP, pMarinePIDV22, uPokeDB")
+    programs, port = Path(os.environ["UWSERVER_MOOS_BIN"]), free_port()
+    for name in ("server.toml", "survey.moos", "survey.bhv"):
+        (tmp_path / name).write_text((EXAMPLES / "moos" / name).read_text().replace("9000", str(port)))
+    started = re.findall(r"^\s*Run = (\w+)", (tmp_path / "survey.moos").read_text(), re.MULTILINE)
+    assert len(started) == 2
+    with ExitStack() as stack:
+        (_, tcp), _ = stack.enter_context(serving(tmp_path / "server.toml"))
+        for program in started:
+            process = subprocess.Popen(
+                [program, "survey.moos"], executable=programs / program, cwd=tmp_path,
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+        poke = [programs / "uPokeDB", "survey.moos", "DEPLOY=true", "MOOS_MANUAL_OVERRIDE=false"]
+        command = [sys.executable, str(EXAMPLES / "moos/track.py"), "--port", str(tcp), "--out", str(picture)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as tracked:
+            for _ in range(20):  # the helm writes DEPLOY=false as it starts
+                subprocess.run(poke, cwd=tmp_path, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+                with suppress(subprocess.TimeoutExpired):
+                    tracked.wait(3.0)
+                    break
+            output, fault = tracked.communicate(timeout=PATIENCE_S)
+    assert tracked.returncode == 0, fault
+    _, across, above = (float(number) for number in re.findall(r"\d+(?:\.\d+)?", output.splitlines()[-1]))
+    assert across < 2.0
+    assert above < 1.0
+    assert picture.exists()
 
 
 def holds_a_depth(*command: str) -> None:

@@ -94,6 +94,7 @@ class Rig:
         self.listener = listener
         self.now = 50.0
         self.t_ns = 0
+        self.conflicts: list[str] = []
         self.stats = AdapterStats()
         self.stats.details.update(dict.fromkeys((*COUNTS, "is_locked"), 0))
         readings = Readings(PORTS, "rov")
@@ -118,7 +119,9 @@ class Rig:
         )
         senses = Senses(readings, roles, (60.0, 5.0), odometry_s, (0.1, 0.02, 0.05))
         outputs = Outputs({}, PORTS, "rov")
-        self.driver = Px4Driver(listener, outputs, senses, 4, 0.004, lambda: self.now, self.stats)
+        self.driver = Px4Driver(
+            listener, outputs, senses, 4, 0.004, lambda: self.now, self.stats, self.conflicts.append
+        )
 
     def connect(self) -> FakePx4:
         return FakePx4(self.listener.getsockname())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from uwserver.adapter.accepting import NO_DESCRIPTORS, Listener, note_no_descriptors, serve_tcp
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
+from uwserver.adapter.chores import Chores
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
     ENTRY_POINT_GROUP,
@@ -47,9 +48,10 @@ from uwserver.adapter.world import VehicleFacts, WorldFacts
 
 __all__ = [
     "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TURN_S",
-    "UNANSWERED", "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Connection",
-    "Conversation", "DatagramTurns", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer", "Order",
-    "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong",
+    "UNANSWERED", "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Chores",
+    "Connection", "Conversation",
+    "DatagramTurns", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer",
+    "Order", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong",
     "TurnTimes",    "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
     "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer", "in_pieces", "installed_adapters", "is_host_known",
     "is_loopback", "json_member", "line", "load_adapter", "msgpack_member", "note_no_descriptors", "port_of", "port_of_kind",

@@ -24,20 +24,24 @@ FEW = 16
 """Exponents and long numbers that any decoder may have to do with."""
 LONG_NUMBERS_LIMIT = 16 << 10
 """Longest JSON message with more of them, bytes."""
+HUGE_LIMIT = 8 << 10
+"""Longest JSON message with more of them, bytes, where they have exponents of three digits: these take twice as long as any others."""
 MAX_DIGITS = 400
 """Digits of a number in JSON: more than any double needs."""
 MAX_DEPTH = 32
 """Maps and lists within each other."""
-MAX_CONTAINERS = 2048
+MAX_CONTAINERS = 1536
 """Maps and lists in one message."""
-MAX_VALUES = 8192
+MAX_VALUES = 6144
 """Values in one message, keys of maps included."""
 MAX_TEXTS = 4096
 """Texts in one JSON message, keys of maps included."""
 
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
+_ONE_KIND = bytes.maketrans(b"{}", b"[]")
 # Every digit becomes 0 and every point goes, so that a number is a row of zeros and an exponent "0e".
 _NUMBERS = bytes.maketrans(b"123456789E", b"000000000e")
+_HUGE = (b"e000", b"e+000", b"e-000")
 _EXPONENT, _LONG_ROW, _ENDLESS_ROW = b"0e", b"0" * LONG_NUMBER, b"0" * (MAX_DIGITS + 1)
 
 
@@ -71,12 +75,16 @@ def weigh_json(text: bytes) -> bool:
     _check_brackets(outside)
     if not _has_costly_numbers(outside):
         return False
-    if _ENDLESS_ROW in outside.translate(_NUMBERS, b"."):
+    shape = outside.translate(_NUMBERS, b".")
+    if _ENDLESS_ROW in shape:
         raise Excess(f"a number has at most {MAX_DIGITS} digits")
+    advice = "write fewer digits, or send a buffer"
     if len(text) > LONG_NUMBERS_LIMIT:
         what = f"more than {FEW} numbers with an exponent, or of {LONG_NUMBER} digits and more"
-        advice = "write fewer digits, or send a buffer"
         raise Excess(f"{what}, in a message of more than {LONG_NUMBERS_LIMIT} bytes: {advice}", "too_large")
+    if len(text) > HUGE_LIMIT and sum(map(shape.count, _HUGE)) > FEW:
+        what = f"more than {FEW} numbers with an exponent of three digits"
+        raise Excess(f"{what}, in a message of more than {HUGE_LIMIT} bytes: {advice}", "too_large")
     return True
 
 
@@ -107,11 +115,13 @@ def _check_brackets(outside: bytes) -> None:
     brackets = outside.translate(None, _NO_BRACKETS)
     if brackets.count(b"[") + brackets.count(b"{") > MAX_CONTAINERS:
         raise _too_many(MAX_CONTAINERS, "maps and lists")
-    depth = 0
-    for bracket in brackets[: 2 * MAX_CONTAINERS]:  # if there are more, then one is closed that was not opened
-        depth += 1 if bracket in b"[{" else -1
-        if depth > MAX_DEPTH:
-            raise _too_deep()
+    # If there are more, then one is closed that was not opened.
+    brackets = brackets[: 2 * MAX_CONTAINERS].translate(_ONE_KIND)
+    for _ in range(MAX_DEPTH):
+        brackets = brackets.replace(b"[]", b"")  # the innermost: each round takes one level of nesting away
+    # Of brackets that fit each other only deeper ones are left; of others, no decoder goes deeper than these rounds and what is left open.
+    if b"[]" in brackets or brackets.count(b"[") > MAX_DEPTH:
+        raise _too_deep()
 
 
 def weigh_msgpack(frame: bytes | memoryview) -> None:
@@ -120,25 +130,40 @@ def weigh_msgpack(frame: bytes | memoryview) -> None:
     Raises:
         Excess: it is not to be decoded.
     """
-    position, end = 0, len(frame)
+    try:
+        position, binary, plain = _walked(frame)
+    except IndexError:
+        raise Excess("the frame ends within a value") from None
+    end = len(frame)
+    if position != end:
+        raise Excess("the length of the frame does not fit its value")
+    if binary > MAX_BINARY:
+        raise Excess(f"more than {MAX_BINARY} bytes in binary values: send several messages", "too_large")
+    if plain > MAX_PLAIN or end - binary - plain > MESSAGE_LIMIT:
+        raise _too_large()
+
+
+def _walked(frame: bytes | memoryview) -> tuple[int, int, int]:
+    """Where the value ends, and how many bytes are in its binary values and plain texts. IndexError where the frame is too short."""
+    position = binary = plain = values = containers = 0
     open_containers: list[int] = []  # values that each enclosing container still waits for
     awaited = 1
-    values = containers = binary = plain = 0
-    while awaited or open_containers:
-        if not awaited:
+    while True:
+        while awaited:  # what a message costs is this loop
+            size = SIZES[frame[position]]
+            if size < 0:
+                break
+            position += size
+            awaited -= 1
+        else:
+            if not open_containers:
+                return position, binary, plain
             awaited = open_containers.pop()
             continue
-        if position >= end:
-            raise Excess("the frame ends within a value")
         awaited -= 1
-        lead = frame[position]
-        size = SIZES[lead]
-        if size > 0:
-            position += size
-            continue
         if size == REFUSED:
             text = "is not part of the schema: send maps, lists, texts, bytes, numbers, booleans and nil"
-            raise Excess(f"type byte 0x{lead:02x} {text}")
+            raise Excess(f"type byte 0x{frame[position]:02x} {text}")
         count, position = length_at(frame, position)
         if size in (TEXT, BINARY):
             if size == BINARY:
@@ -158,12 +183,6 @@ def weigh_msgpack(frame: bytes | memoryview) -> None:
         awaited = count
         if len(open_containers) > MAX_DEPTH:
             raise _too_deep()
-    if position != end:
-        raise Excess("the length of the frame does not fit its value")
-    if binary > MAX_BINARY:
-        raise Excess(f"more than {MAX_BINARY} bytes in binary values: send several messages", "too_large")
-    if plain > MAX_PLAIN or end - binary - plain > MESSAGE_LIMIT:
-        raise _too_large()
 
 
 def length_at(frame: bytes | memoryview, position: int) -> tuple[int, int]:

@@ -35,7 +35,7 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
     required: bool = True
 
     def needs(self) -> Mapping[str, str]:
-        """Modules that are imported only once it runs, each with the requirement that brings it: ``{"zenoh": "uwserver[zenoh]"}``.
+        """Modules that are imported only once it runs, each with the requirement that brings it: ``{"h5py": "uwserver[netcdf]"}``.
 
         Those that are not installed are told before anything else is done.
         """
@@ -149,7 +149,9 @@ class AdapterContext(Protocol):
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events; the returned function ends it."""
 
-    def command(self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None) -> None:
+    def command(
+        self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
+    ) -> None:
         """Check and post a command; it is applied at the start of the next tick.
 
         Args:
@@ -157,13 +159,20 @@ class AdapterContext(Protocol):
             value: field name -> number or (nested) list.
             source: who sent it, unique for a client.
             on_reply: gets the one Reply on the loop; None where the protocol has no acknowledgement.
+            queue: in which it waits, where several peers share a source: each queue has its turn, and its own order. Default: the source's.
 
         Raises:
             Refused: unknown port or field, wrong shape, not finite, out of range; nothing was changed.
         """
 
     def call(
-        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+        self,
+        service: str,
+        args: Mapping[str, object],
+        source: str,
+        on_reply: OnReply,
+        client: str = "",
+        queue: str = "",
     ) -> Callable[[], bool]:
         """Check and start a service call. Replies that only read come before this returns.
 
@@ -173,6 +182,7 @@ class AdapterContext(Protocol):
             source: as for `command`.
             on_reply: gets any Progress and the one Reply, on the loop.
             client: the name with which the client joined, for the lockstep barrier.
+            queue: as for `command`.
 
         Returns:
             A function that cancels it: True when it was still under way (its Reply then says `preempted`).
@@ -180,6 +190,9 @@ class AdapterContext(Protocol):
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or busy.
         """
+
+    def tell_conflict(self, text: str) -> None:
+        """Tell all clients that two peers want to command the same: an event `conflict`. From any thread; sparingly."""
 
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there (it counts in a lockstep barrier); the returned function says that it left."""

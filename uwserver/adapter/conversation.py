@@ -53,6 +53,7 @@ class Conversation:
         context: the world.
         source: who it is among the peers of this adapter, for the world.
         owed: counts what waits; default: a limit of its own.
+        queue: in which all that it asks waits for its tick, where several conversations share a source.
 
     Attributes:
         source: as given; may be changed when the peer has said its name.
@@ -61,12 +62,13 @@ class Conversation:
         is_closed: it has left; nothing is answered any more.
     """
 
-    def __init__(self, context: AdapterContext, source: str, owed: Owed | None = None) -> None:
+    def __init__(self, context: AdapterContext, source: str, owed: Owed | None = None, queue: str = "") -> None:
         self.source = source
         self.client = ""
         self.owed = owed or Owed()
         self.is_closed = False
         self._context = context
+        self._queue = queue
         self._leave: Callable[[], None] | None = None
         self._running: dict[object, list[_Running]] = {}
 
@@ -92,7 +94,7 @@ class Conversation:
                 answer(outcome)
 
         try:
-            self._context.command(port, value, source or self.source, on_reply)
+            self._context.command(port, value, source or self.source, on_reply, self._queue)
         except BaseException:
             owed.count -= 1
             raise
@@ -129,7 +131,9 @@ class Conversation:
         self.owed.add(is_stop(service))
         self._running.setdefault(running.key, []).append(running)
         try:
-            running.cancel = context.call(service, args, source or self.source, running.on_reply, self.client)
+            running.cancel = context.call(
+                service, args, source or self.source, running.on_reply, self.client, self._queue
+            )
         except BaseException:
             if not running.is_done:
                 running.end()

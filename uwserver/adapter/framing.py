@@ -26,6 +26,7 @@ _JSON = msgspec.json.Decoder()
 _MSGPACK = msgspec.msgpack.Decoder()
 
 _PAIR = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}")
+_BLANKS = re.compile(rb"\s+")
 _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 
 
@@ -141,6 +142,15 @@ class Lines:
             self._searched = 0
             if line:
                 return line
+            self._skip_blanks()
+
+    def _skip_blanks(self) -> None:
+        """All blank lines at once: one by one, those of a single piece would take the time of hundreds of ticks."""
+        blanks = _BLANKS.match(self._buffer)
+        if blanks is not None:
+            end = blanks.end()
+            del blanks  # it holds the buffer
+            del self._buffer[: self._buffer.rfind(b"\n", 0, end) + 1]
 
     def _too_long(self, size: int) -> None:
         head = _copied(self._buffer, 0, min(size, _HEAD))

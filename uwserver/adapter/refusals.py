@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 from collections.abc import Callable, Iterable
 
 from uwserver.adapter.contract import AdapterStats
 from uwserver.ports import Json
+from uwserver.ports.checks import LONGEST_WORD, suggestion
 
 log = logging.getLogger(__name__)
 
-WORD_LIMIT = 256
-"""Longest word for which a similar one is looked for, characters: the search costs time."""
+WORD_LIMIT = LONGEST_WORD
+"""Longest name that is looked for, characters."""
 TELL_S = 60.0
 """Wall time for which a cause that was logged is only counted."""
 CAUSES = 256
@@ -25,8 +25,7 @@ class CannotServe(Exception):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """`` (did you mean "x"?)`` or nothing."""
-    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6) if len(word) <= WORD_LIMIT else []
-    return f' (did you mean "{near[0]}"?)' if near else ""
+    return suggestion(word, known)
 
 
 class Refusals:
@@ -45,8 +44,8 @@ class Refusals:
         self._counts: dict[str, Json] = {}
         self._told: dict[str, tuple[float, int]] = {}
 
-    def note(self, cause: str, text: str) -> None:
-        """One more. `cause` is one of few fixed texts, never what a peer said."""
+    def note(self, cause: str, text: str) -> bool:
+        """One more. `cause` is one of few fixed texts, never what a peer said. Returns whether it was logged now."""
         if cause not in self._counts and len(self._counts) >= CAUSES:
             cause = "other"
         known = self._counts.get(cause, 0)
@@ -55,10 +54,12 @@ class Refusals:
         self._stats.details["refused"] = self._counts
         now = self._steady()
         told_at, told = self._told.get(cause, (now - TELL_S, 0))
-        if now - told_at >= TELL_S:
+        is_told = now - told_at >= TELL_S
+        if is_told:
             self._told[cause] = (now, known + 1)
             more = f" ({known - told} more since the last such line)" if known > told else ""
             text = f"{text[:500]}{more}"
             log.warning(
                 "%s refused (%s): %s. It is told once a minute and counted in world/status", self._name, cause, text
             )
+        return is_told

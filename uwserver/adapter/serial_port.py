@@ -100,6 +100,16 @@ class SerialPort:
         else:
             self._fail("closed")
 
+    def pause(self) -> None:
+        """Read nothing more until `resume`."""
+        if self._file >= 0:
+            asyncio.get_running_loop().remove_reader(self._file)
+
+    def resume(self) -> None:
+        """Read on."""
+        if self._file >= 0:
+            asyncio.get_running_loop().add_reader(self._file, self._read)
+
     def write(self, data: bytes) -> bool:
         """Write when the line takes it; False when too much waits already, or it is not open."""
         if self._file < 0 or len(self._waiting) + len(data) > WAITING:

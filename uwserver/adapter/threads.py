@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
-from uwserver.adapter.connection import TURN_S
+from uwserver.adapter.connection import REST_S, TURN_S
 from uwserver.adapter.contract import AdapterStats
 
 log = logging.getLogger(__name__)
@@ -120,5 +120,5 @@ class Inbox(Generic[T]):
         finally:
             with self._lock:
                 self._is_awake = bool(self._items)
-            if self._is_awake:
-                self._loop.call_soon(self._drain)
+            if self._is_awake:  # after a rest, as for peers on sockets: however many flood, the simulation has the interpreter for most of the time
+                self._loop.call_later(REST_S, self._drain)

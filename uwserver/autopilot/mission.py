@@ -11,7 +11,8 @@ from msgspec import Meta, Struct
 
 from uwserver.ports import Json, Refused
 
-MAX_ITEMS = 1000
+MAX_ITEMS = 700
+"""As many as ArduPilot keeps on its usual boards; the message that brings them stays below what one may cost."""
 Coordinate = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, Meta(ge=0, le=1e6)]
 Speed = Annotated[float, Meta(gt=0, le=20)]

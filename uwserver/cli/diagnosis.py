@@ -17,23 +17,23 @@ from pathlib import Path
 from typing import Literal
 
 from uwserver.adapter import AdapterNotFound, adapter_entries, installed_adapters, load_adapter
+from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
 from uwserver.simulation.clock import Pace, SystemTime
 from uwserver.units import NANOSECONDS
 
 Level = Literal["ok", "warning", "fault"]
 
 DEFAULT_PORT = 7600
+_NEWEST_TRIED = (3, 13)
 _REQUIRED = {"numpy": "numpy", "numba": "numba", "msgspec": "msgspec", "mcap": "mcap"}
 _OPTIONAL = {
-    "pybullet": ("pybullet", "scenarios with something solid", "solid"),
-    "embreex": ("embreex", "scenarios with something solid", "solid"),
     "scipy": ("scipy", "scenarios with something solid", "solid"),
     "h5netcdf": ("h5netcdf", "seabeds in NetCDF", "netcdf"),
-    "pymavlink": ("pymavlink", "scenarios with MAVLink", "mavlink"),
-    "eclipse-zenoh": ("zenoh", "scenarios with zenoh", "zenoh"),
+    "pymavlink": ("pymavlink", "scenarios with MAVLink", ""),
+    "eclipse-zenoh": ("zenoh", "scenarios with zenoh", ""),
     "matplotlib": ("matplotlib", "pictures", "plot"),
 }
-"""Module, who needs it, and the extra that brings it, by distribution."""
+"""Module, who needs it, and the extra that brings it ("": none, every installation has it), by distribution; engines have findings of their own."""
 
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000
 _NEEDED_MB = 400
@@ -59,9 +59,12 @@ class Finding:
 def python() -> Finding:
     """The version of the interpreter."""
     found = ".".join(map(str, sys.version_info[:3]))
-    if (3, 10) <= sys.version_info[:2] <= (3, 11):
-        return Finding("python", "ok", found)
-    return Finding("python", "fault", f"{found} is not supported", "make a venv with Python 3.11 (or 3.10)")
+    if sys.version_info[:2] > _NEWEST_TRIED:
+        newest = ".".join(map(str, _NEWEST_TRIED))
+        return Finding(
+            "python", "warning", f"{found}: not tried", f"should anything fail, use Python {newest} or older"
+        )
+    return Finding("python", "ok", found)
 
 
 def wheels() -> Iterator[Finding]:
@@ -69,12 +72,13 @@ def wheels() -> Iterator[Finding]:
     for distribution, module in _REQUIRED.items():
         yield _wheel(distribution, module, "fault", "pip install --force-reinstall uwserver")
     for distribution, (module, purpose, extra) in _OPTIONAL.items():
-        yield _wheel(distribution, module, "warning", f"only {purpose} need it: pip install 'uwserver[{extra}]'")
+        package = f"'uwserver[{extra}]'" if extra else "uwserver"
+        yield _wheel(distribution, module, "warning", f"only {purpose} need it: pip install {package}")
 
 
 def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding:
     try:
-        # Those of extras are only looked for: Bullet's import prints, and nothing here needs them.
+        # Those of extras are only looked for: nothing here needs them.
         if level == "fault":
             importlib.import_module(module)
         elif find_spec(module) is None:
@@ -84,16 +88,36 @@ def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding
         return Finding(distribution, level, f"cannot be imported: {error}", remedy)
 
 
+def contacts() -> Finding:
+    """The engine that contacts use. It is only looked for: the import of Bullet prints, and nothing here needs it."""
+    missing = missing_engine()
+    if missing is not None:
+        return Finding("contacts", "warning", missing, "only scenarios with something solid need one")
+    engine = chosen_engine()
+    others = [name for name in ENGINES if name != engine and missing_engine(name) is None]
+    return Finding("contacts", "ok", f"{engine} ({', '.join(others)} too)" if others else engine)
+
+
+def rays() -> Finding:
+    """What ranging sensors look for triangles with."""
+    if find_spec("embreex") is not None:
+        return Finding("rays", "ok", f"embreex {importlib.metadata.version('embreex')}")
+    text = "embreex is not installed: sonars and other ranging sensors see the same, through a slower tree of uwserver's own"
+    return Finding("rays", "warning", text, "pip install embreex, where it has wheels")
+
+
 def kernels() -> Finding:
     """The cache of compiled kernels: where, writable, warm."""
     from uwserver.physics.builds import STAGES, missing
-    from uwserver.physics.kernel.compiled import cache_state
+    from uwserver.physics.kernel.compiled import ENTRY_KERNELS, cache_state
 
+    rest, package = missing(STAGES), cache_state._replace(folder=None)
+    if package.packaged and not any(map(package.missing, ENTRY_KERNELS.values())):
+        return Finding("kernels", "ok", f"came with the wheel, for {package.packaged[0].name.partition('-')[2]}")
     if cache_state.folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that you own and nobody else can write"
         return Finding("kernels", "warning", cache_state.reason, remedy)
     where = f"{cache_state.folder} ({cache_state.reason or 'writable'})"
-    rest = missing(STAGES)
     if not rest:
         return Finding("kernels", "ok", f"compiled, in {where}")
     text = f"not compiled yet: {', '.join(rest)}; in {where}"
@@ -218,6 +242,8 @@ def examine(reference: str = "") -> Iterator[Finding]:
     """Everything, in the order in which it is needed; also that of one scenario, when there is a reference to one."""
     yield python()
     yield from wheels()
+    yield contacts()
+    yield rays()
     if reference:
         yield scenario(reference)
     yield kernels()

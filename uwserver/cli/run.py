@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import secrets
 import shutil
 import sys
 from collections.abc import Callable
@@ -99,13 +100,16 @@ def run(
         click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
         sys.exit(1)
     resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
+    token = ""
+    if not log_json:  # there the adapter makes and logs it
+        resolved, token = _with_new_token(resolved)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
     try:
         state = None if begin is None else read_state(begin)
-        announce = partial(_announce, resolved, log_json)
+        announce = partial(_announce, resolved, log_json, token)
         options = Options(seed, timing, record, until_s, state, save_at, announce)
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
@@ -140,12 +144,41 @@ def _with_address(resolved: Resolved, port: int | None, bind: str | None, origin
     changes: dict[str, Any] = {k: v for k, v in given if v is not None}
     if not changes:
         return resolved
+    if (name := _first_sockets(resolved)) is None:
+        raise click.UsageError("--port, --bind and --allow-origin need a sockets adapter in the scenario")
+    return _with_adapter(resolved, name, changes)
+
+
+def _first_sockets(resolved: Resolved) -> str | None:
+    """Name of the adapter to which the printed commands lead."""
+    kinds = ((name, str(config.__struct_config__.tag)) for name, config in resolved.scenario.adapters.items())
+    return next((name for name, kind in kinds if kind == "sockets"), None)
+
+
+def _with_adapter(resolved: Resolved, name: str, changes: dict[str, Any]) -> Resolved:
     adapters = dict(resolved.scenario.adapters)
-    for name, config in adapters.items():
-        if str(config.__struct_config__.tag) == "sockets":
-            adapters[name] = msgspec.structs.replace(config, **changes)
-            return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters))
-    raise click.UsageError("--port, --bind and --allow-origin need a sockets adapter in the scenario")
+    adapters[name] = msgspec.structs.replace(adapters[name], **changes)
+    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters))
+
+
+def _with_new_token(resolved: Resolved) -> tuple[Resolved, str]:
+    """The scenario with the token that its first sockets adapter would make itself, so that the printed commands hold it; "" for none."""
+    from uwserver.adapter import is_loopback
+
+    name = _first_sockets(resolved)
+    if name is None or _has_token(resolved, name) or is_loopback(_config(resolved, name).bind):
+        return resolved, ""
+    token = secrets.token_hex(24)  # no hyphen in front, which a command line takes for an option
+    return _with_adapter(resolved, name, {"token": token}), token
+
+
+def _has_token(resolved: Resolved, name: str) -> bool:
+    return bool(_config(resolved, name).token or os.environ.get("UWSERVER_TOKEN"))
+
+
+def _config(resolved: Resolved, name: str) -> Any:
+    """Of an adapter: of a class of its own distribution."""
+    return resolved.scenario.adapters[name]
 
 
 def _with_metrics(resolved: Resolved, bind: str | None) -> Resolved:
@@ -174,8 +207,8 @@ def _then_compile_the_rest(
     return announced
 
 
-def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> None:
-    """Say where to connect and what to type next."""
+def _announce(resolved: Resolved, quiet: bool, token: str, addresses: dict[str, str]) -> None:
+    """Say where to connect and what to type next; `token` was made for this run, "" for one that the user knows, or none."""
     from uwserver.cli.scenario import alike
 
     if quiet:
@@ -184,11 +217,16 @@ def _announce(resolved: Resolved, quiet: bool, addresses: dict[str, str]) -> Non
     click.echo("\n" + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
     for name, address in addresses.items():
         click.echo(f"  {name}: {address}")
-    kinds = {name: str(config.__struct_config__.tag) for name, config in resolved.scenario.adapters.items()}
-    tcp = next((addresses[name] for name, kind in kinds.items() if kind == "sockets"), None)
+    sockets = _first_sockets(resolved)
     first = next(iter(resolved.vehicles.values()), None)
-    if tcp and first:
-        _suggest(tcp, first)
+    if sockets and first:
+        if token:
+            click.echo(
+                f"Others can reach {addresses[sockets]}: whoever connects shows a token, which was made for this run."
+            )
+        wanted = not token and _has_token(resolved, sockets)
+        click.echo("In another terminal" + (", UWSERVER_TOKEN set there to the server's token:" if wanted else ":"))
+        _suggest(addresses[sockets], token, first)
     click.echo("Ctrl-C ends it.\n")
 
 
@@ -200,13 +238,12 @@ def _client() -> str:
     return os.path.relpath(beside)
 
 
-def _suggest(address: str, vehicle: ResolvedVehicle) -> None:
+def _suggest(address: str, token: str, vehicle: ResolvedVehicle) -> None:
     from uwserver.cli.first_command import first_command
 
     host, _, port = address.rpartition(":")
     at = ("" if host in ("127.0.0.1", "0.0.0.0") else f" --host {host}") + ("" if port == "7600" else f" --port {port}")
-    client = _client() + at
-    click.echo("In another terminal:")
+    client = _client() + at + (f" --token {token}" if token else "")
     command = first_command(vehicle)
     for line in ("topics", f"watch '{vehicle.name}/*'", f"send {command}" if command else ""):
         if line:

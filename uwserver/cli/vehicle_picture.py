@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from uwserver.physics.dynamics.appendage_params import FoilParams
 from uwserver.physics.dynamics.params import BodyParams
@@ -22,6 +23,8 @@ _AXES = ("x, m", "y, m", "z, m")
 _HULL, _FLOAT, _THRUST, _FIN = "0.85", "tab:blue", "tab:red", "tab:green"
 _ARROW = 0.16
 """Length of an arrow over the size of the vehicle."""
+_NAME_PT = 10
+"""Of names: as large as the other text, and readable where a page shows the picture half as wide."""
 
 
 def vehicle_picture(resolved: ResolvedVehicle, body: BodyParams) -> Figure:
@@ -31,7 +34,7 @@ def vehicle_picture(resolved: ResolvedVehicle, body: BodyParams) -> Figure:
     parts = [*hull, *floats, *(np.array([t.r]) for t in body.thrusters), *(_plate(f) for f in body.appendages.foils)]
     size = float(np.ptp(np.concatenate([*parts, np.zeros((1, 3))]), axis=0).max()) or 1.0
     widths = [float(np.ptp(np.concatenate(parts)[:, a])) + 0.5 * size for _, a, _ in _VIEWS]
-    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     axes = figure.subplots(1, 3, width_ratios=widths)
     for axis, (title, right, down) in zip(axes, _VIEWS, strict=True):
         for points in hull:
@@ -127,6 +130,12 @@ def _name(axis: Any, places: Sequence[tuple[str, FloatArray]], right: int, down:
         names.setdefault((round(float(r[right]), 2), round(float(r[down]), 2)), []).append(
             name.partition(".")[2] or name
         )
+    middle = np.mean(list(names) or [(0.0, 0.0)], axis=0)
     for place, together in names.items():
-        text = ", ".join(together)
-        axis.annotate(text, place, textcoords="offset points", xytext=(4, 4), fontsize=6, color=colour, zorder=7)
+        # Away from the middle of all, where arrows and other names are fewer.
+        side, below = (1 if place[i] >= middle[i] else -1 for i in (0, 1))
+        axis.annotate(
+            ", ".join(together), place, textcoords="offset points", xytext=(9 * side, -9 * below), fontsize=_NAME_PT, color=colour,
+            ha="left" if side > 0 else "right", va="top" if below > 0 else "bottom", weight="bold", zorder=7,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )  # fmt: skip

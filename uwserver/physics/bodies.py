@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
+from functools import cache, partial
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
-from uwserver.physics.dynamics.appendage_params import appendage_rows, servo_rows
+from uwserver.physics.dynamics.body_rows import appended, rows_of, table_numbers
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import (
-    BodyParams,
-    ForceTable,
-    body_row,
-    concatenate,
-    lag_row,
-    shape_rows,
-    table_row,
-    thruster_row,
-    wrench_rows,
-)
+from uwserver.physics.dynamics.params import BodyParams, ForceTable, body_row, lag_row, table_row
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, Records
+from uwserver.physics.kernel.records import joined
 
 
 @cache
@@ -89,6 +80,9 @@ class Hydrodynamics:
         self.dt = dt
         self.collider: Collider | None = None
         self.sea: layout.SeaRows | None = None
+        self._rows_of, self._table_row = cache(rows_of), cache(table_row)
+        self._lag_row = cache(partial(lag_row, dt=dt))
+        self._loaded: tuple[bool, ...] = ()
         self.set_bodies(bodies)
 
     def _clear(self) -> None:
@@ -119,32 +113,32 @@ class Hydrodynamics:
 
     def add(self, body: BodyParams) -> int:
         """Append a body at rest at the origin; the rows of the others stay as they are. Returns its row."""
-        row = body_row(body)
-        row["shape_first"], row["shape_count"] = len(self.shapes), len(body.shapes)
-        row["thruster_first"], row["thruster_count"] = len(self.thrusters), len(body.thrusters)
-        row["wrench_first"], row["wrench_count"] = len(self.wrenches), body.wrenches
-        for thruster in body.thrusters:
-            self._tables.setdefault(thruster.table, len(self._tables))
-            self._lags.setdefault(thruster.lag, len(self._lags))
-        self.tables = concatenate([table_row(table) for table in self._tables], layout.TABLE)
-        self.lags = concatenate([lag_row(lag, self.dt) for lag in self._lags], layout.LAG)
-        self._append_appendages(body, row)
-        self.bodies = np.concatenate([self.bodies, row])
-        self.shapes = np.concatenate([self.shapes, shape_rows(body)])
-        self.thrusters = np.concatenate([self.thrusters, self._thruster_rows(body)])
-        self.wrenches = np.concatenate([self.wrenches, wrench_rows(body.wrenches)])
-        rest = np.zeros((1, layout.STATE_SIZE))
-        rest[0, layout.Q] = 1.0
-        self.state = np.concatenate([self.state, rest])
-        self.flows = np.concatenate([self.flows, np.zeros((1, layout.FLOW_SIZE))])
-        self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((1, 6))])
-        self.params = (*self.params, body)
-        self._gather()
+        self._append((body,))
         return len(self.params) - 1
+
+    def _append(self, bodies: Sequence[BodyParams]) -> None:
+        count, first = len(bodies), len(self.thrusters)
+        for name, rows in appended(vars(self), [self._rows_of(body) for body in bodies]).items():
+            setattr(self, name, rows)
+        known = len(self._tables), len(self._lags)
+        numbers = table_numbers(bodies, self._tables, self._lags)
+        self.thrusters["table"][first:], self.thrusters["lag"][first:] = numbers.T
+        if known != (len(self._tables), len(self._lags)):
+            self.tables = joined(map(self._table_row, self._tables), layout.TABLE)
+            self.lags = joined(map(self._lag_row, self._lags), layout.LAG)
+        rest = np.zeros((count, layout.STATE_SIZE))
+        rest[:, layout.Q] = 1.0
+        self.state = np.concatenate([self.state, rest])
+        self.flows = np.concatenate([self.flows, np.zeros((count, layout.FLOW_SIZE))])
+        self.contact_nu_dot = np.concatenate([self.contact_nu_dot, np.zeros((count, 6))])
+        self.params = (*self.params, *bodies)
+        self._gather()
 
     def change(self, row: int, body: BodyParams) -> None:
         """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
-        new = body_row(body)
+        self._set_body(row, body_row(body))
+
+    def _set_body(self, row: int, new: Records) -> None:
         kept = (
             "fitted",
             "retired",
@@ -170,23 +164,27 @@ class Hydrodynamics:
 
         What changes are new arrays, as when a body is added, so that `go_back` undoes it.
         """
-        body = self.params[row]
+        fresh = self._rows_of(self.params[row])
         for name in _RUNNING:
             setattr(self, name, getattr(self, name).copy())
-        self.change(row, body)
+        self._set_body(row, fresh.bodies.copy())
         self.bodies["retired"][row] = 0
-        appendages = servo_rows(body.appendages)
-        fresh = {"thruster": self._thruster_rows(body), "wrench": wrench_rows(body.wrenches), "servo": appendages}
-        for kind, array in (("thruster", self.thrusters), ("wrench", self.wrenches), ("servo", self.servos)):
+        thrusters, first = fresh.thrusters.copy(), int(self.bodies["thruster_first"][row])
+        for name in ("table", "lag"):
+            thrusters[name] = self.thrusters[name][first : first + len(thrusters)]
+        for kind, array, new in (
+            ("thruster", self.thrusters, thrusters),
+            ("wrench", self.wrenches, fresh.wrenches),
+            ("servo", self.servos, fresh.servos),
+        ):
             first = int(self.bodies[f"{kind}_first"][row])
-            array[first : first + len(fresh[kind])] = fresh[kind]
+            array[first : first + len(new)] = new
         self._gather()
 
     def set_bodies(self, params: Sequence[BodyParams]) -> None:
         """Have these bodies and no others, in this order, at rest at the origin. The rows are as if they had been added one by one."""
         self._clear()
-        for body in params:
-            self.add(body)
+        self._append(params)
 
     def arrays(self) -> dict[str, Any]:
         """All rows as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
@@ -264,10 +262,6 @@ class Hydrodynamics:
         yield from self.touched.contacts._asdict().items()
         yield "impulse", self.touched.impulse
 
-    def _thruster_rows(self, body: BodyParams) -> Records:
-        rows = [thruster_row(t, self._tables[t.table], self._lags[t.lag]) for t in body.thrusters]
-        return concatenate(rows, layout.THRUSTER)
-
     def _forget_contacts(self, row: int) -> None:
         """Else who comes into this row would begin with the impulses of who left it."""
         contacts, impulse = self.touched
@@ -277,15 +271,6 @@ class Hydrodynamics:
         else:
             self.touched = NO_IMPULSES
             self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
-
-    def _append_appendages(self, body: BodyParams, row: Records) -> None:
-        """Rows of the body's appendages; their ranges go into its BODY row."""
-        added = {"servos": servo_rows(body.appendages), **appendage_rows(body.appendages, len(self.servos))}
-        for name, rows in added.items():
-            present = getattr(self, name)
-            kind = name.removesuffix("s")
-            row[f"{kind}_first"], row[f"{kind}_count"] = len(present), len(rows)
-            setattr(self, name, np.concatenate([present, rows]))
 
     def _gather(self) -> None:
         """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
@@ -354,10 +339,15 @@ class Hydrodynamics:
             nu_dot += self.contact_nu_dot
 
     def load_kernels(self) -> None:
-        """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all."""
+        """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all, once for all alike."""
+        needed = (self._fitted, self.collider is not None, self.sea is not None)
+        if needed == self._loaded:
+            return
+        self._loaded = needed
         nothing = Hydrodynamics((), self.dt)
         nothing.load_free(self._fitted)
         if self.collider is not None:
+            self.collider.find_contacts(self.state, self.dt)  # which makes its arrays
             nothing._advance_touching(NO_CONTACTS, 0.0)
         if self.sea is not None:
             nothing.sea = self.sea

@@ -7,8 +7,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Collection, Sequence
-from importlib.util import find_spec
 
+from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import ENTRY_KERNELS
 
@@ -25,8 +25,8 @@ _PREFIX = "uwserver: compiling the physics for this machine, once"
 
 
 def missing(stages: Collection[str]) -> tuple[str, ...]:
-    """Which of some stages are not compiled yet, the longest first; those of solid things only where their engines are installed."""
-    here = [stage for stage in STAGES if stage in stages and (stage != "solids" or find_spec("pybullet"))]
+    """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
+    here = [stage for stage in STAGES if stage in stages and (stage != "solids" or missing_engine() is None)]
     return tuple(sorted((s for s in here if compiled.cache_state.missing(ENTRY_KERNELS[s])), key=lambda s: -STAGES[s]))
 
 

@@ -1,14 +1,15 @@
-"""All solid things of one world in both engines: contacts by Bullet, rays by Embree. Made when a scenario has something solid."""
+"""All solid things of one world, for contacts and for rays. Made when a scenario has something solid."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from uwserver.physics.collision.bullet import Solids
 from uwserver.physics.collision.contacts import Contacts
+from uwserver.physics.collision.engine import AUTO
+from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.embree import Rays
+from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.raycast import Hits
 
 
@@ -17,11 +18,15 @@ class Scene:
 
     Args:
         state: gives the present state (n, 13) of all bodies, for rays.
+        engine: of contacts, see `collision.engine`.
+
+    Raises:
+        ImportError: the engine is not installed.
     """
 
-    def __init__(self, state: Callable[[], FloatArray]) -> None:
+    def __init__(self, state: Callable[[], FloatArray], engine: str = AUTO) -> None:
         self._state = state
-        self._solids = Solids()
+        self._solids = Solids(engine=engine)
         self._rays = Rays()
 
     def add_static(self, solid: Solid) -> int:

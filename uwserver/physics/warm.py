@@ -18,7 +18,7 @@ from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Contac
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
-from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid, Sphere, TriangleMesh
+from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.compiled import cache_state
@@ -147,15 +147,17 @@ def solid_kernels() -> None:
         RuntimeError: they find nothing where something is.
     """
     try:
-        from uwserver.physics.collision.bullet import Solids
-        from uwserver.physics.rays.embree import Rays
+        from uwserver.physics.collision.solids import Solids
+        from uwserver.physics.rays.casting import Rays
 
         solids = Solids()
     except ImportError:
         return
 
     sheet = TriangleMesh(np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]), np.array([[0, 1, 2]]))
-    ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()))), Solid("ball", (Placed(Sphere(0.1)),))
+    # The ball overlaps the block, about which an engine is asked.
+    block = Placed(Box((0.1, 0.1, 0.1)), (-0.5, -0.41, -0.1))
+    ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()), block)), Solid("ball", (Placed(Sphere(0.12)),))
     state = np.array([[-0.5, -0.5, -0.1, 1.0, *[0.0] * 9]])
     rays = Rays()
     rays.add_static(0, ground)
@@ -164,8 +166,8 @@ def solid_kernels() -> None:
     with solids:
         solids.add_static(ground)
         solids.add_moving(ball, 0)
-        if len(solids.find_contacts(state, _DT).gap) != 2 or hit.body[0] != 1:
-            raise RuntimeError("a ball on the ground was not found: reinstall pybullet, embreex and numba")
+        if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1:
+            raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.engine}")
 
 
 @cache
@@ -188,8 +190,8 @@ def echo_kernels() -> None:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
 
 
-_KEPT = 4
-"""Caches of other versions that stay: another installation or checkout may be at work with them."""
+_KEPT = 16
+"""Caches of other versions, 2 MB each, that stay: other installations and checkouts may be at work with them, and wheels are made of them."""
 
 
 def prune(folder: Path) -> list[Path]:

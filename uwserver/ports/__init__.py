@@ -25,9 +25,10 @@ from uwserver.ports.values import (
     Service,
     Value,
     matches,
+    matching,
 )
 
 __all__ = [
     "Argument", "Buffer", "Call", "Command", "ErrorCode", "Event", "Fault", "Field", "Item", "Items", "Json", "Layout",
-    "OnReply", "Port", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "Service", "Value", "binary_form", "matches",
+    "OnReply", "Port", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "Service", "Value", "binary_form", "matches", "matching",
 ]  # fmt: skip

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from msgspec import Struct
 
-from uwserver.ports.values import Call, Command, Event, Fault, Json, OnReply, Progress, Reply, Sample
+from uwserver.ports.values import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample
 
 Answers = list[tuple[OnReply, Reply | Progress]]
 """Who is to be told what."""
@@ -21,13 +22,24 @@ class Posted(Struct):
 
 @dataclass(slots=True)
 class TickOutput:
-    """What one tick gives to the outside."""
+    """What one tick gives to the outside.
+
+    Attributes:
+        ports: as they are behind it, those of its samples; None where nobody said.
+    """
 
     tick: int
     t_ns: int
     samples: list[Sample]
     replies: Answers = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    ports: Mapping[str, Port] | None = None
+
+
+def has_same_fields(path: str, one: Mapping[str, Port], other: Mapping[str, Port]) -> bool:
+    """Whether a port is there in both, and what was read of it in one can be understood in the other: another body may have come under a name."""
+    first, second = one.get(path), other.get(path)
+    return first is second is not None or (first is not None and second is not None and first.fields == second.fields)
 
 
 class Later:

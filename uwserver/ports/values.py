@@ -5,7 +5,8 @@ All types are immutable. Values are SI, angles radians, times integer nanosecond
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal
 
 from msgspec import UNSET, Struct, UnsetType
@@ -278,10 +279,34 @@ OnReply = Callable[[Reply | Progress], None]
 
 def matches(pattern: str, path: str) -> bool:
     """Whether a path fits a pattern: ``*`` stands for one level, ``**`` for any number of levels, also none."""
+    return _fits(pattern.split("/"), path)
+
+
+def matching(pattern: str, paths: Collection[str]) -> list[str]:
+    """Those of many paths that fit a pattern, see `matches`: whatever the pattern is, a microsecond each."""
+    given = pattern.split("/")
+    words = [word for word, before in zip(given, ["", *given], strict=False) if not word == before == "**"]
+    if words == ["**"]:
+        return list(paths)
+    deepest = max((path.count("/") for path in paths), default=0) + 1
+    if len(words) - words.count("**") > deepest:
+        return []
+    if deepest > _SHALLOW:
+        return [path for path in paths if _fits(words, path)]
+    # So few words are left that trying all ways to split a path takes no time.
+    fits = re.compile("".join(_LEVELS.get(word) or re.escape(word) + "/" for word in words)).fullmatch
+    return [path for path in paths if fits(path + "/")]
+
+
+_SHALLOW = 8
+_LEVELS = {"*": "[^/]*/", "**": "(?:[^/]*/)*"}
+
+
+def _fits(words: Sequence[str], path: str) -> bool:
     levels = path.split("/")
     # How many levels of the path the pattern may have used up so far. A set, as trying every split would take exponential time.
     used = {0}
-    for word in pattern.split("/"):
+    for word in words:
         if word == "**":
             used = set(range(min(used), len(levels) + 1))
         else:

@@ -27,7 +27,7 @@ from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
-from uwserver.scenario.load.export import tables
+from uwserver.scenario.load.export import engine_named, tables
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
@@ -148,7 +148,7 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
     """The metadata record of a recording. Keys of adapters that hold a token, password or secret are left out."""
     whole = {
         "name": resolved.name,
-        "scenario": _without_secrets(tables(resolved.scenario, defaults=True)),
+        "scenario": _without_secrets(tables(engine_named(resolved.scenario), defaults=True)),
         "vehicles": {
             name: {
                 "vehicle": tables(vehicle.vehicle, defaults=True),

@@ -10,6 +10,7 @@ from typing import IO, Any
 
 import msgspec
 
+from uwserver.physics.collision.engine import missing_engine
 from uwserver.recording.format import (
     HASHES,
     METADATA,
@@ -131,6 +132,10 @@ class _Run:
 
     def __init__(self, path: Path, head: Head) -> None:
         self._path = path
+        # Contacts of another engine may differ in their last bits.
+        missing = missing_engine(head.resolved.scenario.world.engine, instead=False) if head.resolved.is_solid else None
+        if missing is not None:
+            raise NotReplayable(f"{path}: its contacts cannot be found again here: {missing}")
         self._world: World = build(head.resolved, head.seed)
         self._batch: list[Request] = []
         self._next_index = 0

@@ -21,12 +21,12 @@ from uwserver.ports import (
     Reply,
     Sample,
     Service,
-    matches,
+    matching,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
 from uwserver.server.state_files import StateFiles
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.simulation.thread import Simulation
 from uwserver.world.saving import LOAD, SAVE
@@ -60,11 +60,28 @@ class Hub:
     status: Callable[[], dict[str, Json]]
     files: StateFiles
     stats: dict[str, AdapterStats] = field(default_factory=dict)
+    _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """What all of a large world look like takes longer than a tick may be kept waiting: it is made before the first."""
+        self.shown([*self.ports.values(), *self.services.values(), *LOOP_SERVICES, *CLOCK_SERVICES])
+
+    def shown(self, entries: Sequence[Port | Service]) -> list[Json]:
+        """Ports or services as `describe` shows them, each made once."""
+        shown: list[Json] = []
+        if len(self._shown) > 2 * (len(self.ports) + len(self.services) + len(LOOP_SERVICES) + len(CLOCK_SERVICES)):
+            self._shown.clear()  # of bodies that came and went
+        for entry in entries:
+            known = self._shown.get((type(entry), entry.path))
+            if known is None or known[0] is not entry:
+                known = self._shown[type(entry), entry.path] = (entry, msgspec.to_builtins(entry))
+            shown.append(known[1])
+        return shown
 
     @property
     def ports(self) -> Mapping[str, Port]:
-        """All ports, truth included."""
-        return self.simulation.world.ports
+        """All ports, truth included, as they are behind what the loop has been given so far."""
+        return self.simulation.world.ports if self.bus.ports is None else self.bus.ports
 
     @property
     def services(self) -> Mapping[str, Service]:
@@ -130,8 +147,8 @@ class Context:
     def describe(self, pattern: str = "**") -> dict[str, Json]:
         """Ports and services that match, as in docs/reference/protocol.md."""
         world = self._hub.simulation.world
-        ports = [port for path, port in self.ports.items() if matches(pattern, path)]
-        services = [service for path, service in self.services.items() if matches(pattern, path)]
+        ports = [self.ports[path] for path in matching(pattern, self.ports)]
+        services = [self.services[path] for path in matching(pattern, self.services)]
         return {
             "server": {"name": self._hub.server, "version": __version__, "protocol": PROTOCOL_VERSION},
             "world": {
@@ -141,8 +158,8 @@ class Context:
                 "seed": world.seed,
                 "vehicles": list(world.vehicles),
             },
-            "ports": msgspec.to_builtins(ports),
-            "services": msgspec.to_builtins(services),
+            "ports": self._hub.shown(ports),
+            "services": self._hub.shown(services),
         }
 
     def last(self, port: str) -> Sample | None:
@@ -153,20 +170,31 @@ class Context:
         """Begin to receive samples and events."""
         return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber))
 
-    def command(self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None) -> None:
+    def command(
+        self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
+    ) -> None:
         """See `uwserver.adapter.AdapterContext.command`."""
         find("port", port, self.ports)
         checked = checked_command(self.ports[port], value)
-        self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply)
+        self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply, self._queue(source, queue))
+
+    def _queue(self, source: str, queue: str) -> str:
+        return f"{self.name}:{queue or client_of(source)}"
 
     def call(
-        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+        self,
+        service: str,
+        args: Mapping[str, object],
+        source: str,
+        on_reply: OnReply,
+        client: str = "",
+        queue: str = "",
     ) -> Callable[[], bool]:
         """See `uwserver.adapter.AdapterContext.call`."""
         services = self.services
         find("service", service, services)
         checked = checked_args(services[service], args)
-        source = f"{self.name}:{source}"
+        queue, source = self._queue(source, queue), f"{self.name}:{source}"
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
             return _too_late
@@ -176,27 +204,27 @@ class Context:
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:
-            return self._begin(Call(service, checked, source), on_reply)
+            return self._begin(Call(service, checked, source), on_reply, queue)
         if is_stop(service):
-            self._stop(Call(service, checked, source), on_reply)
+            self._stop(Call(service, checked, source), on_reply, queue)
         else:
-            self._hub.mailbox.post(Call(service, checked, source), on_reply)
+            self._hub.mailbox.post(Call(service, checked, source), on_reply, queue)
         return _too_late
 
-    def _stop(self, call: Call, on_reply: OnReply) -> None:
+    def _stop(self, call: Call, on_reply: OnReply, queue: str) -> None:
         """Where a tick has time for a part of what waits, a stop overtakes what its client asked before; elsewhere the next tick carries out
         all of it, and the order is the client's."""
         hub = self._hub
         if hub.simulation.timing.mode != "realtime":
-            hub.mailbox.post(call, on_reply, first=True)
+            hub.mailbox.post(call, on_reply, queue, first=True)
             return
         world = hub.simulation.world
         fault = Fault("preempted", f"{call.service}, which was called later, has overtaken it", call.service)
-        for older in hub.mailbox.stop(call, on_reply):
+        for older in hub.mailbox.stop(call, on_reply, queue):
             if older.on_reply is not None:
                 hub.bus.reply(older.on_reply, Reply(world.tick, world.t_ns, fault=fault))
 
-    def _begin(self, call: Call, on_reply: OnReply) -> Callable[[], bool]:
+    def _begin(self, call: Call, on_reply: OnReply, queue: str) -> Callable[[], bool]:
         """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""
         over = asked = False
 
@@ -211,10 +239,10 @@ class Context:
                 asked = True
                 path, _, name = call.service.rpartition("/")
                 # Also when too much waits for the next tick: a call whose peer has left would go on without anybody who could end it.
-                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None, always=True)
+                self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None, queue, always=True)
             return not over
 
-        self._hub.mailbox.post(call, answered)
+        self._hub.mailbox.post(call, answered, queue)
         return cancel
 
     def _answer(self, service: str, source: str, on_reply: OnReply) -> None:
@@ -227,6 +255,11 @@ class Context:
         on_reply(Reply(world.tick, world.t_ns, result))
         if service == "world/shutdown":
             self._hub.shutdown(f"world/shutdown by {source}")
+
+    def tell_conflict(self, text: str) -> None:
+        """See `uwserver.adapter.AdapterContext.tell_conflict`."""
+        world = self._hub.simulation.world
+        self._hub.bus.say(Event("conflict", world.tick, world.t_ns, f"{self.name}: {text}"))
 
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there; the returned function says that it left."""

@@ -9,11 +9,13 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from uwserver.ports import Call, Command, Event, OnReply, Progress, Reply, Sample
-from uwserver.ports.crossing import Posted, TickOutput
+import msgspec
+
+from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress, Reply, Sample
+from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.turns import Turns
@@ -30,6 +32,8 @@ AHEAD_NS = NANOSECONDS // 100
 SLICE_NS = NANOSECONDS // 200
 """Wall time after which the loop looks at its sockets before it delivers on."""
 
+_OF_OBJECTS = 4
+"""Bytes that the objects of a decoded value take for each of its text."""
 _LEAST_AHEAD = 2
 """So that one tick is made while another is delivered."""
 
@@ -60,30 +64,55 @@ class Mailbox:
         self.wake = threading.Event()
 
     def post(
-        self, item: Command | Call, on_reply: OnReply | None, *, always: bool = False, first: bool = False
+        self,
+        item: Command | Call,
+        on_reply: OnReply | None,
+        client: str = "",
+        *,
+        always: bool = False,
+        first: bool = False,
     ) -> None:
         """Queue for the next tick, or the next in which there is time for it.
 
         Args:
             item, on_reply: what is asked, and who gets the answer.
+            client: whose turn it takes; default: that of its source.
             always, first: as for `Turns.put`.
 
         Raises:
             Refused: `overload` when too many wait already.
         """
-        self.posted.put(client_of(item.source), Posted(item, on_reply), always=always, first=first)
+        client = client or client_of(item.source)
+        self.posted.put(client, Posted(item, on_reply), size=_bytes_of(item), always=always, first=first)
         self.wake.set()
 
-    def stop(self, call: Call, on_reply: OnReply | None) -> list[Posted]:
+    def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:
         """Queue the call of a service that stops a vehicle or a component, before all that its client asked.
 
         Returns what it withdraws: never carried out, for the caller to answer. May raise as `Turns.overtake`.
         """
         withdrawn = self.posted.overtake(
-            client_of(call.source), Posted(call, on_reply), lambda older: is_withdrawn(older.item, call.service)
+            client or client_of(call.source),
+            Posted(call, on_reply),
+            lambda older: is_withdrawn(older.item, call.service),
         )
         self.wake.set()
         return withdrawn
+
+
+def _bytes_of(item: Command | Call) -> int:
+    """What a request keeps while it waits, about; numbers and short texts are nothing."""
+    if isinstance(item, Command):
+        return sum(
+            len(value.data) if isinstance(value, Buffer) else len(value) for value in item.value if value is not None
+        )
+    size = 0
+    for value in item.args.values():
+        if isinstance(value, str):
+            size += len(value)
+        elif isinstance(value, list | dict):
+            size += _OF_OBJECTS * len(msgspec.json.encode(value))
+    return size
 
 
 def client_of(source: str) -> str:
@@ -97,6 +126,8 @@ class Bus:
     Attributes:
         dropped: samples that the loop was too slow to take.
         last: newest delivered sample of each port. Loop thread.
+        ports: of the newest delivered tick, which those of the world may be ahead of: whoever understands samples by them is never wrong. None
+            before the first. Loop thread.
         ahead: ticks that may wait for the loop where nothing paces them: what it works off in `AHEAD_NS`, as measured.
     """
 
@@ -120,6 +151,7 @@ class Bus:
         self._sinks: list[Sink] = []
         self.dropped = 0
         self.last: dict[str, Sample] = {}
+        self.ports: Mapping[str, Port] | None = None
 
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
@@ -209,7 +241,14 @@ class Bus:
                 answer(*item)
             is_over = end is not None and self._time.now_ns() >= end
 
+    def _follow_ports(self, ports: Mapping[str, Port]) -> None:
+        before, self.ports = self.ports, ports
+        if before is not None:
+            self.last = {path: sample for path, sample in self.last.items() if has_same_fields(path, before, ports)}
+
     def _deliver(self, output: TickOutput) -> None:
+        if output.ports is not None and output.ports is not self.ports:
+            self._follow_ports(output.ports)
         for event in output.events:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Literal, TypeVar
 
 from uwserver.adapter import Driver, Order
-from uwserver.ports import Command, OnReply, Port, Refused, Reply
+from uwserver.ports import Command, OnReply, Port, Refused, Reply, Sample
 from uwserver.ports.checks import checked_command, find
-from uwserver.ports.crossing import TickOutput
+from uwserver.ports.crossing import TickOutput, has_same_fields
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Barrier, Time, Timing
 from uwserver.units import NANOSECONDS
@@ -30,15 +30,19 @@ class Seat:
     """A driver and the client that it is.
 
     Attributes:
+        ports: those by which it reads samples; None before the first tick.
         answer_at: tick after which its peer is answered; None when nothing is owed to it.
         held: taken while the driver is called, so that nobody takes its socket away meanwhile.
     """
 
-    def __init__(self, client: str, source: str, driver: Driver, on_reply: OnReply) -> None:
+    def __init__(
+        self, client: str, source: str, driver: Driver, on_reply: OnReply, ports: Mapping[str, Port] | None
+    ) -> None:
         self.client = client
         self.source = source
         self.driver = driver
         self.on_reply = on_reply
+        self.ports = ports
         self.answer_at: int | None = None
         self.held = threading.Lock()
 
@@ -89,7 +93,7 @@ class Lockstep:
         if client not in self.barrier.clients or self._timing.mode != "lockstep":
             names = f'mode = "lockstep" and lockstep_clients = ["{client}"]'
             raise Refused("denied", f'"{client}" sets the pace of the world: give [world.clock] {names}', client)
-        seat = Seat(client, source, driver, on_reply)
+        seat = Seat(client, source, driver, on_reply, self._bus.ports)
         with self._seating:
             if client in self._seats:
                 raise Refused("busy", f'the world has a driver "{client}" already', client)
@@ -152,7 +156,8 @@ class Lockstep:
     def ticked(self, output: TickOutput) -> None:
         """Show a tick to the drivers, and let those answer whose order is carried out with it."""
         for seat in self._seats.values():
-            self._call(seat, lambda driver: driver.see(output.t_ns, output.samples))
+            samples = _readable(output, seat)
+            self._call(seat, lambda driver: driver.see(output.t_ns, samples))  # noqa: B023  # called at once
             if seat.answer_at is not None and output.tick >= seat.answer_at:
                 self._answer(seat, output.t_ns)
 
@@ -212,3 +217,13 @@ class Lockstep:
         elif missing != self._told_lost:
             self._told_lost = missing
             self._say("paused", f"lockstep waits for {', '.join(missing)}")
+
+
+def _readable(output: TickOutput, seat: Seat) -> list[Sample]:
+    """What a driver can understand: the fields of a sensor are those that it found when it began, or it goes without."""
+    if output.ports is None or output.ports is seat.ports:
+        return output.samples
+    if seat.ports is None:
+        seat.ports = output.ports
+    ports = seat.ports
+    return [sample for sample in output.samples if has_same_fields(sample.port, ports, output.ports)]

@@ -116,6 +116,7 @@ class FakeContext:
         held: services and actuator ports whose answers wait for the test, by path.
         commands: as they came.
         calls: those of `held` paths, and all others as they came.
+        queues: in which commands and calls wait, in their order; "" for that of their source.
         joined: clients in the barrier.
         drivers: asked for orders now, each millisecond of wall time; a tick of an order is an `emit`.
         subscribers: attached now.
@@ -132,6 +133,7 @@ class FakeContext:
     held: set[str] = field(default_factory=set)
     commands: list[Command] = field(default_factory=list)
     calls: list[HeldCall] = field(default_factory=list)
+    queues: list[str] = field(default_factory=list)
     joined: list[str] = field(default_factory=list)
     drivers: list[Driver] = field(default_factory=list)
     subscribers: list[Subscriber] = field(default_factory=list)
@@ -173,11 +175,14 @@ class FakeContext:
         self.subscribers.append(subscriber)
         return lambda: self.subscribers.remove(subscriber)
 
-    def command(self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None) -> None:
+    def command(
+        self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
+    ) -> None:
         """Check, record, answer."""
         find("port", port, self.ports)
         checked = checked_command(self.ports[port], value)
         self.commands.append(Command(port, checked, source))
+        self.queues.append(queue)
         if on_reply is None:
             return
         if port in self.held:
@@ -186,12 +191,19 @@ class FakeContext:
             asyncio.get_running_loop().call_soon(on_reply, Reply(self.tick, self.tick * TICK_NS))
 
     def call(
-        self, service: str, args: Mapping[str, object], source: str, on_reply: OnReply, client: str = ""
+        self,
+        service: str,
+        args: Mapping[str, object],
+        source: str,
+        on_reply: OnReply,
+        client: str = "",
+        queue: str = "",
     ) -> Callable[[], bool]:
         """Check, record, answer as scripted."""
         find("service", service, self.services)
         call = HeldCall(service, checked_args(self.services[service], args), source, on_reply)
         self.calls.append(call)
+        self.queues.append(queue)
         if service not in self.held:
             script = self.scripts.get(service, lambda _: None)
             reply = self._scripted(script, call.args)
@@ -200,6 +212,10 @@ class FakeContext:
             else:
                 asyncio.get_running_loop().call_soon(lambda: None if call.is_done else call.finish(reply))
         return lambda: self._cancel(call)
+
+    def tell_conflict(self, text: str) -> None:
+        """An event, to every subscriber."""
+        self.say(Event("conflict", self.tick, self.tick * TICK_NS, text))
 
     def join(self, client: str) -> Callable[[], None]:
         """A named client is there."""

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Service
 from uwserver.world.components import ActuatorSlot
-from uwserver.world.part import Carry, Part
+from uwserver.world.part import Carry, Part, is_awake
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.vehicle import Vehicle
+
+
+class ByPath(NamedTuple):
+    """What belongs to a body, by path; and those of its parts that act or hear."""
+
+    awake: tuple[Part, ...]
+    sensors: dict[str, SensorSlot]
+    actuators: dict[str, ActuatorSlot]
+    parts: dict[str, Part]
+    services: dict[str, Service]
+    carry: dict[str, Carry]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +37,7 @@ class Member:
         services: those of its components, and what they do.
         solid: its collision shapes; None for none.
         others: whatever else lives and goes with it, as an autopilot.
+        by_path: all of it; made once, as bodies come and go within a tick.
     """
 
     vehicle: Vehicle
@@ -34,6 +46,18 @@ class Member:
     services: tuple[tuple[Service, Carry], ...] = ()
     solid: Solid | None = None
     others: tuple[Part, ...] = ()
+    by_path: ByPath = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        by_path = ByPath(
+            tuple(part for part in self.parts if is_awake(part)),
+            {slot.port.path: slot for slot in self.sensors},
+            {slot.port.path: slot for slot in self.actuators},
+            {part.path: part for part in self.parts},
+            {service.path: service for service, _ in self.services},
+            {service.path: carry for service, carry in self.services},
+        )
+        object.__setattr__(self, "by_path", by_path)
 
     @property
     def parts(self) -> tuple[Part, ...]:

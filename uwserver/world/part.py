@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
-from typing import Any, ClassVar
+from functools import cache
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from msgspec import Struct, msgpack
@@ -96,9 +97,40 @@ class Part(ABC):
         """It goes, or the run ends: whoever waits for it is answered."""
 
 
-def takes_part(part: Part, method: str) -> bool:
-    """Whether a part implements one of the optional methods."""
-    return getattr(type(part), method) is not getattr(Part, method)
+@cache
+def takes_part(kind: type[Part]) -> tuple[bool, bool]:
+    """Whether parts of a kind implement `before`, and `after`."""
+    return kind.before is not Part.before, kind.after is not Part.after
+
+
+def is_awake(part: Part) -> bool:
+    """Whether it acts in a tick, or hears what others measure."""
+    return any(takes_part(type(part))) or bool(part.hears)
+
+
+class Turns(NamedTuple):
+    """Who acts in a tick, in its order: before what was posted is carried out, before the bodies move, and after; and who hears each port."""
+
+    first: list[Part]
+    before: list[Part]
+    after: list[Part]
+    ears: dict[str, list[Part]]
+
+
+def in_turn(awake: Iterable[Part]) -> Turns:
+    """The order of a tick of parts that do something in it."""
+    everybody = sorted(awake, key=lambda part: (part.stage, part.order, part.path))
+    acting = [part for part in everybody if takes_part(type(part))[0]]
+    ears: dict[str, list[Part]] = {}
+    for part in everybody:
+        for port in part.hears:
+            ears.setdefault(port, []).append(part)
+    return Turns(
+        [part for part in acting if part.stage == Stage.FAULTS],
+        [part for part in acting if part.stage > Stage.FAULTS],
+        [part for part in everybody if takes_part(type(part))[1]],
+        ears,
+    )
 
 
 class RandomStream:

@@ -124,12 +124,13 @@ def _restore(world: World, tick: int, states: Mapping[str, Any], checked: bool) 
             world.bind(members)
         _compare(states.keys(), world.parts.keys())
         found = [(part, _typed(part, states[path], checked)) for path, part in world.parts.items()]
-    except (ValueError, RecursionError, Refused) as error:
+    except Exception as error:
         world.hydro.go_back(undo)
-        raise _refused(f"the state does not fit this world: {error}") from None
-    finally:
         if members is not before:
             world.bind(before)
+        if not isinstance(error, ValueError | RecursionError | Refused):
+            raise
+        raise _refused(f"the state does not fit this world: {error}") from None
     world.jump(tick)
     if not here:
         bodies.admit(born, members)

@@ -21,7 +21,7 @@ from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population
-from uwserver.world.part import Carry, Part, Stage, takes_part
+from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
@@ -81,6 +81,7 @@ class World:
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
         self._solids: dict[Member, int] = {}
+        self._settled: list[Member] = []
         self._own_services: dict[str, tuple[Service, Carry]] = {}
         self._carry: dict[str, Carry] = {}
         self._events: list[Event] = []
@@ -90,7 +91,6 @@ class World:
         self.identity: Callable[[], str] = str
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
-        self._ears: dict[str, list[Part]] = {}
         self.instruments = Instruments(hydro, water, lambda: Around(self.earth, self.geometry, self.lambert))
         self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
         self._pilots = Pilots(hydro)
@@ -124,12 +124,16 @@ class World:
         self._line_up()
 
     def set_members(self, members: Iterable[Member]) -> None:
-        """Let these bodies, and no others, be in the world. Their rows are there already."""
-        begun, before = bool(self.members or "world/reset" in self.services), set(self.parts.values())
-        self.bind(members)
+        """Let these bodies, and no others, be in the world. Their rows are there already; so may they be, by `bind`."""
+        begun, new = bool(self._settled or "world/reset" in self.services), list(members)
+        if new != list(self.members.values()):
+            self.bind(new)
         self._set_solids()
-        for part in before - set(self.parts.values()):
-            part.leave("the vehicle was taken out of the world")
+        there = set(new)
+        for part in [part for member in self._settled if member not in there for part in member.parts]:
+            if self.parts.get(part.path) is not part:
+                part.leave("the vehicle was taken out of the world")
+        self._settled = new
         self._commands.next_tick = self.tick
         if begun:
             self.say("ports_changed", "bodies came or went")
@@ -146,15 +150,16 @@ class World:
         self.parts = {part.path: part for part in self.own_parts}
         for known in (self.vehicles, self.sensors, self.actuators, self._carry):
             known.clear()
-        offered = dict(self._own_services)
+        services = {path: service for path, (service, _) in self._own_services.items()}
+        self._carry |= {path: carry for path, (_, carry) in self._own_services.items()}
         for name, member in self.members.items():
             self.vehicles[name] = member.vehicle
-            self.sensors |= {slot.port.path: slot for slot in member.sensors}
-            self.actuators |= {slot.port.path: slot for slot in member.actuators}
-            self.parts |= {part.path: part for part in member.parts}
-            offered |= {service.path: (service, carry) for service, carry in member.services}
-        self.services = {path: service for path, (service, _) in offered.items()}
-        self._carry |= {path: carry for path, (_, carry) in offered.items()}
+            self.sensors |= member.by_path.sensors
+            self.actuators |= member.by_path.actuators
+            self.parts |= member.by_path.parts
+            services |= member.by_path.services
+            self._carry |= member.by_path.carry
+        self.services = services
         self.refresh()
 
     def refresh(self) -> None:
@@ -167,16 +172,10 @@ class World:
 
     def _line_up(self) -> None:
         """Who acts when: lists in the order of a tick, so that nothing is paid in a tick for what is not there."""
-        self.parts = dict(sorted(self.parts.items(), key=lambda item: (item[0] != Bodies.path, item[0])))
-        everybody = sorted(self.parts.values(), key=lambda part: (part.stage, part.order, part.path))
-        acting = [part for part in everybody if takes_part(part, "before")]
-        self._first = [part for part in acting if part.stage == Stage.FAULTS]
-        self._before = [part for part in acting if part.stage > Stage.FAULTS]
-        self._after = [part for part in everybody if takes_part(part, "after")]
-        self._ears = {}
-        for part in everybody:
-            for port in part.hears:
-                self._ears.setdefault(port, []).append(part)
+        self.parts = {path: self.parts[path] for path in (Bodies.path, *sorted(self.parts.keys() - {Bodies.path}))}
+        awake = [part for part in self.own_parts if is_awake(part)]
+        awake += [part for member in self.members.values() for part in member.by_path.awake]
+        self._first, self._before, self._after, self._ears = in_turn(awake)
         self._pilots.settle(self.parts.values(), self._sensing.numbers)
         self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listen)
         self._sensing.schedule()
@@ -371,7 +370,7 @@ class World:
             self.answers.clear()
         if self._events:
             output.events, self._events = self._events, []
-        output.tick, output.t_ns = self._tick, self.t_ns
+        output.tick, output.t_ns, output.ports = self._tick, self.t_ns, self.ports
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""

@@ -43,7 +43,7 @@ class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=T
     low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
     no_time_sync: tell the autopilot not to hold real time itself; the world does, at `[world.clock] max_speed`, or nobody.
     silence_s: wall time after which an autopilot that says nothing counts as gone.
-    dvl: send it as MAVLink messages; default: not. Needs the extra `mavlink`.
+    dvl: send it as MAVLink messages; default: not.
     """
 
     bind: Name = "127.0.0.1"
@@ -65,7 +65,7 @@ class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=T
 
     def needs(self) -> Mapping[str, str]:
         """The dialect, where a DVL is sent."""
-        return {} if self.dvl is None else {"pymavlink.dialects.v20.ardupilotmega": "uwserver[mavlink]"}
+        return {} if self.dvl is None else {"pymavlink.dialects.v20.ardupilotmega": "uwserver"}
 
 
 class ArduPilotAdapter:
@@ -152,6 +152,7 @@ class ArduPilotAdapter:
             config.silence_s,
             asyncio.get_running_loop().time,
             context.stats,
+            context.tell_conflict,
         )
 
 

@@ -91,12 +91,13 @@ class ArduPilotDriver:
         silence_s: wall time after which the autopilot is said to be gone.
         steady: wall time, s.
         stats: of the adapter; `COUNTS` and `frame_rate_hz` in its details.
+        tell_conflict: tells all clients of a second autopilot.
     """
 
     def __init__(
         self, endpoint: socket.socket, outputs: Outputs, scale: Scale, state: State,
         see: Callable[[int, Sequence[Sample]], None], physics_hz: float, silence_s: float, steady: Callable[[], float],
-        stats: AdapterStats,
+        stats: AdapterStats, tell_conflict: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._endpoint = endpoint
         self._outputs = outputs
@@ -107,6 +108,7 @@ class ArduPilotDriver:
         self._silence_s = silence_s
         self._steady = steady
         self._stats = stats
+        self._tell_conflict = tell_conflict
         self._refusals = Refusals("ardupilot_json", stats, steady)
         self._counts: dict[str, Any] = stats.details
         self._poll = select.poll()
@@ -241,7 +243,8 @@ class ArduPilotDriver:
                 f"two autopilots send here: {_text(address)} is not answered while {_text(self._peer)} flies the vehicle; "
                 "give each an adapter with a port of its own"
             )
-            self._refusals.note("second autopilot", self._stats.last_error)
+            if self._refusals.note("second autopilot", self._stats.last_error):
+                self._tell_conflict(self._stats.last_error)
             return False
         if self._peer is not None:
             log.warning(

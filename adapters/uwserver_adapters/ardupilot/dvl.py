@@ -60,7 +60,7 @@ class Movement:
         try:
             from pymavlink.dialects.v20 import ardupilotmega
         except ImportError as error:
-            raise CannotServe(f"dvl needs pymavlink: pip install 'uwserver[mavlink]' ({error})") from error
+            raise CannotServe(f"dvl needs pymavlink: pip install uwserver ({error})") from error
         self._mav = ardupilotmega.MAVLink(None, table.system, table.component)
         self._worst = table.worst_mps
         self._dvl = dvl

@@ -9,7 +9,7 @@ from typing import Protocol
 import msgspec
 
 from uwserver.adapter import AdapterContext, SampleForm
-from uwserver.ports import Event, Json, Port, Sample, matches
+from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.outbox import Delivery, Outgoing
@@ -18,6 +18,9 @@ log = logging.getLogger(__name__)
 
 CACHED_PATTERNS = 64
 """Patterns whose ports or description are remembered; they are the clients' choice, so they are bounded."""
+COVERED = 2048
+"""Ports that all subscriptions of a client may cover together, each counted for each subscription, but where there are many ports twice as
+many: each sample is compared with all subscriptions that cover its port."""
 _ROUNDING_NS = 1000
 _STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
 
@@ -98,26 +101,35 @@ class _Route:
     def __init__(self, outbox: Outgoing, frame: Callable[[bytes], bytes]) -> None:
         self.outbox = outbox
         self.frame = frame
-        self.shares: list[Share] = []
+        self.shares: dict[Subscription, Share] = {}
 
     def delivery(self, t_ns: int) -> Delivery | None:
         """The strongest delivery that is due; None when none is."""
         if len(self.shares) == 1:
-            share = self.shares[0]
+            (share,) = self.shares.values()
             return share.subscription.delivery if share.passes(t_ns) else None
-        due = [share.subscription.delivery for share in self.shares if share.passes(t_ns)]
+        due = [share.subscription.delivery for share in self.shares.values() if share.passes(t_ns)]
         return max(due, key=_STRENGTH.__getitem__, default=None)
 
 
 class _Selection:
     """All clients of one encoding that take the same fields of one port."""
 
-    __slots__ = ("encoding", "form", "routes")
+    __slots__ = ("_fields", "_form", "_port", "encoding", "routes")
 
-    def __init__(self, encoding: Encoding, form: SampleForm) -> None:
+    def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None) -> None:
         self.encoding = encoding
-        self.form = form
         self.routes: dict[Subscriber, _Route] = {}
+        self._port = port
+        self._fields = fields
+        self._form: SampleForm | None = None
+
+    @property
+    def form(self) -> SampleForm:
+        """How its samples become a map; made with the first, as who subscribes to everything would wait for hundreds of them."""
+        if self._form is None:
+            self._form = SampleForm(self._port, self._fields)
+        return self._form
 
 
 _Key = tuple[str, tuple[str, ...] | None]
@@ -158,10 +170,12 @@ class Fanout:
             selections = self._ports.setdefault(path, {})
             selection = selections.get(key)
             if selection is None:
-                form = SampleForm(self.context.ports[path], subscription.fields)
-                selection = selections[key] = _Selection(session.codec.encoding, form)
-            route = selection.routes.setdefault(session, _Route(session.outbox, session.codec.frame))
-            route.shares.append(Share(subscription))
+                port = self.context.ports[path]
+                selection = selections[key] = _Selection(session.codec.encoding, port, subscription.fields)
+            route = selection.routes.get(session)
+            if route is None:
+                route = selection.routes[session] = _Route(session.outbox, session.codec.frame)
+            route.shares[subscription] = Share(subscription)
 
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
         """End what `add` began."""
@@ -170,7 +184,7 @@ class Fanout:
             selections = self._ports[path]
             routes = selections[key].routes
             route = routes[session]
-            route.shares = [share for share in route.shares if share.subscription is not subscription]
+            del route.shares[subscription]
             if not route.shares:
                 del routes[session]
             if not routes:
@@ -185,8 +199,8 @@ class Fanout:
         """Sensors that fit a pattern."""
         paths = self._covered.get(pattern)
         if paths is None:
-            ports = self.context.ports.values()
-            paths = tuple(port.path for port in ports if port.direction == "sensor" and matches(pattern, port.path))
+            ports = self.context.ports
+            paths = tuple(path for path in matching(pattern, ports) if ports[path].direction == "sensor")
             if len(self._covered) >= CACHED_PATTERNS:
                 self._covered.clear()
             self._covered[pattern] = paths
@@ -197,6 +211,10 @@ class Fanout:
         if subscription.fields is None:
             return paths
         return tuple(path for path in paths if has_any(self.context.ports[path], subscription.fields))
+
+    def most_covered(self) -> int:
+        """See `COVERED`."""
+        return max(COVERED, 2 * len(self.context.ports))
 
     def described(self, pattern: str, codec: Codec) -> msgspec.Raw:
         """The encoded result of `describe`; it is large, and the same until the ports change."""
@@ -257,7 +275,7 @@ class Fanout:
         for selections in self._ports.values():
             for selection in selections.values():
                 for route in selection.routes.values():
-                    for share in route.shares:
+                    for share in route.shares.values():
                         share.restart()
 
 

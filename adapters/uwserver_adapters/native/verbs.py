@@ -114,6 +114,14 @@ def _subscribe(session: Session, request: Request) -> object:
         text = f"{most} subscriptions are the most a client can have: unsubscribe, or use one pattern for many"
         raise Refused("overload", text, "pattern")
     _check_coverage(session, pattern, fields)
+    there = sum(len(subscription.paths) for subscription in session.subscriptions.values())
+    covered = session.fanout.most_covered()
+    if there + len(session.fanout.covered(pattern)) > covered:
+        text = (
+            f"all subscriptions of a client cover {covered} ports at most, a port counted for each of them, and these cover {there}: "
+            "unsubscribe, or name the ports"
+        )
+        raise Refused("overload", text, "pattern")
     session.subscribed += 1
     subscription = Subscription(session.subscribed, pattern, rate_hz, fields, delivery)
     session.fanout.add(session, subscription)

@@ -39,9 +39,10 @@ HTTP_ANSWER = (
 
 WEB_LIMIT = LINE_LIMIT + 4096
 """Longest message taken in one or more frames, bytes: of more than `LINE_LIMIT` only the one message is refused, above this the peer."""
-SLICE = 2048
-"""Bytes parsed at once: a slice full of the smallest frames must not take the loop's time from others."""
+FRAMES = 64
+"""Frames parsed in one step: those that are no message yet, or none at all, must not take the loop's time from others."""
 _OVERHEAD = 1 << 10
+_SHORT_HEAD = 2
 _END_OF_REQUEST = b"\r\n\r\n"
 _CLOSE_REASON_LIMIT = 123
 _CLOSE_CODES: Mapping[ErrorCode, int] = {
@@ -157,6 +158,7 @@ class WebSocketCodec(Codec):
         self._opcode: Opcode | None = None
         self._message = bytearray()
         self._unfinished = 0
+        self._rest = 0
         self._has_heard = False
         self._lost = False
 
@@ -166,14 +168,26 @@ class WebSocketCodec(Codec):
             self._buffer += data
 
     def next_event(self) -> Request | Malformed | Control | Waiting:
-        """The next message, or pongs and the like that are due."""
-        while not self._events:
-            if not self._buffer or self._lost:
+        """The next message, or pongs and the like that are due; an empty `Control` after many frames without any."""
+        for _ in range(FRAMES):
+            if self._events:
+                return self._events.popleft()
+            piece = self._next_piece()
+            if not piece:
                 return NEED_DATA
-            piece = bytes(self._buffer[:SLICE])
-            del self._buffer[:SLICE]
             self._feed(piece)
-        return self._events.popleft()
+        return self._events.popleft() if self._events else Control(b"", False)
+
+    def _next_piece(self) -> bytes:
+        """What is there of one frame, large or small, and nothing of the next; empty where more must come first."""
+        if self._lost:
+            return b""
+        if not self._rest:
+            self._rest = _frame_size(self._buffer)
+        piece = bytes(self._buffer[: self._rest])
+        del self._buffer[: self._rest]
+        self._rest -= len(piece)
+        return piece
 
     def ending(self, fault: Fault | None) -> bytes:
         """A close frame; its reason is as much of the fault's text as fits."""
@@ -256,6 +270,19 @@ class WebSocketCodec(Codec):
         self._buffer.clear()
         self._message.clear()
         self._events.append(last)
+
+
+def _frame_size(start: bytearray) -> int:
+    """Bytes of the frame that begins here, with its head (RFC 6455, 5.2); 0 where too little of the head is there."""
+    if len(start) < _SHORT_HEAD:
+        return 0
+    is_masked, short = start[1] >> 7, start[1] & 0x7F
+    width = {126: 2, 127: 8}.get(short, 0)
+    head = _SHORT_HEAD + width
+    if len(start) < head:
+        return 0
+    size = int.from_bytes(start[_SHORT_HEAD:head], "big") if width else short
+    return head + 4 * is_masked + size
 
 
 def _is_utf8(body: bytes) -> bool:

@@ -73,7 +73,7 @@ class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
 
     def needs(self) -> Mapping[str, str]:
         """The dialect."""
-        return {"pymavlink.dialects.v20.common": "uwserver[mavlink]"}
+        return {"pymavlink.dialects.v20.common": "uwserver"}
 
 
 class Px4Adapter:
@@ -105,7 +105,7 @@ class Px4Adapter:
         try:
             from uwserver_adapters.px4 import driver  # needs pymavlink, an extra
         except ImportError as error:
-            raise CannotServe(f"px4_hil needs pymavlink: pip install 'uwserver[mavlink]' ({error})") from error
+            raise CannotServe(f"px4_hil needs pymavlink: pip install uwserver ({error})") from error
         config, context = self.config, self.context
         if not config.truth:
             raise CannotServe("pose and velocity of this protocol are ground truth, by its nature: say truth = true")
@@ -132,4 +132,6 @@ class Px4Adapter:
         senses = Senses(readings, roles, config.origin_deg, odometry_s, config.odometry_sigma)
         outputs = Outputs(config.outputs, ports, vehicle)
         steady = asyncio.get_running_loop().time
-        return driver.Px4Driver(listener, outputs, senses, ticks, 1.0 / imu.rate_hz, steady, context.stats)
+        return driver.Px4Driver(
+            listener, outputs, senses, ticks, 1.0 / imu.rate_hz, steady, context.stats, context.tell_conflict
+        )

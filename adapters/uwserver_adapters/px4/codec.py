@@ -1,4 +1,4 @@
-"""PX4's simulator interface in MAVLink 2: what the autopilot says, and samples as its messages. Sans-IO; needs the extra `mavlink`."""
+"""PX4's simulator interface in MAVLink 2: what the autopilot says, and samples as its messages. Sans-IO; needs pymavlink."""
 
 from __future__ import annotations
 

@@ -37,13 +37,16 @@ class Px4Driver:
         step_s: the same as time; without lock-step the world goes no faster than real time.
         steady: wall time, s.
         stats: of the adapter; `COUNTS` and `is_locked` in its details.
+        tell_conflict: tells all clients of a second autopilot.
     """
 
     def __init__(
         self, listener: socket.socket, outputs: Outputs, senses: Senses, ticks: int, step_s: float,
-        steady: Callable[[], float], stats: AdapterStats,
+        steady: Callable[[], float], stats: AdapterStats, tell_conflict: Callable[[str], None],
     ) -> None:  # fmt: skip
-        self._door = Door(listener, Refusals("px4_hil", stats, steady), steady)
+        self._refusals = Refusals("px4_hil", stats, steady)
+        self._door = Door(listener, self._refusals, steady)
+        self._tell_conflict = tell_conflict
         self._outputs = outputs
         self._senses = senses
         self._ticks = ticks
@@ -130,6 +133,9 @@ class Px4Driver:
 
     def _begin(self, link: Connection, events: Sequence[codec.Event], bad: int) -> None:
         """Another autopilot has spoken: it is in charge from now on."""
+        text = "two autopilots connect here: the first is closed, the second flies the vehicle; give each an adapter with a port of its own"
+        if self._link is not None and self._refusals.note("second autopilot", text):
+            self._tell_conflict(text)
         self._drop("another has connected")
         self._link = link
         self._stats.peers = 1

@@ -49,7 +49,7 @@ class SocketsAdapter:
         token = config.token or os.environ.get(TOKEN_VARIABLE) or None
         self._token_is_new = token is None and not is_loopback(config.bind)
         if self._token_is_new:
-            token = secrets.token_urlsafe(24)
+            token = secrets.token_hex(24)  # no hyphen in front, which a command line takes for an option
         allowance = Allowance(config.max_subscriptions, config.max_unanswered)
         self.service = NativeService(context, token, allowance, config.max_requests_per_s)
         self.peers: Peers[Peer] = Peers(

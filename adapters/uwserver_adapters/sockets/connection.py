@@ -225,7 +225,7 @@ class Connection(adapter.Connection):
             self._outbox.flush()
             self.write(control.data)
             super().close()
-        elif is_allowed:
+        elif is_allowed and control.data:
             self._outbox.put_reply(control.data)
 
     def _take_from_stranger(self, event: Request | Malformed, session: Session) -> None:

@@ -173,7 +173,7 @@ def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     try:
         import zenoh
     except ImportError as error:
-        raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[zenoh]'") from error
+        raise CannotServe(f"{error.name} is not installed: pip install uwserver") from error
     made = _zenoh_config(config, listen)
     if any(endpoint.startswith(("tls/", "quic/")) for endpoint in listen):
         zenoh.init_log_from_env_or(REFUSED_PEERS)

@@ -48,7 +48,7 @@ class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
 
     def needs(self) -> Mapping[str, str]:
         """The package of zenoh itself."""
-        return {"zenoh": "uwserver[zenoh]"}
+        return {"zenoh": "uwserver"}
 
 
 def endpoints(config: ZenohConfig) -> tuple[str, ...]:

@@ -55,8 +55,9 @@ class Delay(NamedTuple):
 
     Attributes:
         gap: longest time between the ends of two.
-        ours: longest delay of one by work of our own: neither longer than the loop's thread was on a processor meanwhile, nor than what is left
-            of the delay without the time for which our threads waited for a processor.
+        ours: longest delay of one by work of our own: neither longer than the loop's thread was on a processor meanwhile, and the
+            simulation's beyond what a tick takes it (the median), nor than what is left of the delay without the time for which our threads
+            waited for a processor.
         others: the rest of the longest gap, beyond the time of a tick: the processors were others'.
     """
 
@@ -91,9 +92,10 @@ def delay_of(ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64], start_ns
         whole = (end_ns - start_ns) * 1e-6
         return Delay(whole, whole, 0.0)  # nothing tells whose fault it was
     gaps = np.diff(ends[found])
-    looped, waited = np.diff(spent[found], axis=0).T
+    looped, waited, ticked = np.diff(spent[found], axis=0).T
     late = np.maximum(0, gaps - TICK_NS)
-    ours = np.minimum(looped, np.maximum(0, late - waited))
+    worked = looped + np.maximum(0, ticked - int(np.median(ticked)))
+    ours = np.minimum(worked, np.maximum(0, late - waited))
     longest = int(np.argmax(gaps))
     return Delay(float(gaps.max()) * 1e-6, float(ours.max()) * 1e-6, float(late[longest] - ours[longest]) * 1e-6)
 

@@ -86,7 +86,20 @@ def web_frame(body: bytes, opcode: int = 1) -> bytes:
     return bytes((0x80 | opcode, 0x80 | 127)) + len(body).to_bytes(8, "big") + bytes(4) + body
 
 
+def _small_frame(opcode: int, body: bytes = b"") -> bytes:
+    """Of a client, masked with zeros; an unfinished text, or a part of it, where the opcode is 1 or 0."""
+    return bytes((opcode if opcode < 2 else 0x80 | opcode, 0x80 | len(body))) + bytes(4) + body
+
+
 def _native() -> Iterator[Decoding]:
+    yield Decoding("JSON lines", "256 KiB of blank lines", _reader(JsonCodec, b"\n" * RECEIVED))
+    for name, small in {
+        "parts of a text": _small_frame(0, b"x"),
+        "pongs": _small_frame(10),
+        "pings": _small_frame(9),
+    }.items():
+        frames = _small_frame(1) + small * (RECEIVED // len(small) - 1)
+        yield Decoding("WebSocket", f"256 KiB of {name}", _reader(_websocket, frames))
     for name, body in JSON.items():
         yield Decoding("JSON lines", name, _reader(JsonCodec, line(body)))
         yield Decoding("WebSocket", name, _reader(_websocket, web_frame(body)))
@@ -158,7 +171,7 @@ def _autopilots() -> Iterator[Decoding]:
     for name, bits in garbage.items():
         yield Decoding("MAVLink", name, _reader(lambda: Decoder(dialect), bits * (65_507 // len(bits))))
         yield Decoding("PX4", name, _once(Codec().receive, bits * (READ // len(bits))))
-    yield Decoding("MAVLink", "JSON, 16 KiB of 1e300,", _once(message, JSON["16 KiB of 1e300,"][:16_000] + b"1]}"))
+    yield Decoding("MAVLink", "JSON, 16 KiB of 1e9,", _once(message, JSON["16 KiB of 1e9,"][:16_000] + b"1]}"))
 
 
 def decodings() -> Iterator[Decoding]:

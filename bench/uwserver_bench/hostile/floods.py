@@ -22,6 +22,12 @@ HEARTBEAT = bytes.fromhex("fd09000000ffbe000000000000000608c00403e473")
 HELLO = b"hello"
 """Of a UDP flood: it begins with the cookie of a session."""
 
+WEB_SOCKET = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+"""Of a flood over WebSocket: it begins with a handshake."""
+
 RATE_HZ = 240
 SCENARIO = f"""\
 schema = 1
@@ -83,22 +89,34 @@ def _tcp(name: str, data: bytes, **more: float) -> Flood:
 
 def _floods() -> Iterator[Flood]:
     for name in (
-        "1 MiB of 1e300,", "16 KiB of 1e300,", "64 KiB of 123.4567890123456,", "2000 of []", "}{ x 500 000", "1 MiB of base64",
-        "integers of 4000 digits", "set_fault, 16 KiB of 1e300,", "set_mission, 800 items", "world/load, a piece of 768 KiB",
+        "1 MiB of 1e300,", "8 KiB of 1e300,", "16 KiB of 1e9,", "64 KiB of 123.4567890123456,", "1500 of []", "}{ x 500 000", "1 MiB of base64",
+        "integers of 4000 digits", "set_fault, 16 KiB of 1e9,", "set_mission, 700 items", "world/load, a piece of 768 KiB",
     ):  # fmt: skip
         yield _tcp(name, line(JSON[name]))
+    for name in ("a misspelt service", "describe, another pattern", "world/describe"):
+        yield _tcp(name, line(JSON[name]) * 20)
+    yield _tcp("256 KiB of blank lines", b"\n" * (1 << 18))
+    part, upgrade = bytes((0, 0x81)) + bytes(4) + b"x", WEB_SOCKET
+    yield Flood("WebSocket: parts of a text", "tcp", part * 10_000, upgrade + bytes((1, 0x80)) + bytes(4))
+    yield Flood("WebSocket: pongs", "tcp", (bytes((0x8A, 0x80)) + bytes(4)) * 10_000, upgrade)
     yield _tcp("small pings, 1000 in a piece", line(b'{"id":1,"method":"ping"}') * 1000)
-    for name in ("250 000 texts", "8000 texts", "2000 maps", "a buffer of 1 MiB"):
+    for name in ("250 000 texts", "6000 texts", "1500 maps", "a buffer of 1 MiB"):
         yield _tcp(f"msgpack, {name}", frame(MSGPACK[name]))
     yield Flood(
         "UDP strangers: 2 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"][:2040], is_udp=True, pause_s=DATAGRAM_S
     )
-    yield Flood("UDP: 16 KiB of 1e300,", "udp", JSON["16 KiB of 1e300,"], HELLO, is_udp=True, pause_s=DATAGRAM_S)
+    yield Flood("UDP: 16 KiB of 1e9,", "udp", JSON["16 KiB of 1e9,"], HELLO, is_udp=True, pause_s=DATAGRAM_S)
     greeting = moos.HELLO + moos.packet(
         [moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"flood%d", kind=moos.STRING))]
     )
     writes = moos.packet([moos.encode(moos.notify("FLOOD", 1.0, 0.0, "flood"))] * 2048)
     yield Flood("MOOSDB: 2048 writes in a packet", "moos", writes, greeting)
+    looks = moos.packet(
+        [moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "flood", 0.0, f"*A*B{n}", "*")) for n in range(200)]
+    )
+    all_of = moos.packet([moos.encode(moos.Message(moos.SERVER_REQUEST, "ALL", id=-2))])
+    new = moos.packet([moos.encode(moos.notify("A" * 200 + str(n), 1.0, 0.0, "flood")) for n in range(2048)])
+    yield Flood("MOOSDB: 2048 new variables, 200 patterns", "moos", new + all_of, greeting + looks)
     yield Flood("MOOS text: 256 writes in a line", "text", b"A=1 " * 256 + b"\n")
     for name, size in (("hello", 100), ("one byte", 1)):
         small = (b'{"id":1,"method":"hello","params":{"version":1}}').ljust(size) if size > 1 else b"{"

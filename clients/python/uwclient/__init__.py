@@ -22,8 +22,6 @@ from uwclient.ports import (
 )
 from uwclient.sync import Client
 
-__version__ = "0.1.0"
-
 connect = Client.connect
 
 __all__ = [
@@ -51,3 +49,15 @@ __all__ = [
     "connect_zenoh_async",
     "tls_context",
 ]
+
+
+def __getattr__(name: str) -> str:
+    """`__version__`, that of the installed distribution; looked up only when asked for, which takes longer than all other imports."""
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("uwclient")
+    except PackageNotFoundError as error:
+        raise AttributeError("uwclient is not installed, so it has no version: pip install ./clients/python") from error

@@ -13,6 +13,7 @@ import pytest
 
 from uwserver.adapter.bounds import (
     FEW,
+    HUGE_LIMIT,
     LONG_NUMBER,
     LONG_NUMBERS_LIMIT,
     MAX_BINARY,
@@ -69,7 +70,7 @@ def test_too_deep(depth: int) -> None:
     assert "32 levels" in msgpack_excess(msgpack.packb(nested(depth)))
 
 
-@pytest.mark.parametrize("bomb", [b"[" * 1000, b'{"a":' * 1000, b'{"\\"[":[' * 1000])
+@pytest.mark.parametrize("bomb", [b"[" * 1000, b'{"a":' * 1000, b'{"\\"[":[' * 700])
 def test_json_bomb(bomb: bytes) -> None:
     assert "nested" in json_excess(bomb)
     assert "too_large" in json_excess(bomb * 1000)
@@ -85,6 +86,15 @@ def test_brackets_in_texts_do_not_count() -> None:
     assert weigh_json(text.encode()) is False
 
 
+@pytest.mark.parametrize(
+    "text", [b"]" * 2000 + b"[" * 33, b"[" * 40 + b"]" * 3, b"[}" * 40 + b"[{" * 17, b"[]{}" * 300 + b"{" * 33]
+)
+def test_brackets_that_do_not_fit_each_other_are_not_deep_either(text: bytes) -> None:
+    """They are counted as they come: what is opened and not closed is what a decoder would go into."""
+    with pytest.raises(Excess, match="nested"):
+        weigh_json(text)
+
+
 def test_many_brackets_side_by_side_are_not_deep() -> None:
     weigh_json(b"[" + b"[]," * 1000 + b"[]]")
 
@@ -96,7 +106,10 @@ def test_many_brackets_side_by_side_are_not_deep() -> None:
     ("text", "reason"),
     [
         (row(b"1e300", 1 << 20), "too_large"),
-        (row(b"1e300", 17 << 10), "too_large: more than 16 numbers with an exponent"),
+        (row(b"1e99", 17 << 10), "too_large: more than 16 numbers with an exponent, or of 17 digits"),
+        (row(b"1e300", 9 << 10), "too_large: more than 16 numbers with an exponent of three digits"),
+        (row(b"0.1E+300", 9 << 10), "too_large: more than 16 numbers with an exponent of three digits"),
+        (row(b"1.5e-300", 9 << 10), "too_large: more than 16 numbers with an exponent of three digits"),
         (row(b"9007199254740993.0", 17 << 10), "too_large: more than 16 numbers with an exponent, or of 17 digits"),
         (row(b"1" * 4000, 16 << 10), "at most 400 digits"),
         (b'{"n":0.%s}' % (b"0" * MAX_DIGITS), "at most 400 digits"),
@@ -137,9 +150,10 @@ def test_msgpack_that_would_cost_too_much_is_refused_undecoded(frame: bytes, rea
 @pytest.mark.parametrize(
     ("text", "is_long"),
     [
-        (row(b"1.5", 32_000), False),
+        (row(b"1.5", 24_000), False),
         (row(b"123.4567890123456", MESSAGE_LIMIT), False),
-        (row(b"1e300", LONG_NUMBERS_LIMIT), True),
+        (row(b"1e300", HUGE_LIMIT), True),
+        (row(b"1e99", LONG_NUMBERS_LIMIT), True),
         (row(b"0.12345678901234567", 18 * 16), False),
         (row(b"0.12345678901234567", 20 * 18), True),
         (row(b"1.E5", 5 * 18), True),
@@ -191,7 +205,7 @@ def test_the_page_tells_the_limits() -> None:
         "| bytes |": (MESSAGE_LIMIT,),
         "| plain texts": (PLAIN_TEXT, MAX_PLAIN),
         "| binary": (MAX_BINARY,),
-        "| JSON with more": (FEW, LONG_NUMBER, LONG_NUMBERS_LIMIT),
+        "| JSON with more": (FEW, LONG_NUMBER, LONG_NUMBERS_LIMIT, HUGE_LIMIT),
         "| digits": (MAX_DIGITS,),
         "| maps": (MAX_CONTAINERS, MAX_DEPTH),
         "| values": (MAX_VALUES,),
@@ -207,8 +221,8 @@ def test_the_page_tells_the_limits() -> None:
 
 VALUES = [
     None, True, False, 0, 127, -1, -32, -33, 128, 255, 256, 65535, 65536, 2**32, 2**64 - 1, -129, -32769, -(2**31) - 1, -(2**63),
-    1.5, "", "x" * 31, "x" * 32, "x" * 255, "x" * 256, "x" * 65536, [], [1] * 15, [1] * 16, [None] * 8000, {},
-    {str(i): i for i in range(15)}, {str(i): i for i in range(16)}, {str(i): [i] for i in range(2000)}, {"a": {"b": [1, "c", None]}},
+    1.5, "", "x" * 31, "x" * 32, "x" * 255, "x" * 256, "x" * 65536, [], [1] * 15, [1] * 16, [None] * 6000, {},
+    {str(i): i for i in range(15)}, {str(i): i for i in range(16)}, {str(i): [i] for i in range(1500)}, {"a": {"b": [1, "c", None]}},
     b"", b"x" * 255, b"x" * 256, b"x" * 65536, [b"x", {"a": b"\xc1"}], b"x" * MAX_BINARY,
 ]  # fmt: skip
 

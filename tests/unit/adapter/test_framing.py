@@ -39,6 +39,26 @@ def test_lines_in_pieces(piece: int):
     assert lines_of(reader) == [b"four"]
 
 
+@pytest.mark.parametrize("blanks", [b"\n" * 10_000, b" \r\n\t" * 3000, b" " * 5 + b"\n" * 9 + b"   "])
+def test_blank_lines_are_skipped_at_once(blanks: bytes, monkeypatch: pytest.MonkeyPatch):
+    """Whoever sends nothing else must not have the loop to himself: an adapter looks at the time between two lines only."""
+    looks = 0
+
+    def counted(*given):
+        nonlocal looks
+        looks += 1
+        return copied(*given)
+
+    copied = framing._copied
+    monkeypatch.setattr(framing, "_copied", counted)
+    reader = Lines(1 << 20)
+    reader.receive(blanks)
+    assert reader.next_line() is None
+    assert looks <= 2
+    reader.receive(b"next\n")
+    assert lines_of(reader) == [b"next"]
+
+
 def test_the_rest_of_a_long_line_takes_no_memory():
     reader = Lines(10)
     for _ in range(1000):

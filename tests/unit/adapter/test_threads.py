@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from itertools import pairwise
 
 import pytest
 
@@ -47,6 +48,22 @@ def test_an_inbox_takes_a_bounded_time_of_a_turn(monkeypatch: pytest.MonkeyPatch
         await until(lambda: 2 in order)
         assert [item for item in order if isinstance(item, int)] == [0, 1, 2]
         assert order.index("b") < order.index(2), "others have had their turn"
+
+    asyncio.run(scene())
+
+
+def test_an_inbox_rests_when_a_turn_is_used_up(monkeypatch: pytest.MonkeyPatch):
+    """A flood had the loop without a pause, and the interpreter half of the time."""
+    monkeypatch.setattr(threads, "TURN_S", 0.0)
+
+    async def scene() -> None:
+        loop = asyncio.get_running_loop()
+        at: list[float] = []
+        inbox = Inbox(lambda _: at.append(loop.time()), 10, lambda _: None)
+        for number in range(5):
+            inbox.put(number)
+        await until(lambda: len(at) == 5)
+        assert min(after - before for before, after in pairwise(at)) > threads.REST_S / 2
 
     asyncio.run(scene())
 

@@ -14,6 +14,7 @@ import uwserver.cli.doctor as command
 from uwserver.adapter import AdapterNotFound
 from uwserver.cli import diagnosis
 from uwserver.cli.diagnosis import Finding
+from uwserver.physics.collision import engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
 
@@ -60,17 +61,21 @@ def test_this_python_and_its_packages_are_good() -> None:
     assert {finding.name: finding.level for finding in diagnosis.wheels()}["numba"] == "ok"
 
 
-@pytest.mark.parametrize("version", [(3, 9, 1), (3, 12, 0)])
-def test_other_pythons_are_not(version: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("version", "level"), [((3, 10, 4), "ok"), ((3, 13, 0), "ok"), ((3, 15, 0), "warning")])
+def test_pythons_newer_than_those_tried_are_warned_of(
+    version: tuple[int, int, int], level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(diagnosis.sys, "version_info", version)
-    assert diagnosis.python().level == "fault"
-    assert "3.11" in diagnosis.python().remedy
+    finding = diagnosis.python()
+    assert (finding.level, finding.text.split(":")[0]) == (level, ".".join(map(str, version)))
+    assert ("use Python 3.13 or older" in finding.remedy) == (level == "warning")
 
 
 def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagnosis, "_REQUIRED", {"no-such-thing": "no_such_thing"})
-    monkeypatch.setattr(diagnosis, "_OPTIONAL", {"nor-this": ("nor_this", "dreams", "dream")})
-    needed, optional = diagnosis.wheels()
+    optional_ones = {"nor-this": ("nor_this", "dreams", "dream"), "by-default": ("by_default", "most", "")}
+    monkeypatch.setattr(diagnosis, "_OPTIONAL", optional_ones)
+    needed, optional, default = diagnosis.wheels()
     assert (needed.name, needed.level, optional.name, optional.level) == (
         "no-such-thing",
         "fault",
@@ -79,6 +84,30 @@ def test_a_missing_package_is_a_fault_only_if_it_is_needed(monkeypatch: pytest.M
     )
     assert "no_such_thing" in needed.text
     assert "uwserver[dream]" in optional.remedy
+    assert default.remedy.endswith("pip install uwserver")
+
+
+@pytest.mark.parametrize(
+    ("installed", "level", "text"),
+    [
+        (["pybullet", "coal"], "ok", "bullet (coal too)"),
+        (["coal"], "ok", "coal"),
+        ([], "warning", 'neither pybullet nor coal is installed: pip install "uwserver[solid]"'),
+    ],
+)
+def test_the_engine_of_contacts_is_named(
+    installed: list[str], level: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "find_spec", lambda name: name if name in installed else None)
+    finding = diagnosis.contacts()
+    assert (finding.level, finding.text) == (level, text)
+
+
+def test_rays_without_embree_are_told_to_be_slower(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "find_spec", lambda name: None)
+    finding = diagnosis.rays()
+    assert finding.level == "warning"
+    assert "slower tree of uwserver's own" in finding.text
 
 
 def test_a_scenario_that_lacks_a_package_gets_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +115,7 @@ def test_a_scenario_that_lacks_a_package_gets_the_command(monkeypatch: pytest.Mo
     monkeypatch.setattr("uwserver.scenario.load.extras.find_spec", lambda module: None if "pymavlink" in module else 1)
     found = diagnosis.scenario("bluerov2_qgc")
     assert (found.level, found.text) == ("fault", "not installed: pymavlink")
-    assert found.remedy == 'pip install "uwserver[mavlink]"'
+    assert found.remedy == "pip install uwserver"
     monkeypatch.setattr(diagnosis, "wheels", lambda: iter(()))
     done = CliRunner().invoke(command.doctor, ["bluerov2_qgc"])
     assert done.exit_code == 1
@@ -100,14 +129,16 @@ def test_a_scenario_with_a_fault_is_one_here_too() -> None:
     assert "bluerov2_pool" in found.text
 
 
-KERNELS = Path("all of them")
+KERNELS, LEVEL = Path("all of them"), "x86-64-v3"
 
 
 @pytest.mark.parametrize(
     ("state", "level", "words"),
     [
-        (CacheState(Path("/c"), True, "", (KERNELS,)), "ok", "compiled, in /c (writable)"),
-        (CacheState(Path("/c"), True, "read-only, complete", (KERNELS,)), "ok", "read-only"),
+        (CacheState(KERNELS, True, ""), "ok", "(writable)"),
+        (CacheState(KERNELS, True, "read-only, complete"), "ok", "(read-only, complete)"),
+        (CacheState(Path("/c"), True, "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
+        (CacheState(None, True, "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
         (
             CacheState(Path("/c"), False, ""),
             "warning",
@@ -119,10 +150,14 @@ KERNELS = Path("all of them")
 )
 def test_kernels(state: CacheState, level: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What it says is what a run finds: the files themselves are looked for."""
+    there = tmp_path / f"0123-{LEVEL}"
+    there.mkdir()
     for kernels in compiled.ENTRY_KERNELS.values():
         for kernel in kernels:
-            (tmp_path / f"{kernel}-00.kernel").touch()
-    state = state._replace(packaged=tuple(tmp_path for _ in state.packaged))
+            (there / f"{kernel}-00.kernel").touch()
+    state = state._replace(packaged=tuple(there for _ in state.packaged))
+    if state.folder == KERNELS:
+        state = state._replace(folder=there)
     monkeypatch.setattr(compiled, "cache_state", state)
     finding = diagnosis.kernels()
     assert finding.level == level
@@ -260,6 +295,7 @@ def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypat
         (tmp_path / name).mkdir()
         os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
     monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", True, ""))
+    monkeypatch.setattr("uwserver.physics.warm._KEPT", 4)
     monkeypatch.setattr("uwserver.physics.warm.warm", lambda say: say("kernels: immersed"))
     monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])

@@ -8,10 +8,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from uwserver.cli.run import _then_compile_the_rest, run
+from uwserver.adapter import installed_adapters
+from uwserver.cli.run import _announce, _then_compile_the_rest, _with_address, _with_new_token, run
 from uwserver.physics import builds
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
 
 
 @pytest.mark.parametrize("option", ["--until", "--speed"])
@@ -37,3 +40,41 @@ def test_what_a_scenario_does_not_need_is_compiled_after_the_start_until_the_end
         announce({"sockets": "here"})
         assert told == [{"sockets": "here"}, *([(rest, 19)] if rest else [])]
     assert told[1:] == ([(rest, 19), "process"] if rest else [])
+
+
+def opened(bind: str) -> Resolved:
+    return _with_address(load("bluerov2_pool", adapters=installed_adapters()), 7701, bind, ())
+
+
+def commands(text: str) -> list[str]:
+    """The lines to type."""
+    return [line.strip() for line in text.splitlines() if "uwclient" in line]
+
+
+def test_what_to_type_next_holds_the_token_that_was_made(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+    resolved, token = _with_new_token(opened("0.0.0.0"))
+    assert len(token) >= 32
+    assert token.isalnum()  # so that no option of a command line begins with it
+    assert [config.token for config in resolved.scenario.adapters.values()] == [token]
+    _announce(resolved, False, token, {"tcp": "0.0.0.0:7701"})
+    lines = commands(capsys.readouterr().out)
+    assert len(lines) == 3
+    assert all(f"--port 7701 --token {token} " in line for line in lines)
+
+
+@pytest.mark.parametrize(("bind", "variable"), [("127.0.0.1", ""), ("0.0.0.0", "chosen"), ("127.0.0.1", "chosen")])
+def test_no_token_is_made_where_none_is_needed_and_one_that_was_chosen_is_not_printed(
+    bind: str, variable: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UWSERVER_TOKEN", variable)
+    given = opened(bind)
+    resolved, token = _with_new_token(given)
+    assert (resolved, token) == (given, "")
+    _announce(resolved, False, token, {"tcp": f"{bind}:7701"})
+    said = capsys.readouterr().out
+    assert "--token" not in said
+    assert "chosen" not in said
+    assert ("UWSERVER_TOKEN set there" in said) == bool(variable)

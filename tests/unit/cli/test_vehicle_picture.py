@@ -34,6 +34,7 @@ def test_three_views_name_each_propulsor_and_fin(tmp_path: Path) -> None:
     above = {text.get_text() for text in figure.axes[0].texts}
     assert above >= {"rudder, planes", "main"}, "what lies behind each other shares a line"
     assert figure.axes[1].yaxis_inverted(), "down is down"
+    assert all(text.get_fontsize() >= 9 for axis in figure.axes for text in axis.texts if text.get_text())
 
 
 def test_a_hull_without_shapes_is_drawn_too(tmp_path: Path) -> None:

@@ -109,7 +109,8 @@ def folder_for(cpu: str) -> str:
     return "-".join(done.stdout.split())
 
 
-def test_prune_removes_the_oldest_of_other_versions_only(tmp_path: Path) -> None:
+def test_prune_removes_the_oldest_of_other_versions_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uwserver.physics.warm._KEPT", 4)
     names = [f"kernels-{letter}" for letter in "abcdefg"]
     for age, name in enumerate((*names, "elsewhere")):
         (tmp_path / name).mkdir()

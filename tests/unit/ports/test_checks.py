@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwserver.ports import Argument, Buffer, Field, Layout, Port, Refused, Service
-from uwserver.ports.checks import bind, checked_args, checked_command, find, suggestion
+from uwserver.ports.checks import COMPARED, bind, checked_args, checked_command, find, suggestion
 
 THRUSTERS = Port(
     "rov/thrusters",
@@ -336,6 +337,19 @@ def test_no_bytes_hide_in_the_arguments_of_a_call(value):
     assert checked_args(service, {"value": {"a": ["x"]}}) == {"value": {"a": ["x"]}}
 
 
+def test_json_is_copied_and_has_a_form_in_json():
+    """Whoever asked in the same process may change what he gave before its tick."""
+    service = Service("world/echo", "Echo.", (Argument("value", "json", "anything"),))
+    given = {"a": [1, {"b": None}], "nan": float("nan"), "long": 10**400}
+    checked = checked_args(service, {"value": given})["value"]
+    assert checked == given
+    given["a"][1]["b"] = object()
+    assert checked["a"][1]["b"] is None
+    fault = refusal(checked_args, service, {"value": given})
+    assert (fault.code, fault.where) == ("bad_argument", "value")
+    assert '"value" has no form in JSON' in fault.text
+
+
 @pytest.mark.parametrize("numbers", [np.zeros(3), np.float64(1.0), np.ones((2, 3))])
 def test_arrays_of_numbers_come_from_the_same_process(numbers):
     name = {0: "gain", 1: "force_B", 2: "matrix"}[numbers.ndim]
@@ -361,3 +375,33 @@ def test_an_unknown_field_is_not_bound(name, told):
     with pytest.raises(ValueError) as refused:
         bind("rov/sonar", SONAR, "range", name)
     assert str(refused.value) == told
+
+
+def test_a_similar_name_is_looked_for_among_few(monkeypatch):
+    """Letter by letter it takes 35 us for each that is compared, and a large world has thousands of services."""
+    known = [
+        f"rov{n:03d}/{part}/{verb}"
+        for n in range(300)
+        for part in ("autopilot", "imu")
+        for verb in ("arm", "get", "set_mission")
+    ]
+    known += [f"rov{n:03d}/thrusters" for n in range(300)]
+    compared = []
+    close = difflib.get_close_matches
+    monkeypatch.setattr(
+        difflib,
+        "get_close_matches",
+        lambda word, names, **more: compared.append(len(names)) or close(word, names, **more),
+    )
+    for word, hint in {
+        "rov007/autopilot/set_misson": ' (did you mean "rov007/autopilot/set_mission"?)',
+        "rov007/thruster": ' (did you mean "rov007/thrusters"?)',
+        "rov07/imu/get": "rov",
+        "rov007/autopilt/arm": "/autopilot/arm",
+        "thrusters": "/thrusters",
+        "rov007/autopilot/set_mission" * 9: "",
+        "qqq": "",
+    }.items():
+        assert hint in suggestion(word, known), word
+    assert suggestion("x" * 257, ["x" * 257]) == ""
+    assert max(compared) <= COMPARED

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uwserver.ports import Fault, Field, Port, Refused, Sample, matches
+from uwserver.ports import Fault, Field, Port, Refused, Sample, matches, matching, values
 
 
 @pytest.mark.parametrize(("shape", "size"), [((), 1), ((3,), 3), ((2, 3), 6), ((0,), 0), ((4, 1, 2), 8)])
@@ -67,6 +67,7 @@ def test_truth_is_told_by_the_path(path, truth):
 )
 def test_patterns(pattern, path, fits):
     assert matches(pattern, path) is fits
+    assert matching(pattern, (path, "b/b/b")) == [other for other in (path, "b/b/b") if matches(pattern, other)]
 
 
 def slow_matches(pattern: list[str], path: list[str]) -> bool:
@@ -83,7 +84,9 @@ def slow_matches(pattern: list[str], path: list[str]) -> bool:
     st.lists(st.sampled_from("ab"), min_size=1, max_size=6),
 )
 def test_patterns_as_defined(pattern, path):
-    assert matches("/".join(pattern), "/".join(path)) is slow_matches(pattern, path)
+    fits = slow_matches(pattern, path)
+    assert matches("/".join(pattern), "/".join(path)) is fits
+    assert bool(matching("/".join(pattern), ["/".join(path)])) is fits
 
 
 @pytest.mark.parametrize("word", ["**", "**/a", "**/*", "**/a/**"])
@@ -92,6 +95,19 @@ def test_a_pattern_of_many_stars_takes_bounded_time(word):
     path = "/".join(["a"] * 400)
     assert not matches("/".join([word] * 200) + "/b", path)
     assert matches("/".join([word] * 200), path)
+    assert matching("/".join([word] * 200), [path]) == [path]
+    assert matching("/".join([word] * 200), ["a/a/a"] * 1000) == (
+        [] if "a" in word or word == "**/*" else ["a/a/a"] * 1000
+    )
+
+
+def test_many_paths_are_not_looked_at_one_by_one(monkeypatch):
+    """A describe of a large world, whatever its pattern, takes a microsecond for each of thousands of services."""
+    monkeypatch.setattr(values, "_fits", None)
+    paths = [f"rov{n}/autopilot/arm" for n in range(2000)]
+    assert matching("**/**/rov7/**", paths) == ["rov7/autopilot/arm"]
+    assert matching("**/a" * 80, paths) == []
+    assert matching("/".join(["**"] * 80), paths) == paths
 
 
 def test_values_cannot_be_changed():

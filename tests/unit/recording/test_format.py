@@ -12,6 +12,8 @@ import pytest
 from mcap.reader import make_reader
 
 from uwserver.physics import PHYSICS
+from uwserver.physics.collision import engine
+from uwserver.physics.collision.engine import chosen_engine
 from uwserver.ports import Buffer, Call, Command, Event, Field, Layout, Port, Sample
 from uwserver.recording.format import (
     EVENTS,
@@ -62,9 +64,18 @@ def test_the_head_comes_back_as_the_run_it_was(resolved):
         versions_here(), started_utc=""
     )
     assert head.resolved.name == resolved.name
-    assert head.resolved.scenario == resolved.scenario
+    world = msgspec.structs.replace(resolved.scenario.world, engine=chosen_engine())
+    assert head.resolved.scenario == msgspec.structs.replace(resolved.scenario, world=world)
     assert head.resolved.vehicles["rov"].vehicle == resolved.vehicles["rov"].vehicle
     assert head.resolved.materials == resolved.materials
+
+
+@pytest.mark.parametrize(("installed", "named"), [("pybullet", "bullet"), ("coal", "coal")])
+def test_the_engine_that_auto_stands_for_is_named(resolved, installed: str, named: str, monkeypatch):
+    """So that a replay where another one would be chosen does not go otherwise."""
+    monkeypatch.setattr(engine, "find_spec", lambda name: name if name == installed else None)
+    assert resolved.scenario.world.engine == "auto"
+    assert head_of(metadata(resolved, 1, Timing())).resolved.scenario.world.engine == named
 
 
 @pytest.mark.parametrize(

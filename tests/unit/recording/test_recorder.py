@@ -30,6 +30,7 @@ from uwserver.recording.format import (
 )
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
+from uwserver.scenario.load.export import engine_named
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -174,7 +175,7 @@ def test_the_scenario_comes_back_whole(bench: Bench, path: Path, resolved: Resol
     assert head.versions.numba
     assert head.resolved.vehicles == resolved.vehicles
     assert msgspec.structs.replace(head.resolved.scenario, adapters={}) == msgspec.structs.replace(
-        resolved.scenario, adapters={}
+        engine_named(resolved.scenario), adapters={}
     )
     assert head.resolved.scenario.adapters == {"gcs": {"kind": "radio", "port": 5, "truth": False, "required": True}}
     assert take(build(head.resolved, head.seed)).hash() == take(bench.world).hash()

@@ -12,11 +12,13 @@ import msgspec
 import pytest
 import zstandard
 
+from uwserver.physics.collision.engine import chosen_engine
 from uwserver.ports import Call, Command
 from uwserver.recording import replay as replay_module
 from uwserver.recording.format import RecordingWriter, Request, StateHash, metadata, versions_here
 from uwserver.recording.replay import NotReplayable, Replayed, replay
 from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
 from uwserver.simulation.clock import Timing
 from uwserver.world import snapshot
 
@@ -91,6 +93,22 @@ def test_a_missing_entry_is_not_passed_over(resolved, tmp_path: Path):
     del run[1]
     with pytest.raises(NotReplayable, match="entry 1 is missing before tick 10"):
         replay(recorded(tmp_path / "run.mcap", resolved, run))
+
+
+def test_a_recording_whose_engine_is_not_installed_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Of what touches nothing none is needed."""
+    text = 'schema = 1\n[vehicles.rov]\nmodel = "bluerov2"\nposition_ned_m = [0, 0, 2]\n'
+    for name, seabed in (("bare", ""), ("solid", '[seabed]\nkind = "flat"\ndepth_m = 20.0\n')):
+        (tmp_path / f"{name}.toml").write_text(text + seabed)
+    bare, solid = (
+        recorded(tmp_path / f"{name}.mcap", load(tmp_path / f"{name}.toml", adapters={}), [])
+        for name in ("bare", "solid")
+    )
+    engine = chosen_engine()
+    monkeypatch.setattr("uwserver.physics.collision.engine.find_spec", lambda name: None)
+    assert replay(bare).difference is None
+    with pytest.raises(NotReplayable, match=f'solid.mcap: its contacts cannot .*: the engine "{engine}" needs .*: pip'):
+        replay(solid)
 
 
 def test_a_service_that_is_no_more_is_told(resolved, tmp_path: Path):

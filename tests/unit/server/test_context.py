@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from msgspec.structs import replace
 from simulation_rig import PATIENCE_S, Rig, running
 
 from uwserver.adapter import AdapterStats, Conversation, installed_adapters
@@ -15,6 +16,7 @@ from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
 from uwserver.ports.checks import bind
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
+from uwserver.server import context as module
 from uwserver.server.context import Context, Hub
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.clock import Timing
@@ -101,11 +103,42 @@ def test_ground_truth_is_only_for_who_may_tell_it(still: Rig) -> None:
     assert len(robots.samples) == before
 
 
+def test_ports_are_those_of_the_samples_that_come(still: Rig) -> None:
+    """The world is ahead of the loop: what an adapter opens by them reads the samples that still wait, and is told of others before theirs."""
+    context = Context(hub_of(still), "robot", False)
+    still.call("world/step", n=24)
+    before = context.ports["rov/imu"]
+    still.world.ports = {**still.world.ports, "rov/imu": replace(before, fields=before.fields[1:])}
+    assert context.ports["rov/imu"] == before
+    still.call("world/step", n=24)  # its answer comes with the ports
+    assert context.ports["rov/imu"].fields == before.fields[1:]
+
+
 def test_stats_of_an_adapter_outlive_a_restart(still: Rig) -> None:
     hub = hub_of(still)
     Context(hub, "robot", False).stats.restarts = 3
     assert Context(hub, "robot", False).stats.restarts == 3
     assert hub.stats == {"robot": AdapterStats(restarts=3)}
+
+
+def test_what_a_port_looks_like_is_made_once(still: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a large world it would take longer than a tick may be kept waiting, however often somebody asks."""
+    hub = hub_of(still)
+    made: list[object] = []
+    make = module.msgspec.to_builtins
+    monkeypatch.setattr(module.msgspec, "to_builtins", lambda value: made.append(value) or make(value))
+    context = Context(hub, "robot", False)
+    described = context.describe("rov/**")
+    assert made == []
+    assert {entry["path"] for entry in described["ports"]} == {
+        path for path in context.ports if path.startswith("rov/")
+    }
+    still.call("world/step", n=24)
+    imu = still.world.ports["rov/imu"]
+    for n in range(1000):
+        faster = replace(imu, path=f"x/{n}", rate_hz=1.0 + n)
+        assert hub.shown([faster]) == [make(faster)]
+    assert len(hub._shown) <= 2 * (len(hub.ports) + len(context.services) + 1)
 
 
 def test_who_answers_which_service(still: Rig) -> None:
@@ -129,6 +162,14 @@ def test_who_answers_which_service(still: Rig) -> None:
         ask("world/paus")
     with pytest.raises(Refused, match="has no argument"):
         ask("world/step", m=3)
+
+
+def test_a_conflict_that_an_adapter_sees_is_told_to_all(still: Rig) -> None:
+    hub, heard = hub_of(still), Heard()
+    Context(hub, "other", False).attach(heard)
+    Context(hub, "sil", False).tell_conflict("two autopilots")
+    still.call("world/step", n=1)
+    assert [(event.event, event.text) for event in heard.events] == [("conflict", "sil: two autopilots")]
 
 
 def test_a_command_says_who_sent_it(still: Rig) -> None:
@@ -242,6 +283,22 @@ def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) ->
     assert (gone.owed.count, gone.is_running("goto"), gone.is_running("run"), stays.owed.count) == (0, False, False, 0)
     assert leaver.answers.empty()
     assert leaver.samples == []
+
+
+def test_peers_that_share_a_source_take_turns(piloted: Loop) -> None:
+    """All ground stations are one commander; still, who floods keeps only itself waiting."""
+    context, flood, other = Context(hub_of(piloted), "mavlink", False), Heard(), Heard()
+    held, carried_out = Held(piloted), Notes.of(piloted)
+    many, one = (Conversation(context, "ground station", queue=queue) for queue in ("1", "2"))
+    for _ in range(1000):
+        many.call("world/faults", {}, flood)
+    for _ in range(2):
+        one.call("world/state_hash", {}, other)
+    held.let_go()
+    assert piloted.reply(other).fault is None
+    paths = [item.service for item in carried_out if isinstance(item, Call)]
+    assert paths[:4] == ["world/faults", "world/state_hash"] * 2
+    assert {item.source for item in carried_out} == {"mavlink:ground station"}
 
 
 def test_one_cancel_for_each_call_goes_past_a_full_mailbox(piloted: Loop) -> None:

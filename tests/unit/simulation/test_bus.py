@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 
 import pytest
+from msgspec.structs import replace
 
-from uwserver.ports import Call, Event, Progress, Refused, Reply, Sample
+from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.turns import MAX_WAITING
@@ -51,6 +52,28 @@ def test_an_empty_tick_wakes_nobody():
     wakes: list = []
     Bus(wakes.append).publish(TickOutput(0, 0, []))
     assert wakes == []
+
+
+def test_ports_are_those_of_what_is_delivered():
+    """The world may have taken a vehicle out, and put another kind under its name, while samples of the old one still wait."""
+    old = Port("rov/imu", "sensor", "imu", (Field("f", "1", "x"),), "x", 10.0)
+    faster, other = replace(old, rate_hz=20.0), replace(old, fields=(Field("depth", "m", "x"),))
+    bus, seen = Bus(lambda _: None), []
+
+    class Look(Notes):
+        def put_samples(self, samples) -> None:
+            seen.append((bus.ports["rov/imu"], sorted(bus.last)))
+
+        def put_event(self, event) -> None:
+            seen.append((bus.ports["rov/imu"], sorted(bus.last)))
+
+    bus.attach(Look())
+    for k, port in enumerate((old, old, faster, other)):
+        bus.publish(tick(k, ports={"rov/imu": port}, events=[Event("ports_changed", k, k, "")] if k > 1 else []))
+    assert bus.ports is None
+    bus.drain()
+    there = ["rov/imu"]
+    assert seen == [(old, there), (old, there), (faster, there), (faster, there), (other, []), (other, there)]
 
 
 def test_order_is_that_of_the_simulation():
@@ -183,3 +206,28 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
     assert turns(40, writing_s=0.002) == pytest.approx(5, abs=1)
     assert turns(40, writing_s=10.0) == 2, "at least one is made while another is delivered"
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
+
+
+def places(item) -> int:
+    """How many of a request may wait."""
+    mailbox = Mailbox()
+    for count in range(2000):
+        try:
+            mailbox.post(item, None)
+        except Refused:
+            return count
+    return 2000
+
+
+def test_requests_that_keep_much_are_few():
+    """Of small ones a thousand may wait."""
+    mission = {"items": [{"kind": "waypoint", "position_ned_m": [1.0, 2.0, 3.0]}] * 700}
+    nested = {"parameters": {"members": ["t1"] * 4000}}
+    picture = Buffer(dtype="uint8", shape=(1 << 20,), data=bytes(1 << 20))
+    goto = {"position_ned_m": [1.0, 2.0, 3.0], "radius_m": 1.0}
+    assert 4 < places(Call("rov/autopilot/set_mission", mission, "tcp:1")) < 20
+    assert 4 < places(Call("world/set_fault", nested, "tcp:1")) < 30
+    assert places(Call("world/load", {"data": "x" * 500_000}, "tcp:1")) == 4
+    assert places(Command("rov/display", (picture, None), "tcp:1")) == 2
+    assert places(Call("rov/autopilot/goto", goto, "tcp:1")) == MAX_WAITING
+    assert places(Command("rov/thrusters", ((1.0,) * 8,), "tcp:1")) == MAX_WAITING

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Sequence
 
 import pytest
+from msgspec.structs import replace
 from simulation_rig import PATIENCE_S, Rig, running
 
 from uwserver.adapter import Order
@@ -69,6 +70,24 @@ def test_an_order_is_so_many_ticks_and_its_command_acts_in_the_first(resolved):
         assert hand.seen == [rig.world.ticks.time_of(n) for n in range(1, 7)]
         end()
         assert rig.world.tick == 6
+
+
+def test_a_driver_goes_without_what_it_cannot_read(resolved):
+    """Another body may have come under the name of the one that it found when it began, with other fields."""
+    with running(resolved, LOCKED) as rig:
+        hand = Hand()
+        end = seat(rig, hand)
+        hand.step(24)
+        assert "rov/imu" in hand.ports
+        ports = rig.world.ports
+        imu = ports["rov/imu"]
+        for changed, is_seen in ((replace(imu, fields=imu.fields[1:]), False), (replace(imu, rate_hz=1.0), True)):
+            rig.world.ports = {**ports, "rov/imu": changed}
+            hand.ports.clear()
+            hand.step(24)
+            assert ("rov/imu" in hand.ports) == is_seen
+            assert len(hand.ports) > 1
+        end()
 
 
 def test_others_get_every_sample_and_their_calls_are_answered(resolved):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from uwserver.ports import Refused
-from uwserver.simulation.turns import FREE_PLACES, MAX_WAITING, MAX_WAITING_OF_ALL, Turns
+from uwserver.simulation.turns import FREE_PLACES, MAX_BYTES, MAX_WAITING, MAX_WAITING_OF_ALL, Turns
 
 
 def taken(turns: Turns[str]) -> list[str]:
@@ -83,3 +83,29 @@ def test_a_stop_is_taken_though_its_client_has_used_up_its_limit_but_not_for_eve
     assert len(turns) == MAX_WAITING_OF_ALL + FREE_PLACES
     assert turns.overtake("nobody", "stop", lambda item: True) == []
     assert turns.take() == "stop"
+
+
+def test_what_waits_is_bounded_in_bytes_too() -> None:
+    """A thousand missions are a gigabyte, and a million objects for each collection to look at."""
+    turns: Turns[str] = Turns()
+    for size in (4 * MAX_BYTES, 0, 0):
+        turns.put("a", "", size=size)  # the first is taken whatever it is
+    with pytest.raises(
+        Refused, match="of this client with 8388608 bytes wait for their tick already, of 2097152 that may"
+    ):
+        turns.put("a", "", size=1)
+    turns.put("b", "", size=MAX_BYTES // 2)
+    with pytest.raises(Refused, match="of all clients with 9437184 bytes wait"):
+        turns.put("b", "", size=MAX_BYTES // 2)
+    turns.put("b", "", size=1, always=True)
+    turns.put("c", "", size=MAX_BYTES)
+    turns.take()
+    for _ in range(1000):
+        turns.take()
+    assert (len(turns), turns._bytes.total()) == (0, 0)
+    for n in range(2):
+        turns.put("a", f"{n}", size=MAX_BYTES // 2)
+    with pytest.raises(Refused):
+        turns.put("a", "", size=1)
+    assert turns.overtake("a", "stop", lambda item: item == "0") == ["0"]
+    turns.put("a", "", size=MAX_BYTES // 2)

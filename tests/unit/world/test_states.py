@@ -21,6 +21,7 @@ import uwserver
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Refused
 from uwserver.scenario.files.documents import shipped
+from uwserver.scenario.load.counts import MOST_BODIES
 from uwserver.world import snapshot
 from uwserver.world.world import Diverged, World
 
@@ -368,9 +369,9 @@ def test_impossible_ones_are_refused_and_change_nothing(
 
 def test_no_more_bodies_than_a_world_may_have(make_world: Callable[..., World]) -> None:
     world = make_world()
-    born = [{"like": "rov", "name": f"r{k}"} for k in range(1001)]
+    born = [{"like": "rov", "name": f"r{k}"} for k in range(MOST_BODIES + 1)]
     text = refusal(world, forged(world, lambda raw: raw["parts"]["world/population"].update(born=born)))
-    assert "<= 1000" in text
+    assert f"<= {MOST_BODIES}" in text
 
 
 @pytest.mark.parametrize("present", [True, False])

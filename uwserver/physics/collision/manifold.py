@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.collision.contacts import NUMBERS
+from uwserver.physics.geometry.slots import Shapes
 from uwserver.physics.geometry.support import RING
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
@@ -24,6 +25,8 @@ KEPT = 4
 """Points kept of each group of like normals."""
 SAME_DEPTH = 2e-3
 """m; points this near to the deepest are preferred to those farther out."""
+FLAT = 1.0 - 5e-6
+"""Cosine above which a direction is that of a face: 3 mrad, an engine's rounding in bad cases."""
 _LIKE = 0.866
 """Cosine between normals of one group: 30 degrees."""
 _CROSSING = 256
@@ -57,6 +60,23 @@ def new_work() -> Work:
         np.empty((4 * RING, 3)), np.empty(4 * RING, np.int64), np.empty((RING, 3)), np.empty(RING, np.int64),
         np.empty((CANDIDATES, NUMBERS)), np.empty(CANDIDATES, np.int64), np.empty(3), np.empty(3),
     )  # fmt: skip
+
+
+@compiled
+def cut_by_triangle(shapes: Shapes, k: int, t: Array, work: Work) -> None:
+    """Make triangle k of a mesh the feature that cuts, counter-clockwise about t, its normal or, of a sheet, the opposite."""
+    cut, across = work.cut, work.face
+    for i in range(3):
+        for c in range(3):
+            cut[c, i] = shapes.vertices[shapes.triangles[k, c], i]
+    for i in range(3):
+        j, m = (i + 1) % 3, (i + 2) % 3
+        across[i] = (cut[1, j] - cut[0, j]) * (cut[2, m] - cut[0, m]) - (cut[1, m] - cut[0, m]) * (
+            cut[2, j] - cut[0, j]
+        )
+    if dot(across, t) < 0.0:  # the other side of a sheet
+        for i in range(3):
+            cut[1, i], cut[2, i] = cut[2, i], cut[1, i]
 
 
 @compiled

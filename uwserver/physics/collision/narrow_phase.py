@@ -1,9 +1,9 @@
-"""From what an engine says of near pairs to contacts (compiled).
+"""From the lines between near pairs to contacts (compiled).
 
-Of each pair Bullet gives the directions in which the shapes are nearest, or least inside each other. All else is computed here from the
-exact shapes, in float64 and from the poses alone: the gap along that direction, without the engine's margins; the true normal, where the
-direction is that of a face to within the engine's rounding; all points of two features that lie flat on each other, where the engine knows
-one; and no contact where a body would catch on an edge inside a smooth surface.
+`directions` gives of each pair the lines along which the shapes are nearest, or least inside each other. Made of them here, from the exact
+shapes and from the poses alone: the normal of a face, where the direction is almost that of one, so that a body which lies on it does not
+rock; all points of two features that lie flat on each other, where a line is one point; and no contact where a body would catch on an edge
+inside a smooth surface.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ import numpy as np
 
 from uwserver.physics.collision.broad_phase import SEARCH
 from uwserver.physics.collision.manifold import (
+    FLAT,
     FULL,
     KEPT,
     Work,
     add_point,
     add_polygon,
     clip,
+    cut_by_triangle,
     new_work,
     reduce,
     thin_out,
 )
 from uwserver.physics.geometry.mesh import AT_POINT, in_normal_cone, triangles_at
-from uwserver.physics.geometry.slots import CYLINDER, HALF_SPACE, MESH, SPHERE, Shapes
+from uwserver.physics.geometry.slots import CYLINDER, HALF_SPACE, MESH, Shapes
 from uwserver.physics.geometry.support import support, support_face, support_feature
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.physics.kernel.linear import dot
 
-ENGINE_MARGIN = 1e-3
-"""m; Bullet's points on a mesh lie this far outside it, but for spheres."""
-_FLAT = 1.0 - 5e-6
-"""Cosine above which a direction is that of a face: 3 mrad, the engine's rounding in bad cases."""
+_DEEP = -2e-3
+"""m; deeper than this in a mesh a body is pushed out although no feature explains how."""
 _POINT = 1 << 33
 """Keys of single points, beside those of corners and crossings."""
 
@@ -48,7 +48,7 @@ def _face_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work:
     d = -n
     of_a = support_face(slots[a], R[a], d, shapes.face_normals, t)
     of_b = support_face(slots[b], R[b], n, shapes.face_normals, face)
-    if max(of_a, of_b) < _FLAT:
+    if max(of_a, of_b) < FLAT:
         return _line_contacts(shapes, a, b, n, reach, work, count)
     plane_of_b = of_b >= of_a - 1e-9
     if plane_of_b:
@@ -80,10 +80,12 @@ def _line_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work:
 
 @compiled
 def convex_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: Work) -> int:
-    """Contacts of two convex shapes from the engine's answer `found` (k, 7): normal (b to a), point on b, distance."""
+    """Contacts of two convex shapes from their lines `found` (k, 7): direction (b to a), point on b, gap."""
     slots, P, R, contacts = shapes.slots, shapes.P, shapes.R, work.contacts
     count = 0
     for j in range(len(found)):
+        if found[j, 6] > reach:
+            continue
         n = found[j, :3].copy()
         count = _face_contacts(shapes, a, b, n, reach, work, count)
         deepest = 1e300
@@ -91,7 +93,7 @@ def convex_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work
             deepest = min(deepest, contacts[k, 6])
         top = support(slots[b], P[b], R[b], n, shapes.vertices)
         gap = -support(slots[a], P[a], R[a], -n, shapes.vertices) - top
-        # Features that miss each other leave the one point that the engine found.
+        # Features that miss each other leave the one point that is nearest.
         if gap <= reach and (count == 0 or gap < deepest - 1e-4):
             count = add_point(work, found[j, 3:6], n, top, gap, _POINT + j, count)
     return count
@@ -110,26 +112,24 @@ def half_space_pair(shapes: Shapes, a: int, b: int, reach: float, work: Work) ->
 
 @compiled
 def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: Work) -> int:
-    """Contacts of a convex shape with a mesh from the engine's answer `found` (k, 7), a line for each near triangle."""
+    """Contacts of a convex shape with a mesh from their lines `found` (k, 7), one for each near triangle."""
     slots, normals = shapes.slots, shapes.triangle_normals
     here, done = np.empty(AT_POINT, np.int64), np.empty(256, np.int64)
     x, flip = np.empty(3), np.empty(3)
     count = known = 0
     last = slots[b].face_first + slots[b].face_count
-    lift = 0.0 if slots[a].kind == SPHERE else ENGINE_MARGIN
     for j in range(len(found)):
+        if found[j, 6] > reach:
+            continue
         n = found[j, :3].copy()
-        meeting = 0
-        for attempt in range(2):  # in some cases it leaves its margin out
-            if meeting == 0:
-                for i in range(3):
-                    x[i] = found[j, 3 + i] - (lift if attempt == 0 else 0.0) * n[i]
-                meeting = triangles_at(shapes, x, 2e-4, here)
+        for i in range(3):
+            x[i] = found[j, 3 + i]
+        meeting = triangles_at(shapes, x, 2e-4, here)
         on_face = False
         for m in range(meeting):
             k = here[m]
             along = dot(normals[k], n)
-            if abs(along) < _FLAT or k < slots[b].face_first or k >= last:
+            if abs(along) < FLAT or k < slots[b].face_first or k >= last:
                 continue
             on_face = True
             new = True
@@ -156,19 +156,11 @@ def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: 
 @compiled
 def _triangle_contacts(shapes: Shapes, a: int, k: int, t: Array, reach: float, work: Work, count: int) -> int:
     """Contacts of what a shape shows to the plane of a triangle, over the triangle, whose normal towards the shape is t."""
-    cut, across = work.cut, np.empty(3)
-    for i in range(3):
-        for c in range(3):
-            cut[c, i] = shapes.vertices[shapes.triangles[k, c], i]
-    u, v = cut[1] - cut[0], cut[2] - cut[0]
-    across[0], across[1], across[2] = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    if dot(across, t) < 0.0:  # the other side of a sheet
-        for i in range(3):
-            cut[1, i], cut[2, i] = cut[2, i], cut[1, i]
+    cut_by_triangle(shapes, k, t, work)
     d = -t
     size = support_feature(shapes, a, d, work.ring, work.codes)
     size = clip(work, size, 3, t)
-    return add_polygon(work, size, cut[0], t, True, 8 * k, reach, count)
+    return add_polygon(work, size, work.cut[0], t, True, 8 * k, reach, count)
 
 
 @compiled
@@ -179,7 +171,7 @@ def _edge_contacts(
     slot, P, R, t, ring, codes = shapes.slots[a], shapes.P[a], shapes.R[a], work.t, work.ring, work.codes
     d = -n
     before = count
-    if support_face(slot, R, d, shapes.face_normals, t) >= _FLAT:
+    if support_face(slot, R, d, shapes.face_normals, t) >= FLAT:
         cuts = support_feature(shapes, a, t, work.cut, work.cut_codes)
         for m in range(meeting):
             for c in range(3):
@@ -198,15 +190,15 @@ def _edge_contacts(
 
 @compiled
 def _deepest_point(shapes: Shapes, a: int, found: Array, reach: float, work: Work) -> int:
-    """The engine's deepest point as it is, where a shape is inside the surface and no feature explains how."""
+    """The deepest line as it is, where a shape is inside the surface and no feature explains how."""
     best = -1
     for j in range(len(found)):
-        if found[j, 6] < -3.0 * ENGINE_MARGIN and (best < 0 or found[j, 6] < found[best, 6]):
+        if found[j, 6] < _DEEP and (best < 0 or found[j, 6] < found[best, 6]):
             best = j
     if best < 0:
         return 0
     n = found[best, :3].copy()
-    top = dot(found[best, 3:6], n) - ENGINE_MARGIN
+    top = dot(found[best, 3:6], n)
     gap = -support(shapes.slots[a], shapes.P[a], shapes.R[a], -n, shapes.vertices) - top
     return add_point(work, found[best, 3:6], n, top, gap, _POINT + best, 0) if gap <= reach else 0
 
@@ -226,7 +218,7 @@ def find_contacts(
 
     Args:
         table: made by `broad_phase.SEARCH`.
-        pairs: (m, 2) slots; the engine's lines of pair i are found[first[i]:first[i + 1]].
+        pairs: (m, 2) slots; the lines of pair i, exact, are found[first[i]:first[i + 1]].
         rows, numbers, keys, coefficients: receive rows of a and b (k, 2), `NUMBERS` columns, keys, and friction and restitution (k, 2).
 
     Returns:

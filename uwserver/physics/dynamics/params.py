@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -201,8 +200,3 @@ def table_row(table: ForceTable) -> Records:
 def wrench_rows(count: int) -> Records:
     """`count` WRENCH rows of zero force in B."""
     return np.zeros(count, WRENCH)
-
-
-def concatenate(rows: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
-    """Rows end to end; an empty array of the dtype for none."""
-    return np.concatenate(rows) if rows else np.zeros(0, dtype)

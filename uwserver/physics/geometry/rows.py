@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from uwserver.physics.geometry.shapes import (
     Shape,
     Sphere,
     TriangleMesh,
+    check_shape,
 )
 from uwserver.physics.geometry.slots import (
     CAPSULE,
@@ -27,11 +28,13 @@ from uwserver.physics.geometry.slots import (
     HALF_SPACE,
     MESH,
     POLYHEDRON,
+    SHAPES,
     SLOT,
     SPHERE,
     Shapes,
 )
-from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records
+from uwserver.physics.kernel.records import joined
 
 _BOX_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
 """Corners of a box, bit i of a number selecting the sign of axis i, counter-clockwise seen from outside."""
@@ -161,42 +164,76 @@ def _mesh_part(slot: Records, placed: Placed, mesh: TriangleMesh) -> Part:
     return Part(slot, None, static, np.ascontiguousarray(normals), start, members)
 
 
-def shapes_of(parts: Sequence[Part]) -> Shapes:
-    """All parts end to end, each at the origin."""
-    slots = np.concatenate([p.slot for p in parts]) if parts else np.zeros(0, SLOT)
-    vertices: list[FloatArray] = [np.zeros((0, 3))]
-    face_normals: list[FloatArray] = [np.zeros((0, 3))]
-    triangle_normals: list[FloatArray] = [np.zeros((0, 3))]
-    triangles = [np.zeros((0, 3), np.int64)]
-    rings, starts, members = [[np.zeros(0, np.int64)] for _ in range(3)]
-    lengths: list[int] = []
-    n_vertices = n_triangles = n_cells = n_members = 0
-    for slot, p in zip(slots, parts, strict=True):
-        slot["vertex_first"] = n_vertices
-        if p.corners is not None:
-            slot["vertex_count"], slot["face_first"] = len(p.corners.vertices), len(lengths)
-            slot["face_count"] = len(p.corners.faces)
-            vertices.append(p.corners.vertices)
-            face_normals.append(p.corners.normals)
-            lengths += [len(face) for face in p.corners.faces]
-            rings += [np.array(face) + n_vertices for face in p.corners.faces]
-            n_vertices += len(p.corners.vertices)
-        if p.mesh is not None and p.normals is not None and p.cell_start is not None and p.cell_triangles is not None:
-            slot["vertex_count"], slot["face_first"] = len(p.mesh.vertices), n_triangles
-            slot["face_count"], slot["cell_first"] = len(p.mesh.faces), n_cells
-            vertices.append(p.mesh.vertices)
-            triangles.append(p.mesh.faces + n_vertices)
-            triangle_normals.append(p.normals)
+class Stock:
+    """What the slots of a world refer to. Equal shapes share it, so that who comes or goes changes slots alone; it is kept for the next."""
+
+    def __init__(self) -> None:
+        self._made: dict[int, tuple[Placed, Part]] = {}
+        self._counts = {"vertices": 0, "faces": 0, "rings": 0, "triangles": 0, "cells": 0, "members": 0}
+        self._arrays: dict[str, list[Array]] = {
+            name: [np.zeros((1 if name == "face_start" else 0, *form.shape), form.base)]
+            for name, form in SHAPES.items()
+            if name not in ("slots", "P", "R")
+        }
+
+    def part(self, placed: Placed) -> Part:
+        """The rows of one placed shape, still of no solid; made once for each `placed`. Raises BadSolid."""
+        known = self._made.get(id(placed))
+        if known is None:
+            check_shape(placed.shape)
+            made = part(placed)
+            self.take(made)
+            known = self._made[id(placed)] = placed, made  # so that nobody else gets this id
+        return replace(known[1], slot=known[1].slot.copy())
+
+    def take(self, new: Part) -> None:
+        """Keep what a part refers to, and say in its slot where."""
+        slot, counts = new.slot, self._counts
+        slot["vertex_first"] = counts["vertices"]
+        if new.corners is not None:
+            lengths = np.array([len(face) for face in new.corners.faces], dtype=np.int64)
+            slot["vertex_count"], slot["face_first"] = len(new.corners.vertices), counts["faces"]
+            slot["face_count"] = len(lengths)
+            ring = np.array([k for face in new.corners.faces for k in face], dtype=np.int64)
+            self._put("face_start", np.cumsum(lengths) + counts["rings"])
+            self._put("face_vertices", ring + counts["vertices"], "rings")
+            self._put("face_normals", new.corners.normals, "faces")
+            self._put("vertices", new.corners.vertices, "vertices")
+        if (
+            new.mesh is not None
+            and new.normals is not None
+            and new.cell_start is not None
+            and new.cell_triangles is not None
+        ):
+            slot["vertex_count"], slot["face_first"] = len(new.mesh.vertices), counts["triangles"]
+            slot["face_count"], slot["cell_first"] = len(new.mesh.faces), counts["cells"]
             # One entry more than cells, so that each mesh's last cell has an end.
-            starts.append(p.cell_start + n_members)
-            members.append(p.cell_triangles + n_triangles)
-            n_vertices += len(p.mesh.vertices)
-            n_triangles += len(p.mesh.faces)
-            n_cells += len(p.cell_start)
-            n_members += len(p.cell_triangles)
-    face_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.array(lengths, dtype=np.int64))])
-    n = len(slots)
-    return Shapes(
-        slots, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.concatenate(vertices), np.concatenate(face_normals), face_start, np.concatenate(rings),
-        np.concatenate(triangles), np.concatenate(triangle_normals), np.concatenate(starts), np.concatenate(members),
-    )  # fmt: skip
+            self._put("cell_start", new.cell_start + counts["members"], "cells")
+            self._put("cell_triangles", new.cell_triangles + counts["triangles"], "members")
+            self._put("triangles", new.mesh.faces + counts["vertices"], "triangles")
+            self._put("triangle_normals", new.normals)
+            self._put("vertices", new.mesh.vertices, "vertices")
+
+    def shapes(self, parts: Sequence[Part]) -> Shapes:
+        """These parts, which were made or taken here, each at the origin."""
+        for arrays in self._arrays.values():
+            if len(arrays) > 1:
+                arrays[:] = [np.concatenate(arrays)]
+        n = len(parts)
+        slots = joined([p.slot for p in parts], SLOT)
+        return Shapes(
+            slots, np.zeros((n, 3)), np.zeros((n, 3, 3)), **{k: arrays[0] for k, arrays in self._arrays.items()}
+        )
+
+    def _put(self, name: str, rows: Array, counted: str = "") -> None:
+        self._arrays[name].append(rows)
+        if counted:
+            self._counts[counted] += len(rows)
+
+
+def shapes_of(parts: Sequence[Part]) -> Shapes:
+    """Parts that belong to no stock end to end, each at the origin."""
+    stock = Stock()
+    for each in parts:
+        stock.take(each)
+    return stock.shapes(parts)

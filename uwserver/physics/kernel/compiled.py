@@ -15,6 +15,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -35,8 +36,9 @@ ENTRY_KERNELS = {
     "fins in contact": ("step.strike_fitted",),
     "sea": ("flow.fill_flows", "flow.water_at"),
     "solids": (
-        "broad_phase.find_pairs", "broad_phase.place", "broad_phase.bound", "narrow_phase.find_contacts", "mesh.fill_cells",
-        "hits.intersect_simple", "hits.select_rays", "hits.refine",
+        "broad_phase.find_pairs", "broad_phase.place", "broad_phase.bound", "directions.find_lines", "directions.refine_lines",
+        "narrow_phase.find_contacts", "mesh.fill_cells", "hits.intersect_simple", "hits.select_rays", "hits.refine",
+        *(() if find_spec("embreex") else ("tree.build", "tree.pick_nearest")),
     ),
     "echoes": ("hits.intersect_level", "echoes.intensity", "echoes.backscatter", "echoes.compress"),
 }  # fmt: skip

@@ -1,203 +1,24 @@
-"""Rays against everything solid in a world: the engine of all ranging sensors.
-
-Half-spaces and moving solids of few triangles are intersected one by one, exactly. All else goes through Embree, which works in float32: it
-only picks the triangle, range and normal are computed from it in float64, and each of its scenes is kept about an origin near it. That of
-what never moves is the nearest point of a fixed lattice, so that something far away changes no range, not in its last bit. It knows no
-instances: what moves has a scene in its own frame, shared by equal solids, and only rays that pass it go there. Imported only when a world
-has something solid.
-"""
+"""Embree as a picker of triangles, in float32. The only module that knows embreex, and it is imported only where that is installed."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
-from uwserver.physics.geometry.tessellation import Facets, facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.physics.kernel.layout import Q, addresses
-from uwserver.physics.rays import hits
-from uwserver.physics.rays.raycast import Hits
-from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
-
-FEW = 96
-"""Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
-_HIDDEN_SIDES = 16
-"""A ray gives up behind this many hidden sides."""
-_KEPT = 16
-"""Numbers of rays for which a scene keeps arrays."""
-LATTICE_M = 1024.0
-"""Between origins of what never moves. Nothing small is farther than half of it from its own along an axis, where float32 has steps of 0.03 mm:
-that far beside its edge a triangle may be missed, or met."""
-_STILL: FloatArray = np.zeros(13)
-_STILL[Q] = 1.0
 
 
-class _Work(NamedTuple):
-    """Arrays for a number of rays, and the table by which kernels find them."""
+class EmbreePicker:
+    """A `casting.Picker`."""
 
-    batch: hits.Batch
-    table: IntArray
-
-
-class _Scene:
-    """Triangles of solids in one frame.
-
-    Args:
-        solids: by id; an id is given only if a ray is cast without one.
-        origin: (3) of the engine in that frame, m; default: their centre.
-    """
-
-    def __init__(self, solids: Mapping[int, Solid], origin: tuple[float, ...] | None = None) -> None:
-        each = {body: facets(solid) for body, solid in solids.items()}
-        parts = Facets(*(np.concatenate(columns) for columns in zip(*each.values(), strict=True)))
-        owners: IntArray = np.repeat(np.array([*each], dtype=np.int64), [len(part.corners) for part in each.values()])
-        centre, half = middle(parts)
-        about = centre if origin is None else np.array(origin)
-        self._box = np.array((about, half + np.abs(centre - about)))
-        self._sides, self._owners = sides(parts, self._box[0]), owners
-        self._works: dict[int, _Work] = {}
-        self._scene = EmbreeScene(robust=True)
-        corners: FloatArray = self._sides["corners"].reshape(-1, 3)
+    def __init__(self, corners: FloatArray) -> None:
         n = len(corners)
-        self._mesh = EmbreeMesh(self._scene, corners.astype(np.float32), np.arange(n, dtype=np.int32).reshape(-1, 3))
+        self._scene = EmbreeScene(robust=True)
+        flat = corners.reshape(-1, 3).astype(np.float32)
+        self._mesh = EmbreeMesh(self._scene, flat, np.arange(3 * n, dtype=np.int32).reshape(-1, 3))
 
-    def cast(
-        self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
-    ) -> None:
-        """Add the hits of rays (n, 3) to the answer; the state x (13) places the frame."""
-        work = self._works.get(len(origin)) or self._buffers(len(origin))
-        batch = work.batch
-        count = hits.select_rays(work.table, origin, direction, limit, x, answer.distance)
-        if count == 0:
-            return
-        engine = batch.engine[:count]
-        picked = self._scene.run(engine[:, :3], engine[:, 3:6], engine[:, 6])
-        for _ in range(_HIDDEN_SIDES):
-            count = hits.refine(work.table, picked, limit, body, *answer)
-            if count == 0:
-                return
-            start, towards, ahead = batch.start[:count], batch.towards[:count], batch.ahead[:count]
-            ahead += hits.ROUNDING * (np.abs(start).max() + self._box[1].max())
-            picked = self._scene.run((start + ahead[:, None] * towards).astype(np.float32), towards.astype(np.float32))
-
-    def _buffers(self, n: int) -> _Work:
-        """Arrays for n rays, kept for the next ones, as to make them costs more than to cast a few rays."""
-        if len(self._works) >= _KEPT:
-            self._works.clear()
-        batch = hits.Batch(
-            self._sides, self._owners, self._box, np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n),
-            np.empty((n, 7), np.float32),
-        )  # fmt: skip
-        self._works[n] = work = _Work(batch, addresses(hits.BATCH, batch._asdict()))
-        return work
-
-
-class _Carried(NamedTuple):
-    """A solid that the body in a row of the state carries; `scene` is None for one of few triangles."""
-
-    solid: Solid
-    row: int
-    scene: _Scene | None
-
-
-class Rays:
-    """All solids of one world, by ids that the caller chooses. Not thread-safe.
-
-    Only the outside of a solid is hit: a ray that starts inside, as from a sensor within its vehicle's own shape, leaves unhindered.
-    """
-
-    def __init__(self) -> None:
-        self._static: dict[int, Solid] = {}
-        self._moving: dict[int, _Carried] = {}
-        self._still: tuple[_Scene, ...] | None = None
-        self._simple: tuple[Simple, IntArray] | None = None
-
-    def add_static(self, body: int, solid: Solid) -> None:
-        """Add something that never moves. Raises BadSolid."""
-        for placed in solid.shapes:
-            check_shape(placed.shape)
-        self._static[body] = solid
-        self._still = self._simple = None
-
-    def add_moving(self, body: int, solid: Solid, row: int) -> None:
-        """Add what the body in `row` of the state array carries. Raises BadSolid."""
-        for placed in solid.shapes:
-            check_shape(placed.shape)
-        scene = next((there.scene for there in self._moving.values() if there.solid is solid), None)
-        if scene is None and len(facets(solid).corners) > FEW:
-            scene = _Scene({body: solid})
-        self._moving[body] = _Carried(solid, row, scene)
-        self._simple = None
-
-    def remove(self, body: int) -> None:
-        """Take a solid away; KeyError if there is none of this id."""
-        self._simple = None
-        if body in self._moving:
-            del self._moving[body]
-            return
-        del self._static[body]
-        self._still = None
-
-    def at(self, state: FloatArray) -> Instant:
-        """The solids where a state (n, 13) puts them."""
-        return Instant(self, state)
-
-    def cast(self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says."""
-        origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
-        n, limit = len(origin), float(max_range)
-        answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
-        _, table = self._simple or self._gather()
-        hits.intersect_simple(table, origin, direction, limit, state, *answer)
-        for scene in self._still or ():
-            scene.cast(_STILL, -1, origin, direction, limit, answer)
-        for body, carried in self._moving.items():
-            if carried.scene is not None:
-                carried.scene.cast(state[carried.row], body, origin, direction, limit, answer)
-        return answer
-
-    def _gather(self) -> tuple[Simple, IntArray]:
-        """What the first rays after a change need; the rows stay alive beside their table."""
-        if self._still is None:
-            self._still = tuple(_Scene(solids, about) for about, solids in self._by_origin().items())
-        rows, each, places = [], [np.empty(0, SIDE)], {}
-        first = 0
-        for body, (solid, row, scene) in self._moving.items():
-            if scene is not None:
-                continue
-            if id(solid) not in places:
-                parts = facets(solid)
-                centre, half = middle(parts)
-                each.append(sides(parts, np.zeros(3)))
-                places[id(solid)] = first, len(each[-1]), centre, float(np.linalg.norm(half))
-                first += len(each[-1])
-            rows.append((body, row, *places[id(solid)]))
-        simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
-        self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
-        return self._simple
-
-    def _by_origin(self) -> dict[tuple[float, ...], dict[int, Solid]]:
-        """What never moves and is meshed, by the point of the lattice that each is kept about."""
-        found: dict[tuple[float, ...], dict[int, Solid]] = {}
-        for body, solid in self._static.items():
-            if any(not isinstance(placed.shape, HalfSpace) for placed in solid.shapes):
-                centre, _ = middle(facets(solid))
-                about = tuple((LATTICE_M * np.round(centre / LATTICE_M)).tolist())
-                found.setdefault(about, {})[body] = solid
-        return found
-
-
-class Instant:
-    """A `uwserver.physics.rays.raycast.Geometry`: solids where a state (n, 13) puts them, read when rays are cast."""
-
-    def __init__(self, rays: Rays, state: FloatArray) -> None:
-        self._rays, self._state = rays, state
-
-    def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """The nearest solid that each ray meets."""
-        return self._rays.cast(self._state, origin, direction, max_range)
+    def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
+        """As `casting.Picker`."""
+        picked: IntArray = self._scene.run(origin, direction, limit)
+        return picked

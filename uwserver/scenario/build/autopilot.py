@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import msgspec
 import numpy as np
@@ -310,12 +311,20 @@ def _thrusters(
     by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
     strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
     kinds = (ThrusterConfig, ThrustersConfig)
-    return ThrusterAllocation([
-        ([by_name[name] for name in names], getattr(config, "input", "u") == "force")
+    groups = [
+        (tuple(by_name[name] for name in names), getattr(config, "input", "u") == "force")
         for config, names in _devices(file, kinds, "thrusters", tuple(by_name), actuators, hands, strongest)
-    ])  # fmt: skip
+    ]
+    return _together(tuple(groups))
 
 
+@lru_cache(maxsize=16)
+def _together(groups: tuple[tuple[tuple[Thrust, ...], bool], ...]) -> ThrusterAllocation:
+    """The same for all vehicles alike: it remembers nothing."""
+    return ThrusterAllocation(list(groups))
+
+
+@lru_cache(maxsize=128)
 def _thrust(thruster: ThrusterParams) -> Thrust:
     axis = np.array(thruster.axis) / np.linalg.norm(thruster.axis)
     column = np.concatenate([axis, np.cross(thruster.r, axis) + thruster.torque_per_force * axis])

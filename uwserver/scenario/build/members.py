@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
@@ -29,6 +30,8 @@ from uwserver.world.services import component_services
 from uwserver.world.vehicle import Vehicle
 from uwserver.world.world import World
 
+log = logging.getLogger(__name__)
+
 
 def physics_rate(rate_hz: float) -> Fraction:
     """The rate as the exact rational that the user wrote in decimals."""
@@ -38,11 +41,14 @@ def physics_rate(rate_hz: float) -> Fraction:
 def build_scene(world: World, resolved: Resolved) -> None:
     """Give a world the solid things of its scenario that never move."""
     # The engines, which a world without anything solid does not need.
+    from uwserver.physics.rays.casting import has_embree
     from uwserver.physics.scene import Scene
     from uwserver.physics.warm import solid_kernels
 
     solid_kernels()
-    scene = Scene(lambda: world.hydro.state)
+    if not has_embree():
+        log.info("embreex is not installed: sonars see the same through a slower tree of uwserver's own")
+    scene = Scene(lambda: world.hydro.state, resolved.scenario.world.engine)
     for solid in resolved.static.values():
         scene.add_static(solid)
     world.set_scene(scene)
@@ -151,7 +157,7 @@ def stream_of(seed: int, path: str) -> np.random.Generator:
 def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
     divisor = round(world.rate_hz / physics_rate(rate_hz))
     for name, kind in TRUTH.items():
-        sensor = kind()
+        sensor = kind()  # which draws nothing: a random stream of its own would cost more than all else here
         path = f"{vehicle}/truth/{name}"
         sensor.start(key_of(world.seed, path))
         port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from uwserver.physics.collision.engine import chosen_engine
 from uwserver.scenario.files.convert import fields
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
@@ -37,6 +38,12 @@ def explain(resolved: Resolved) -> str:
     return "".join(comments) + _toml(whole)
 
 
+def engine_named(scenario: Scenario) -> Scenario:
+    """The scenario with the engine that "auto" stands for here, so that a run elsewhere does not choose another."""
+    world = msgspec.structs.replace(scenario.world, engine=chosen_engine(scenario.world.engine))
+    return msgspec.structs.replace(scenario, world=world)
+
+
 def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
     """A Struct as plain tables, its `kind` first; keys without a value are left out, those at their defaults only if told."""
     config = table.__struct_config__
@@ -54,7 +61,7 @@ def identity(resolved: Resolved) -> str:
     """SHA-256 of all that a state of a world of this scenario depends on: not of its adapters, its server, nor of how its time passes."""
     scenario = resolved.scenario
     world = tables(scenario.world, defaults=True)
-    del world["clock"]
+    del world["clock"], world["engine"]
     parts = ("environment", "seabed", "structures", "objects")
     whole = {
         "world": world,

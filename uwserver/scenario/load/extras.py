@@ -9,11 +9,19 @@ from importlib.util import find_spec
 from msgspec import UNSET
 
 from uwserver.adapter import AdapterTable
+from uwserver.physics.collision.engine import AUTO, missing_engine
 from uwserver.scenario.load.tables import Scenario
-from uwserver.scenario.solids.shapes import ENGINES
 from uwserver.scenario.solids.tables import GridSeabed
 
-_OWN = re.compile(r"uwserver\[(\w+)\]")
+_OWN = re.compile(r"uwserver(?:\[(\w+)\])?")
+"""What this distribution brings itself, which `pip install uwserver` mends, or one of its extras."""
+_SOLID = "uwserver[solid]"
+_ENGINES = {
+    AUTO: ("pybullet or coal", _SOLID),
+    "bullet": ("pybullet", "pybullet"),
+    "coal": ("coal", "uwserver[coal]"),
+}
+"""What is missing where an engine for contacts is, and the requirement, by its name in `[world]`."""
 
 
 def missing_extras(scenario: Scenario, is_solid: bool) -> str:
@@ -25,6 +33,10 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
     """
     needed = _needed(scenario, is_solid)
     absent = {module: requirement for module, requirement in needed.items() if not _is_there(module)}
+    engine = scenario.world.engine
+    if "scipy" in needed and missing_engine(engine):
+        name, requirement = _ENGINES[engine]
+        absent[name] = requirement
     if not absent:
         return ""
     names = dict.fromkeys(module.partition(".")[0] for module in absent)
@@ -34,17 +46,18 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
 def install_command(requirements: Iterable[str]) -> str:
     """One line for a shell that installs all of them, our own extras together."""
     wanted = sorted(set(requirements))
-    extras = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
-    others = [each for each in wanted if not _OWN.fullmatch(each)]
-    whole = ([f"uwserver[{','.join(extras)}]"] if extras else []) + others
-    return "pip install " + " ".join(f'"{each}"' for each in whole)
+    own = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
+    extras = ",".join(extra for extra in own if extra)
+    whole = [f"uwserver[{extras}]" if extras else "uwserver"] if own else []
+    whole += [each for each in wanted if not _OWN.fullmatch(each)]
+    return "pip install " + " ".join(each if each.isidentifier() else f'"{each}"' for each in whole)
 
 
 def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:
     """Requirement by module."""
     needed: dict[str, str] = {}
     if is_solid or scenario.objects or scenario.structures or scenario.seabed is not UNSET:
-        needed |= dict.fromkeys(ENGINES, "uwserver[solid]")
+        needed |= {"scipy": _SOLID}
     if isinstance(scenario.seabed, GridSeabed) and scenario.seabed.file.endswith((".nc", ".nc4")):
         needed |= dict.fromkeys(("h5netcdf", "h5py"), "uwserver[netcdf]")
     if scenario.server.uvloop:

@@ -16,6 +16,7 @@ from uwserver.scenario.files.documents import Document, find, from_tables, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, suggestion
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.checks import check_scenario
+from uwserver.scenario.load.counts import check_components, check_tables
 from uwserver.scenario.load.default_adapter import with_default_adapter
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
@@ -86,6 +87,7 @@ class _Load:
         self._models: dict[Path, Document] = {}
         self._devices: dict[Path, ThrusterDevice | None] = {}
         self._profiles: dict[Path, Mapping[str, Any] | None] = {}
+        check_tables(document)
         beside = document.path.parent if document.path else Path.cwd()
         given, report = document.raw.get("extensions"), self._report(document)
         within = document.path.parent if document.path else None
@@ -112,6 +114,8 @@ class _Load:
         if files.keys() == self._tree.at("vehicles").parts.keys() and self._environment is not None:
             check_faults(self._tree, files, self._environment, report)
         scenario: Scenario | None = self._tree.value
+        if scenario is not None:
+            check_components(scenario, files, report)
         missing = "" if scenario is None else missing_extras(scenario, len(self._solids.vehicles) > 1)
         if scenario is None or self._errors():
             if missing:

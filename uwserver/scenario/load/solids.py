@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import UNSET
 
+from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.geometry.shapes import (
     BadSolid,
     Box,
@@ -26,6 +27,7 @@ from uwserver.scenario.files.convert import Node, Report, check_name
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject
+from uwserver.scenario.solids.memory import check_memory
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
     Materials,
@@ -60,7 +62,9 @@ class SolidFiles:
         self._scenario, self._report = scenario, report
         self._folder = document.path.parent if document.path else Path.cwd()
         self._reported = False
-        self._read_seabed(scenario.at("world").value)
+        world: WorldTable | None = scenario.at("world").value
+        self._engine = world.engine if world is not None else AUTO
+        self._read_seabed(world)
         for name, node in scenario.at("structures").parts.items():
             table: Structure | None = node.value
             path: KeyPath = ("structures", name)
@@ -69,6 +73,7 @@ class SolidFiles:
             elif table is not None and self._engines(path, report):
                 made = partial(structure_solid, name, table, self._folder, self.materials, partial(warn, path))
                 self._add_static(path, name, made)
+        self._check_memory()
         for name, node in scenario.at("objects").parts.items():
             self._read_object(name, node.value, scenario.at("environment").value)
 
@@ -137,13 +142,26 @@ class SolidFiles:
         except BadSolid as error:
             self._report(path, str(error))
 
+    def _check_memory(self) -> None:
+        """All files together, of which each alone fits."""
+        counts = {name: sum(_triangles(placed) for placed in solid.shapes) for name, solid in self.static.items()}
+        try:
+            check_memory("what is solid", sum(counts.values()))
+        except BadSolid as error:
+            largest = max(counts, key=counts.__getitem__)
+            self._report(("seabed",) if largest == "seabed" else ("structures", largest), str(error))
+
     def _engines(self, path: KeyPath, report: Report) -> bool:
         """Whether all that solids need is installed; says so once."""
-        missing = missing_engines()
+        missing = missing_engines(self._engine)
         if missing is not None and not self._reported:
             self._reported = True
             report(path, missing)
         return missing is None
+
+
+def _triangles(placed: Placed) -> int:
+    return len(placed.shape.faces) if isinstance(placed.shape, TriangleMesh) else 0
 
 
 def _buried(solid: Solid, p: FloatArray) -> str | None:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from msgspec import UNSET
@@ -19,6 +19,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.documents import why_not
 from uwserver.scenario.files.opening import is_plain, opened
 from uwserver.scenario.solids.array_files import Array, NoArray
+from uwserver.scenario.solids.memory import check_memory
 from uwserver.scenario.solids.tables import GridSeabed
 from uwserver.units import deg, rad
 
@@ -26,6 +27,8 @@ MOST_POINTS = 4_000_000
 """Of a grid after `extent_m`: 8 million triangles."""
 MOST_BYTES = 1_000_000_000
 """Of a classic NetCDF file."""
+DEEPEST_M = 20_000.0
+"""Below the sea, or above it: no place on Earth is."""
 _DEGREE = rad(1.0) * 6_356_752.0
 """The shortest degree of latitude or longitude that is not shortened by its latitude, m."""
 _HALF_TURN = deg(math.pi)
@@ -71,6 +74,10 @@ def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None)
     bad = int((~np.isfinite(grid.depth)).sum())
     if bad:
         raise BadSolid(f'{bad} of {grid.depth.size} depths in "{path.name}" are not finite: fill them')
+    far = int((np.abs(grid.depth) > DEEPEST_M).sum())
+    if far:
+        text = f"are more than {DEEPEST_M:g} m from sea level: fill them, or give the fill value and scale of the file"
+        raise BadSolid(f'{far} of {grid.depth.size} depths in "{path.name}" {text}')
     return grid
 
 
@@ -100,8 +107,10 @@ def _from_numpy(table: GridSeabed, path: Path) -> Grid:
         with opened(path) as file:
             whole = Array.of(file)
             part, axes = _in_reach(table, table.spacing_m, whole.shape)
-            if math.prod(p.stop - p.start for p in part) > MOST_POINTS:
+            points = math.prod(p.stop - p.start for p in part)
+            if points > MOST_POINTS:
                 raise _too_many(path, math.prod(whole.shape))
+            check_memory(path.name, 2 * points)
             depth = whole.read(file, *part).astype(np.float64)
     except OSError as error:
         raise BadSolid(f'cannot read "{path.name}": {error.strerror}') from error
@@ -151,9 +160,13 @@ def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | No
             steps = np.diff(axis)
             if not (np.isfinite(axis).all() and ((steps > 0.0).all() or (steps < 0.0).all())):
                 raise BadSolid(f'"{path.name}": {name} does not rise or fall all along')
+            if len(axis) and np.abs(axis).max() > 4.0 * _HALF_TURN:
+                raise BadSolid(f'"{path.name}": {name} is up to {np.abs(axis).max():g} and not in degrees')
         part = _window(axes, origin, table)
-        if np.prod([len(axis[p]) for axis, p in zip(axes, part, strict=True)]) > MOST_POINTS:
+        points = math.prod(len(axis[p]) for axis, p in zip(axes, part, strict=True))
+        if points > MOST_POINTS:
             raise _too_many(path, shape)
+        check_memory(path.name, 2 * points)
         # A global grid is never read whole.
         values = _scaled(variables[table.variable], part)
     latitude, longitude = (axis[p] for axis, p in zip(axes, part, strict=True))
@@ -198,14 +211,22 @@ def _opened(path: Path) -> Iterator[Any]:
             f"has {size / 1e6:.0f} MB: at most {MOST_BYTES / 1e6:.0f} MB, or as NetCDF 4, of which a part can be read"
         )
         raise BadSolid(f'"{path.name}" {text}')
+    modules = ("scipy.io",) if classic else ("h5netcdf", "h5py")
     try:
-        reader: Any = importlib.import_module("scipy.io" if classic else "h5netcdf")
+        reader, *below = (cast("Any", importlib.import_module(name)) for name in modules)
     except ImportError as error:
         extra = "solid" if classic else "netcdf"
         raise BadSolid(f'"{path.name}" needs the extra "{extra}": pip install "uwserver[{extra}]"') from error
     try:
-        with reader.netcdf_file(str(path), mmap=False) if classic else reader.File(path, "r") as file:
-            yield file.variables
+        if classic:
+            with reader.netcdf_file(str(path), mmap=False) as file:
+                yield file.variables
+        else:
+            with below[0].File(path, "r") as whole:
+                # What h5netcdf asks first: where this fails, one that it has begun to open would write a traceback when it is forgotten.
+                whole.attrs.get("_nc3_strict")
+                with reader.File(whole, "r") as file:
+                    yield file.variables
     except BadSolid:
         raise
     except Exception as error:  # a parser of foreign files may raise anything

@@ -11,6 +11,7 @@ from typing import Any
 
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.scenario.files.opening import read_whole
+from uwserver.scenario.solids.memory import check_memory
 
 MOST_TRIANGLES = 2_000_000
 MOST_BYTES = 500_000_000
@@ -141,3 +142,5 @@ def _lines(data: bytes, word: bytes) -> int:
 def _check_count(path: Path, what: str, count: int, most: int) -> None:
     if not 0 <= count <= most:
         raise BadSolid(f'"{path.name}" has {count} {what}: simplify it to at most {most}')
+    if what == "triangles":
+        check_memory(path.name, count)

@@ -9,6 +9,7 @@ from typing import Any
 
 from msgspec import UNSET
 
+from uwserver.physics.collision.engine import AUTO, missing_engine
 from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
@@ -26,7 +27,6 @@ from uwserver.scenario.solids.tables import Collision, Contact, FlatSeabed, Obje
 from uwserver.sensors.base import Pose
 
 Warn = Callable[[str], None]
-ENGINES = ("pybullet", "embreex", "scipy")
 
 
 class Materials:
@@ -45,12 +45,16 @@ class Materials:
         return tuple(self._numbers)
 
 
-def missing_engines() -> str | None:
-    """What to do before a world can hold something solid; None if all is there."""
-    absent = [name for name in ENGINES if find_spec(name) is None]
-    if not absent:
-        return None
-    return f'something solid needs {", ".join(absent)}: pip install "uwserver[solid]"'
+def missing_engines(engine: str = AUTO) -> str | None:
+    """What to do before a world can hold something solid; None if all is there.
+
+    Args:
+        engine: of contacts, as in `[world]`.
+    """
+    if find_spec("scipy") is None:
+        return 'something solid needs scipy: pip install "uwserver[solid]"'
+    missing = missing_engine(engine)
+    return f"something solid needs an engine for contacts: {missing}" if missing else None
 
 
 def seabed_solid(table: Seabed, folder: Path, origin: tuple[float, float] | None, materials: Materials) -> Solid:

@@ -36,10 +36,13 @@ class WorldTable(Table, kw_only=True, frozen=True):
     rate_hz: physics ticks a second; every sensor rate divides it.
     epoch_utc: RFC 3339 instant of t = 0.
     origin_lat_deg, origin_lon_deg: where N's origin lies (WGS84); needed by what is given in latitude and longitude.
+    engine: of contacts: auto (Bullet where it is installed, else coal), bullet or coal. A recording
+        names the one that auto stood for.
     """
 
     rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 240.0
     epoch_utc: str = "2026-01-01T00:00:00Z"
     origin_lat_deg: Latitude | UnsetType = UNSET
     origin_lon_deg: float | UnsetType = UNSET
+    engine: Literal["auto", "bullet", "coal"] = "auto"
     clock: Clock = Clock()

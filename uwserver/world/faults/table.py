@@ -38,7 +38,7 @@ class ThrusterTable(FaultTable, kw_only=True, frozen=True):
         members: which of them; default: all.
     """
 
-    members: Annotated[tuple[Name, ...], Meta(min_length=1)] | UnsetType = UNSET
+    members: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=64)] | UnsetType = UNSET
 
 
 class ThrusterDead(ThrusterTable, tag="thruster_dead", kw_only=True, frozen=True):

@@ -8,6 +8,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from uwserver.ports.checks import shown
 from uwserver.world.faults.hull import Hull, HullFault, left_inertia, left_volume
 from uwserver.world.faults.table import (
     BuoyancyChange,
@@ -61,12 +62,12 @@ def refusals(fault: FaultConfig, targets: Targets, others: Iterable[FaultConfig]
     elif isinstance(fault, SensorFrozen | SensorSilent):
         noun, there = "sensor", targets.sensors
     if fault.target not in there:
-        yield "target", f'no {noun} "{fault.target}", there are: {", ".join(there) or "none"}'
+        yield "target", f'no {noun} "{shown(fault.target)}", there are: {", ".join(there) or "none"}'
     elif isinstance(fault, ThrusterTable):
         members = targets.thrusters[fault.target]
         for name in () if isinstance(fault.members, UnsetType) else fault.members:
             if name not in members:
-                yield "members", f'no thruster "{name}" in "{fault.target}", there are: {", ".join(members)}'
+                yield "members", f'no thruster "{shown(name)}" in "{fault.target}", there are: {", ".join(members)}'
     elif isinstance(fault, HullFault):
         same = [other for other in others if isinstance(other, HullFault) and other.target == fault.target]
         yield from _hull_refusals(fault, targets.hulls[fault.target], [*same, fault])

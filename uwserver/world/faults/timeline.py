@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import msgspec
@@ -13,6 +13,7 @@ from uwserver.environment.water import Water
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
+from uwserver.ports.checks import shown
 from uwserver.table import settled
 from uwserver.world.components import ActuatorSlot
 from uwserver.world.faults.hull import Hull, HullFault, damaged
@@ -32,6 +33,8 @@ from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
 
 MAX_FAULTS = 256
+MAX_NAME = 64
+"""Characters of a fault's name, where a client gives it."""
 
 
 class Entry(Struct, frozen=True):
@@ -185,8 +188,9 @@ class Faults(Part):
     def _carry_out(self, changed: FaultConfig) -> None:
         """Set what `changed` touches to what all active faults together make of it."""
         if isinstance(changed, ThrusterTable):
+            touching = [(fault, self._rows(fault)) for fault in self._active() if isinstance(fault, ThrusterTable)]
             for row in self._rows(changed):
-                self._set_thruster(row)
+                self._set_thruster(row, [fault for fault, rows in touching if row in rows])
         elif isinstance(changed, HullFault):
             vehicle, water = self._vehicles[changed.target], self._water
             faults = [f for f in self._active() if isinstance(f, HullFault) and f.target == changed.target]
@@ -205,11 +209,9 @@ class Faults(Part):
         rows = self._thrusters(fault.target)
         return [rows[name] for name in (rows if isinstance(fault.members, UnsetType) else fault.members)]
 
-    def _set_thruster(self, row: int) -> None:
+    def _set_thruster(self, row: int, faults: Iterable[FaultConfig]) -> None:
         efficiency, stuck, u = 1.0, FREE, 0.0
-        for fault in self._active():
-            if row not in self._rows(fault):
-                continue
+        for fault in faults:
             if isinstance(fault, ThrusterDead):
                 efficiency = 0.0
             elif isinstance(fault, ThrusterWeak):
@@ -248,6 +250,9 @@ def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
 
     def set_fault(args: Mapping[str, Json]) -> Json:
         given = args["parameters"]
+        if len(str(args["name"])) > MAX_NAME:  # all clients hear it
+            text = f"the name of a fault has at most {MAX_NAME} characters, not {len(str(args['name']))}"
+            raise Refused("out_of_range", text, "name")
         if not isinstance(given, dict):
             raise Refused("bad_argument", "parameters must be an object of keys and values", "parameters")
         try:
@@ -263,7 +268,7 @@ def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
     def clear_fault(args: Mapping[str, Json]) -> Json:
         if not faults.clear(str(args["name"])):
             there = ", ".join(faults.entries) or "none"
-            raise Refused("bad_argument", f'no fault "{args["name"]}", there are: {there}', "name")
+            raise Refused("bad_argument", f'no fault "{shown(args["name"])}", there are: {there}', "name")
         return None
 
     def listed(_: Mapping[str, Json]) -> Json:

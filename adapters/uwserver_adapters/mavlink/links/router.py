@@ -108,6 +108,7 @@ class Router:
         if self.channels.pop(channel.number, None) is not None:
             self._routes.forget(channel.number)
             self.vehicle.missions.forget(channel)
+            self.vehicle.bridge.autopilot.forget(channel.number)
             self.count_peers()
 
     def count_peers(self) -> None:
@@ -182,7 +183,12 @@ class Router:
         elif layout.name == "SETUP_SIGNING":
             self._set_up_signing(message)
         else:
-            self.vehicle.take(message, channel, now)
+            autopilot = self.vehicle.bridge.autopilot
+            autopilot.asker = channel.number
+            try:
+                self.vehicle.take(message, channel, now)
+            finally:
+                autopilot.asker = 0
             self._drain(channel)
 
     def _is_trusted(self, frame: Frame, layout: Layout) -> bool:

@@ -49,7 +49,7 @@ class ZenohLink(Link):
         try:
             import zenoh
         except ImportError as error:
-            raise BadLink(f"link {self.address} needs zenoh: pip install 'uwserver[zenoh]'") from error
+            raise BadLink(f"link {self.address} needs zenoh: pip install uwserver") from error
         config = zenoh.Config()
         settings = {
             "mode": "peer",

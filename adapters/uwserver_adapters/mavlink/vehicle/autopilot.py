@@ -23,14 +23,16 @@ class Autopilot:
         vehicle: name of the vehicle.
 
     Attributes:
+        asker: number of the channel for which it is asked, which has a queue of its own; 0 for the adapter itself.
         replied_ns: simulation time at which the last call was carried out.
     """
 
     def __init__(self, context: AdapterContext, vehicle: str) -> None:
         self._context = context
-        self._peer = Conversation(context, SOURCE)
+        self._askers: dict[int, Conversation] = {}
         self._vehicle = vehicle
         self._root = f"{vehicle}/autopilot"
+        self.asker = 0
         self.replied_ns = 0
 
     @property
@@ -42,6 +44,18 @@ class Autopilot:
     def absence(self) -> str:
         """What to do when there is none."""
         return f"no autopilot: add [vehicles.{self._vehicle}.autopilot] to the scenario"
+
+    @property
+    def _peer(self) -> Conversation:
+        peer = self._askers.get(self.asker)
+        if peer is None:
+            # Who floods keeps itself waiting, and no other station.
+            peer = self._askers[self.asker] = Conversation(self._context, SOURCE, queue=str(self.asker))
+        return peer
+
+    def forget(self, asker: int) -> None:
+        """A channel is gone; what was asked for it is carried out."""
+        self._askers.pop(asker, None)
 
     def command(self, port: str, value: Mapping[str, object], done: Done | None = None) -> None:
         """Post a set point to one of its ports, as `depth`."""

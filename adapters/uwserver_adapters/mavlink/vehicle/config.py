@@ -37,5 +37,5 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
 
     def needs(self) -> Mapping[str, str]:
         """The dialect, and what its links speak through."""
-        needed = {"pymavlink.dialects.v20.ardupilotmega": "uwserver[mavlink]"}
-        return needed | ({"zenoh": "uwserver[zenoh]"} if any(link.startswith("zenoh:") for link in self.links) else {})
+        needed = {"pymavlink.dialects.v20.ardupilotmega": "uwserver"}
+        return needed | ({"zenoh": "uwserver"} if any(link.startswith("zenoh:") for link in self.links) else {})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 from msgspec import Struct
@@ -89,25 +89,12 @@ def item_of(message: Message) -> Item:
     return Item(seq, frame, command, (p1, p2, p3, p4), round(x), round(y), z, goes_on)
 
 
-def translate(items: Sequence[Item], home: Home) -> tuple[list[Json], list[int]]:
-    """Items for the autopilot, and for each the number of the uploaded one.
-
-    The first uploaded item is home, as ArduPilot has it, and is left out, as take-offs are.
+def translate(item: Item, home: Home) -> Json:
+    """An item for the autopilot. Not for take-offs, which are left out, nor for the first uploaded item, which is home, as ArduPilot has it.
 
     Raises:
-        BadItem: the first that cannot be taken.
+        BadItem: it cannot be taken.
     """
-    made: list[Json] = []
-    numbers: list[int] = []
-    for item in items[1:]:
-        if item.command.name == TAKEOFF:
-            continue
-        made.append(_translated(item, home))
-        numbers.append(item.seq)
-    return made, numbers
-
-
-def _translated(item: Item, home: Home) -> Json:
     p1, p2, _, p4 = item.params
     command = item.command.name
     if command in (WAYPOINT, _LOITER, _LOITER_TIME):
@@ -162,21 +149,28 @@ def _positive(item: Item, value: float, result: Result, allow_zero: bool = False
     return value
 
 
-def untranslated(items: Sequence[Json], home: Home, entry: Callable[[str], Entry]) -> list[Item]:
-    """A mission that came another way (a scenario, another adapter), for the download: home, then one item for each, in the local frame.
+def home_item(home: Home, entry: Callable[[str], Entry]) -> Item:
+    """The first item of a mission for the download.
 
     Args:
-        items: of the autopilot.
         home: where the origin and home are.
         entry: names of the dialect to entries.
     """
     at = home.home
     x, y = (0, 0) if at is None else (round(degrees_e7(at.latitude)), round(degrees_e7(at.longitude)))
-    first = Item(0, entry(GLOBAL), entry(WAYPOINT), (0.0,) * 4, x, y, 0.0 if at is None else at.altitude)
-    return [first, *(_item(seq, item, home, entry) for seq, item in enumerate(items, 1) if isinstance(item, dict))]
+    return Item(0, entry(GLOBAL), entry(WAYPOINT), (0.0,) * 4, x, y, 0.0 if at is None else at.altitude)
 
 
-def _item(seq: int, item: dict[str, Json], home: Home, entry: Callable[[str], Entry]) -> Item:
+def untranslated(seq: int, item: Mapping[str, Json], home: Home, entry: Callable[[str], Entry]) -> Item:
+    """An item of a mission that came another way (a scenario, another adapter), for the download; in the local frame without an origin.
+
+    Args:
+        seq: its number; home is 0.
+        item: of the autopilot.
+        home: where the origin and home are.
+        entry: names of the dialect to entries.
+    """
+
     def number(key: str, default: float = 0.0) -> float:
         value = item.get(key)
         return float(value) if isinstance(value, int | float) else default

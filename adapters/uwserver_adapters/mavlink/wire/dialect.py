@@ -206,7 +206,7 @@ class Dialect:
             vehicle = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
             newer = importlib.import_module("pymavlink.dialects.v20.development")
         except ImportError as error:
-            raise CannotSpeak(f"MAVLink needs pymavlink: pip install 'uwserver[mavlink]' ({error})") from error
+            raise CannotSpeak(f"MAVLink needs pymavlink: pip install uwserver ({error})") from error
         definitions = dict(vehicle.mavlink_map)
         for definition in newer.mavlink_map.values():
             if definition.msgname in _NEWER:

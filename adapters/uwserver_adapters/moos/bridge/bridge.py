@@ -214,6 +214,8 @@ class Bridge:
         if event.event == "ports_changed":
             before = frozenset(self._direct)
             self._open_ports()
+            if self._nav is not None and (missing := self._nav.follow(self._context.ports)):
+                self._context.stats.last_error = missing
             if come := [name for name in self._direct if name not in before]:
                 self._listen(come)
         elif event.event == "reset":

@@ -44,6 +44,7 @@ class Raster:
         self._next.clear()
 
 
+_ENTRIES = ("position", "attitude", "velocity", "depth", "altitude")
 TRUTH: Mapping[str, str] = {"position": "truth/pose", "attitude": "truth/pose", "velocity": "truth/velocity"}
 FLOW = "truth/flow"
 
@@ -69,12 +70,27 @@ class Navigation:
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
         self._sources: dict[str, list[tuple[str, int]]] = {}
         self._ports, self._vehicle = ports, vehicle
-        for entry in ("position", "attitude", "velocity", "depth", "altitude"):
+        for entry in _ENTRIES:
             self._find(entry, getattr(table, entry), entry)
         self._leader = next(iter(self._sources), "")
         self._is_truth = bool(table.position) and ports[self._leader].is_truth
         self._find_flow()
         self._truth = self._of_truth() if table.ground_truth else None
+
+    def follow(self, ports: Mapping[str, Port]) -> str:
+        """The ports changed: what each entry of the table needs is read where it is now, and stands still where it is not.
+
+        Returns what is missing; "" for nothing.
+        """
+        self._ports = ports
+        self._sources.clear()
+        missing = "" if self._truth is None else self._truth.follow(ports)
+        for entry in (*_ENTRIES, "flow"):
+            try:
+                self._find_flow() if entry == "flow" else self._find(entry, getattr(self._table, entry), entry)
+            except CannotServe as error:
+                missing = missing or str(error)
+        return missing
 
     def _find(self, entry: str, given: str | None, key: str) -> None:
         if given:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, serve_tcp, serving
+from uwserver.adapter import AdapterContext, Chores, Peers, Refusals, address_text, serve_tcp, serving
 from uwserver_adapters.moos.clock import DatabaseClock, warp_of
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import Database
@@ -35,6 +35,7 @@ class MoosDbAdapter:
         self.peers: Peers[Guest] = Peers(
             config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         )
+        self._chores = Chores()
         self._names: dict[str, Guest] = {}
         self._with_mail: list[Guest] = []
         self._sending: asyncio.Handle | None = None
@@ -57,6 +58,7 @@ class MoosDbAdapter:
             finally:
                 if self._sending is not None:
                     self._sending.cancel()
+                self._chores.close()
                 world.close()
 
     async def _attend(self, world: LocalClient) -> None:
@@ -85,7 +87,7 @@ class MoosDbAdapter:
     def left(self, guest: Guest) -> None:
         """A client is gone."""
         del self._names[guest.name]
-        self.database.leave(guest.name)
+        self._chores.add(self.database.leave(guest.name))
         self.context.stats.peers = len(self._names)
 
     def has_mail(self, guest: Guest) -> None:

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice, zip_longest
 
 from msgspec.structs import replace
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
-from uwserver_adapters.moos.clock import Latency
+from uwserver_adapters.moos.db.patterns import fits, work
+from uwserver_adapters.moos.db.variable import Client, Letter, Subscription, Variable
 from uwserver_adapters.moos.wire import Message
 
 NAME_LIMIT = 256
 """Longest name of a variable, characters."""
 FILTERS = 256
 """Wildcard registrations of one client."""
+FILTERS_OF_ALL = 2048
+"""Of those of all clients: each counts 1 and for each star 1, with a question mark 64 more. Each new variable is compared with all of them."""
+PIECE = 600
+"""Work after which others may have their turn, in units of a third of a microsecond: see `Database.spent`."""
+DELIVERED = 3
+"""Work of a message to a client; each 256 bytes are one unit more, as they are copied and encoded."""
+NAMES = 2048
+"""Names in one answer to VAR_SUMMARY: where there are more variables there are more answers."""
+LISTED = 256
+"""Variables that the summaries tell of, and of each client: they are made every second."""
 KEPT_BYTES = 256 << 20
 """Of all values together."""
 REFUSED = "DB_REFUSED"
@@ -22,72 +34,6 @@ REFUSED = "DB_REFUSED"
 
 _MEAN = 0.5
 """Weight of the newest interval in a variable's frequency."""
-
-
-class Letter:
-    """A message on its way to many: encoded once."""
-
-    __slots__ = ("_data", "message")
-
-    def __init__(self, message: Message) -> None:
-        self.message = message
-        self._data: bytes | None = None
-
-    @property
-    def data(self) -> bytes:
-        """The encoded message."""
-        if self._data is None:
-            self._data = wire.encode(self.message)
-        return self._data
-
-
-class Subscription:
-    """Where writes of a variable go, how often at most, and when one last did (by the steady clock)."""
-
-    __slots__ = ("deliver", "interval", "last")
-
-    def __init__(self, deliver: Callable[[Letter], None], interval: float) -> None:
-        self.deliver = deliver
-        self.interval = interval
-        self.last = -1e300
-
-
-class Variable:
-    """One variable.
-
-    Attributes:
-        letter: its last value; None before the first.
-        written: MOOS time of that by our clock.
-        last: the same by the steady clock.
-        writes: how many.
-        frequency: mean number of writes in a MOOS second.
-    """
-
-    def __init__(self) -> None:
-        self.letter: Letter | None = None
-        self.written = self.last = 0.0
-        self.writes = 0
-        self.frequency = 0.0
-        self.subscribers: dict[str, Subscription] = {}
-
-    @property
-    def kind(self) -> str:
-        """D, S or B; "" before the first write."""
-        return self.letter.message.kind if self.letter is not None else ""
-
-    def clear(self) -> None:
-        """Forget value and type."""
-        self.letter = None
-        self.writes, self.written, self.frequency = 0, 0.0, 0.0
-
-
-class _Client:
-    def __init__(self, deliver: Callable[[Letter], None]) -> None:
-        self.deliver = deliver
-        self.filters: dict[tuple[str, str], float] = {}
-        self.hears: dict[str, None] = {}
-        self.writes: dict[str, None] = {}
-        self.latency = Latency()
 
 
 class Database:
@@ -102,6 +48,7 @@ class Database:
     Attributes:
         name: under which it writes variables of its own.
         refused: writes and registrations that were not taken.
+        spent: work that was done, about, in units of a third of a microsecond: who asks for much of it looks here when it is time for others.
         log: called with each write that was taken.
     """
 
@@ -111,13 +58,14 @@ class Database:
         self.community = community
         self.name = f"MOOSDB_{community}"
         self.refused = 0
+        self.spent = 0
         self.log: Callable[[Message], None] = _ignore
         self.variables: dict[str, Variable] = {}
         self._now = now
         self._steady = now if steady is None else steady
         self._start, self._steady_start = now(), self._steady()
         self._max_variables = max_variables
-        self._clients: dict[str, _Client] = {}
+        self._clients: dict[str, Client] = {}
         self._kept = 0
         self._is_refusing = False
         self._told = Quota(FAULTS_PER_S, self._steady)
@@ -131,21 +79,33 @@ class Database:
 
     def join(self, name: str, deliver: Callable[[Letter], None]) -> None:
         """A client is there; `deliver` takes its mail."""
-        self._clients[name] = _Client(deliver)
+        self._clients[name] = Client(deliver)
         self.say("DB_EVENT", f"connected={name}")
 
-    def leave(self, name: str) -> None:
-        """It went: its registrations end."""
+    def leave(self, name: str) -> Iterator[None]:
+        """It went, and hears nothing more. What is left of it is tidied up in pieces: to be taken to the end, some time."""
         client = self._clients.pop(name)
-        for key in client.hears:
-            self.variables[key].subscribers.pop(name, None)
+        client.leave()
         self.say("DB_EVENT", f"disconnected={name}")
+        return self._tidy(name, client)
+
+    def _tidy(self, name: str, client: Client) -> Iterator[None]:
+        for key in self.paced(client.hears, DELIVERED):
+            if key is None:
+                yield
+            else:
+                self.variables[key].drop(name, client)
 
     def beat(self, name: str, sent: float) -> None:
         """A heartbeat of a client, sent at a MOOS time of its clock."""
         self._clients[name].latency.add((self._now() - sent) * 1e3)
 
     def take(self, name: str, message: Message) -> None:
+        """The same as `steps`, all at once."""
+        for _ in self.steps(name, message):
+            pass
+
+    def steps(self, name: str, message: Message) -> Iterator[None]:
         """A message of a client. What is not taken is told in DB_REFUSED; unknown types are ignored, as MOOSDB does."""
         if message.type == wire.NOTIFY:
             self.write(message)
@@ -154,12 +114,27 @@ class Database:
         elif message.type == wire.UNREGISTER:
             self._forget(name, message.key)
         elif message.type == wire.WILDCARD_REGISTER:
-            self.register_all(name, *wire.wildcard_of(message))
+            yield from self.register_all(name, *wire.wildcard_of(message))
         elif message.type == wire.WILDCARD_UNREGISTER:
             pattern, app, _ = wire.wildcard_of(message)
-            self.forget_all(name, pattern, app)
+            yield from self.forget_all(name, pattern, app)
         elif message.type == wire.SERVER_REQUEST:
-            self._answer(name, message)
+            yield from self._answer(name, message)
+
+    def paced(self, names: Iterable[str], each: int) -> Iterator[str | None]:
+        """These names, as they are now, and between them None where others may have their turn.
+
+        Args:
+            names: of variables; only they are copied: the pairs of a large dictionary would take 2 ms.
+            each: work that one of them is; what is done besides counts too.
+        """
+        start = self.spent
+        for name in list(names):
+            if self.spent - start >= PIECE:
+                yield None
+                start = self.spent
+            self.spent += each
+            yield name
 
     def _refuse(self, client: str, key: str, reason: str) -> str:
         """Tell everybody, sparingly; returns the reason."""
@@ -178,21 +153,34 @@ class Database:
         if isinstance(variable, str):
             return
         client = self._clients[name]
-        subscription = Subscription(client.deliver, interval if 0.0 < interval < float("inf") else 0.0)
+        subscription = Subscription(client, interval if 0.0 < interval < float("inf") else 0.0)
         variable.subscribers[name] = subscription
         client.hears[key] = None
+        self.spent += DELIVERED
         if variable.letter is not None:
             subscription.last = self._steady()
-            client.deliver(variable.letter)
+            self.deliver(client, variable.letter)
 
-    def register_all(self, name: str, pattern: str, app: str, interval: float) -> None:
-        """A client hears all variables that match, also those that come later."""
+    def deliver(self, client: Client, letter: Letter) -> None:
+        """A message to one client."""
+        self.spent += DELIVERED + (len(letter.message.data) >> 8)
+        client.deliver(letter)
+
+    def register_all(self, name: str, pattern: str, app: str, interval: float) -> Iterator[None]:
+        """A client hears all variables that match, also those that come later. In pieces: there may be many."""
         if reason := self.objection(name, pattern, app):
             self._refuse(name, pattern, reason)
             return
-        self._clients[name].filters[pattern, app] = interval
-        for key, variable in list(self.variables.items()):
-            if variable.letter is not None and _fits(key, variable.letter.message.src, pattern, app):
+        client = self._clients[name]
+        client.filters[pattern, app] = interval
+        for key in self.paced(self.variables, work(pattern, app)):
+            if key is None:
+                yield
+                if self._clients.get(name) is not client:
+                    return
+                continue
+            letter = self.variables[key].letter
+            if letter is not None and fits(key, letter.message.src, pattern, app):
                 self.register(name, key, interval)
 
     def objection(self, name: str, pattern: str, app: str) -> str:
@@ -200,8 +188,15 @@ class Database:
         filters = self._clients[name].filters
         if max(len(pattern), len(app)) > NAME_LIMIT:
             return f"a pattern has at most {NAME_LIMIT} characters"
-        if len(filters) >= FILTERS and (pattern, app) not in filters:
+        if (pattern, app) in filters:
+            return ""
+        if len(filters) >= FILTERS:
             return f"{FILTERS} wildcard registrations are the most a client has"
+        there = sum(work(*each) for client in self._clients.values() for each in client.filters)
+        if there + work(pattern, app) > FILTERS_OF_ALL:
+            return (
+                "the wildcard registrations of all clients have too many stars and question marks: name the variables"
+            )
         return ""
 
     def _forget(self, name: str, key: str) -> None:
@@ -210,13 +205,18 @@ class Database:
             variable.subscribers.pop(name, None)
             self._clients[name].hears.pop(key, None)
 
-    def forget_all(self, name: str, pattern: str, app: str) -> None:
-        """A client hears these no more."""
+    def forget_all(self, name: str, pattern: str, app: str) -> Iterator[None]:
+        """A client hears these no more; in pieces."""
         client = self._clients[name]
         client.filters.pop((pattern, app), None)
-        for key in list(client.hears):
+        for key in self.paced(client.hears, DELIVERED + work(pattern, app)):
+            if key is None:
+                yield
+                if self._clients.get(name) is not client:
+                    return
+                continue
             letter = self.variables[key].letter
-            if _fits(key, letter.message.src if letter is not None else "", pattern, app):
+            if fits(key, letter.message.src if letter is not None else "", pattern, app):
                 self._forget(name, key)
 
     # -- writes ---------------------------------------------------------------------------------------------------------------------
@@ -258,19 +258,21 @@ class Database:
         writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
         if writer is not None:
             writer.writes[message.key] = None
+        self.spent += DELIVERED
         for subscription in variable.subscribers.values():
             if not subscription.interval:
-                subscription.deliver(letter)
+                self.deliver(subscription.client, letter)
             elif now - subscription.last >= subscription.interval:
                 subscription.last = now
-                subscription.deliver(letter)
+                self.deliver(subscription.client, letter)
         return ""
 
     def _find_subscribers(self, key: str, source: str, variable: Variable) -> None:
         for name, client in self._clients.items():
             for (pattern, app), interval in client.filters.items():
-                if name not in variable.subscribers and _fits(key, source, pattern, app):
-                    variable.subscribers[name] = Subscription(client.deliver, interval)
+                self.spent += work(pattern, app)
+                if not variable.hears(name, client) and fits(key, source, pattern, app):
+                    variable.subscribers[name] = Subscription(client, interval)
                     client.hears[key] = None
 
     def _variable(self, client: str, key: str) -> Variable | str:
@@ -297,7 +299,7 @@ class Database:
 
     def _summary(self) -> str:
         lines = []
-        for key, variable in self.variables.items():
+        for key, variable in islice(self.variables.items(), LISTED):
             letter = variable.letter
             source = letter.message.src if letter is not None else "(write pending)"
             value = "" if letter is None else str(replace(letter.message, data=letter.message.data[:64]).value)
@@ -308,35 +310,53 @@ class Database:
         return "".join(lines)
 
     def _traffic(self) -> str:
-        return ",".join(f"{name}={':'.join(c.hears)}&{':'.join(c.writes)}" for name, c in self._clients.items())
+        clients = self._clients.items()
+        return ",".join(f"{name}={':'.join(_first(c.hears))}&{':'.join(_first(c.writes))}" for name, c in clients)
 
     def _quality(self) -> str:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
 
-    def _answer(self, name: str, request: Message) -> None:
-        replies: Iterable[Message]
+    def _answer(self, name: str, request: Message) -> Iterator[None]:
+        """What a client asks of the database itself, in pieces."""
+        client = self._clients[name]
         if request.key == "ALL":
-            replies = [self._listed(key, variable) for key, variable in self.variables.items()]
+            replies = self._all()
         elif "PROC_SUMMARY" in request.key:
-            replies = [
-                self._reply("PROC_SUMMARY", f"{who}:{_list('SUBSCRIBED=', c.hears)},{_list('PUBLISHED=', c.writes)}")
-                for who, c in self._clients.items()
-            ]
+            replies = self._clients_summary()
         elif "VAR_SUMMARY" in request.key:
-            replies = [self._reply("VAR_SUMMARY", ",".join(self.variables))]
+            replies = (self._reply("VAR_SUMMARY", ",".join(part)) for part in _parts(self.variables, NAMES))
         elif "DB_CLEAR" in request.key:
-            for variable in self.variables.values():
-                variable.clear()
-            for client in self._clients.values():
-                client.writes.clear()
-            self._kept = 0
-            replies = []
+            replies = self._cleared()
         else:
             self._refuse(name, request.key, "no request: ask for ALL, VAR_SUMMARY, PROC_SUMMARY or DB_CLEAR")
             return
-        deliver = self._clients[name].deliver
+        start = self.spent
         for reply in replies:
-            deliver(Letter(reply))
+            if reply is not None:
+                self.deliver(client, Letter(reply))
+            if reply is None or self.spent - start >= PIECE:
+                yield
+                start = self.spent
+
+    def _all(self) -> Iterator[Message | None]:
+        for key in self.paced(self.variables, DELIVERED):
+            yield None if key is None else self._listed(key, self.variables[key])
+
+    def _clients_summary(self) -> Iterator[Message]:
+        for who, client in list(self._clients.items()):
+            hears, writes = _parts(client.hears, LISTED), _parts(client.writes, LISTED)
+            for heard, written in zip_longest(hears, writes, fillvalue=()):
+                text = f"{who}:{_list('SUBSCRIBED=', heard)},{_list('PUBLISHED=', written)}"
+                yield self._reply("PROC_SUMMARY", text)
+
+    def _cleared(self) -> Iterator[None]:
+        for client in self._clients.values():
+            client.writes.clear()
+        for key in self.paced(self.variables, DELIVERED):
+            if key is None:
+                yield
+            else:
+                self._kept -= self.variables[key].clear()
 
     def _listed(self, key: str, variable: Variable) -> Message:
         if variable.letter is None:
@@ -355,31 +375,15 @@ def _ignore(message: Message) -> None:
     """No log."""
 
 
+def _first(names: Iterable[str]) -> Iterable[str]:
+    return islice(names, LISTED)
+
+
+def _parts(names: Iterable[str], most: int) -> Iterator[list[str]]:
+    """These names, as they are now, in parts of at most so many; one part without any where there are none."""
+    there = list(names)
+    return (there[at : at + most] for at in range(0, max(1, len(there)), most))
+
+
 def _list(title: str, names: Iterable[str]) -> str:
     return title + "".join(f",{name}" for name in names)
-
-
-def _fits(key: str, source: str, pattern: str, app: str) -> bool:
-    return glob(pattern, key) and glob(app, source)
-
-
-def glob(pattern: str, text: str) -> bool:
-    """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Time grows with the product of the lengths, no faster."""
-    start, stars, rest = pattern.partition("*")
-    if not rest and "?" not in start:  # nearly all there are
-        return text.startswith(start) if stars else text == start
-    at = 0
-    star = resume = -1
-    where = 0
-    while where < len(text):
-        if at < len(pattern) and pattern[at] == "*":
-            star, resume = at, where
-            at += 1
-        elif at < len(pattern) and pattern[at] in ("?", text[where]):
-            at, where = at + 1, where + 1
-        elif star >= 0:
-            resume += 1
-            at, where = star + 1, resume
-        else:
-            return False
-    return all(rest == "*" for rest in pattern[at:])

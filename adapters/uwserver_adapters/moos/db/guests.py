@@ -12,31 +12,42 @@ from uwserver.ports import Fault
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import MoosDbConfig
-from uwserver_adapters.moos.db.database import Database, Letter
+from uwserver_adapters.moos.db.database import PIECE, Database
+from uwserver_adapters.moos.db.variable import Letter
 from uwserver_adapters.moos.wire import Malformed, Message, Packet
 
 log = logging.getLogger(__name__)
 
 NAME_S = 5.0
 """Wall time in which a client must have said its name."""
-TOGETHER = 1000
-"""Messages in one packet at most: C++ clients throw away mail above 2048 that are unread."""
-AT_ONCE = 256
-"""Notifications of a packet that take effect together: about 0.5 ms. Behind so many of them others may have their turn."""
+TOGETHER, TOGETHER_BYTES = 1000, 1 << 18
+"""Messages in one packet at most, as C++ clients throw away mail above 2048 that are unread; and bytes, unless one message has more: joining
+many would hold the interpreter."""
+AT_ONCE, SPENT = 256, 3 * PIECE
+"""Notifications of a packet that take effect together, and their work (`Database.spent`) where many hear them: about 0.5 ms. Behind so many of
+them others may have their turn."""
 HELD = 2048
 """Mail that waits for a synchronous client to ask; the oldest is dropped above, and above `queue_bytes`."""
 CLIENT_NAME_LIMIT = 128
 
 
 class Batch:
-    """Mail of one client, and its packets: many clients hear the same."""
+    """Mail of one client, and its packets, each with how many messages it has: many clients hear the same."""
 
     def __init__(self, letters: list[Letter]) -> None:
         self.letters = letters
-        self.packets = [
-            wire.packet([letter.data for letter in letters[at : at + TOGETHER]])
-            for at in range(0, len(letters), TOGETHER)
-        ]
+        self.packets: list[tuple[bytes, int]] = []
+        together: list[bytes] = []
+        size = 0
+        for letter in letters:
+            data = letter.data
+            if together and (len(together) == TOGETHER or size + len(data) > TOGETHER_BYTES):
+                self.packets.append((wire.packet(together), len(together)))
+                together, size = [], 0
+            together.append(data)
+            size += len(data)
+        if together:
+            self.packets.append((wire.packet(together), len(together)))
 
 
 class Host(Protocol):
@@ -155,10 +166,15 @@ class Guest(Connection):
             if self._is_asynchronous:
                 echo = Message(wire.TIMING, first.key, host.clock.now(), src=first.src, time=first.time, number2=0.0)
                 self._send(wire.packet([wire.encode(echo)]), 1)
+        start = host.database.spent
         for number, message in enumerate(messages, 1):
-            host.database.take(self.name, message)
-            if message.type != wire.NOTIFY or number % AT_ONCE == 0:
+            known = len(host.database.variables)
+            yield from host.database.steps(self.name, message)
+            is_new = len(host.database.variables) != known  # which is compared with all that clients look for
+            is_much = host.database.spent - start >= SPENT
+            if message.type != wire.NOTIFY or is_new or is_much or number % AT_ONCE == 0:
                 yield
+                start = host.database.spent
         if not self._is_asynchronous:
             self._answer()
 
@@ -192,8 +208,8 @@ class Guest(Connection):
         mail, self._mail = self._mail, []
         self._is_due = False
         batch = last if mail == last.letters else Batch(mail)
-        for at, packet in zip(range(0, len(mail), TOGETHER), batch.packets, strict=True):
-            self._send(packet, min(TOGETHER, len(mail) - at))
+        for packet, messages in batch.packets:
+            self._send(packet, messages)
         return batch
 
     def _answer(self) -> None:

@@ -11,7 +11,8 @@ from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
 from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import BridgeTable
-from uwserver_adapters.moos.db.database import Database, Letter
+from uwserver_adapters.moos.db.database import Database
+from uwserver_adapters.moos.db.variable import Letter
 from uwserver_adapters.moos.wire import Message
 
 OWN_NAME = "uwserver"

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
 
 import msgspec
 
 from uwserver.adapter import (
+    HIGH_WATER,
     AdapterContext,
+    Chores,
     Connection,
     Peers,
     Refusals,
@@ -19,13 +22,16 @@ from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
 from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import MoosTextConfig
-from uwserver_adapters.moos.db.database import Database, Letter
+from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
+from uwserver_adapters.moos.db.variable import Letter
 from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, error_line
 from uwserver_adapters.moos.text.serial_line import SerialLine
 from uwserver_adapters.moos.text.session import TextSession
 
 TELL_S = 1.0
+UNREAD_S = 0.01
+"""Wall time before a listing goes on whose user had not read what was sent."""
 
 
 class TextConnection(Connection):
@@ -40,6 +46,7 @@ class TextConnection(Connection):
         self._adapter = adapter
         self._decoder = LineDecoder(adapter.config.line_bytes)
         self._session: TextSession | None = None
+        self._steps: Iterator[None] | None = None
         self._lines: list[str] = []
         self._flushing: asyncio.Handle | None = None
 
@@ -63,14 +70,29 @@ class TextConnection(Connection):
         self._decoder.receive(data)
 
     def step(self) -> bool:
-        """Carry out the next line."""
-        event = self._decoder.next_event()
-        if event is None or self._session is None:
+        """Carry out the next line, or the next piece of one; none as long as the user does not read what came of it."""
+        if self._is_full:
             return False
-        if not isinstance(event, Malformed) and not self.admit():
-            return False
-        self._session.take(event)
+        if self._steps is None:
+            event = self._decoder.next_event()
+            if event is None or self._session is None:
+                return False
+            if not isinstance(event, Malformed) and not self.admit():
+                return False
+            self._steps = self._session.take(event)
+        for _ in self._steps:
+            return True
+        self._steps = None
         return True
+
+    @property
+    def _is_full(self) -> bool:
+        """Whether so much waits for a user whose line is being carried out that the rest has to wait too."""
+        return self._steps is not None and self.waiting > min(HIGH_WATER, self._adapter.config.queue_bytes // 2)
+
+    def quiet_until(self) -> float:
+        """When the rest of a line is tried again."""
+        return self.loop.time() + UNREAD_S if self._is_full else 0.0
 
     @property
     def is_owed(self) -> bool:
@@ -123,6 +145,7 @@ class MoosTextAdapter:
         self.peers: Peers[TextConnection] = Peers(
             config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         )
+        self._chores = Chores()
         self._sessions: dict[str, TextSession] = {}
         self._last_number = 0
 
@@ -151,6 +174,7 @@ class MoosTextAdapter:
             finally:
                 if line is not None:
                     line.close()
+                self._chores.close()
                 world.close()
 
     def _tell_error(self, letter: Letter) -> None:
@@ -176,5 +200,5 @@ class MoosTextAdapter:
     def left(self, session: TextSession) -> None:
         """A user went."""
         del self._sessions[session.name]
-        self.database.leave(session.name)
+        self._chores.add(self.database.leave(session.name))
         self.context.stats.peers = len(self._sessions)

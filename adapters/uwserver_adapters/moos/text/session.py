@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import msgspec
@@ -15,9 +15,13 @@ from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.codec import finite
 from uwserver_adapters.moos.config import MoosTextConfig
-from uwserver_adapters.moos.db.database import Database, Letter, glob
+from uwserver_adapters.moos.db.database import DELIVERED, NAME_LIMIT, PIECE, Database
+from uwserver_adapters.moos.db.patterns import glob, is_pattern, work
+from uwserver_adapters.moos.db.variable import Letter
 from uwserver_adapters.moos.text.lines import Malformed, Verb, Write, error_line, pair_line, reply_line
 
+SPENT = 3 * PIECE
+"""Work of one line's writes that take effect together, about 0.5 ms."""
 HELP = """\
 DESIRED_THRUST=40 DESIRED_RUDDER=-5   write variables; quote texts: USM_RESET="x=0,y=0"
 SUBSCRIBE NAV_* 5                     hear variables, each at most 5 times a second
@@ -60,11 +64,13 @@ class TextSession:
         self._database = host.database
         self._send = send
         self._end = end
-        self._verbs: dict[str, Callable[[Verb], None]] = {
+        self._long: dict[str, Callable[[Verb], Iterator[None]]] = {
             "SUBSCRIBE": self._subscribe,
             "UNSUBSCRIBE": self._unsubscribe,
             "LIST": self._list,
             "GET": self._get,
+        }
+        self._verbs: dict[str, Callable[[Verb], None]] = {
             "CALL": self._call,
             "HELP": self._help,
             "QUIT": self._quit,
@@ -88,14 +94,20 @@ class TextSession:
     def deliver(self, letter: Letter) -> None:
         """A variable that it hears."""
         self._host.context.stats.samples_sent += 1
-        self._send(pair_line(letter.message.key, letter.message.value))
+        self._tell_of(letter)
 
-    def take(self, event: Write | Verb | Malformed) -> None:
-        """Carry out one line."""
+    def _tell_of(self, letter: Letter) -> None:
+        letter.line = letter.line or pair_line(letter.message.key, letter.message.value)
+        self._send(letter.line)
+
+    def take(self, event: Write | Verb | Malformed) -> Iterator[None]:
+        """Carry out one line, in pieces: between them others may have their turn, but not this user's next line."""
         if isinstance(event, Malformed):
             self.refuse(event.code, event.text, event.tag)
         elif isinstance(event, Write):
-            self._write(event)
+            yield from self._write(event)
+        elif event.verb in self._long:
+            yield from self._long[event.verb](event)
         else:
             self._verbs[event.verb](event)
 
@@ -104,10 +116,14 @@ class TextSession:
         self._host.context.stats.errors += 1
         self._send(error_line(tag, code, text))
 
-    def _write(self, event: Write) -> None:
+    def _write(self, event: Write) -> Iterator[None]:
         now = self._host.clock.now()
         is_good = True
+        start = self._database.spent
         for name, value in event.pairs:
+            if self._database.spent - start >= SPENT:  # new variables that many look for, or values that many hear
+                yield
+                start = self._database.spent
             reason = self._database.write(wire.notify(name, value, now, self.name))
             if reason:
                 is_good = False
@@ -115,7 +131,7 @@ class TextSession:
         if event.tag and is_good:
             self._send(reply_line(event.tag))
 
-    def _subscribe(self, event: Verb) -> None:
+    def _subscribe(self, event: Verb) -> Iterator[None]:
         words = event.rest.split()
         if len(words) not in (1, 2):
             self.refuse("invalid_request", "write SUBSCRIBE pattern [times a second]", event.tag)
@@ -136,35 +152,46 @@ class TextSession:
             return
         self._heard.add(words[0])
         self._send(reply_line(event.tag, f"SUBSCRIBE {words[0]}"))
-        self._database.register_all(self.name, words[0], "*", interval)
+        yield from self._database.register_all(self.name, words[0], "*", interval)
 
-    def _unsubscribe(self, event: Verb) -> None:
+    def _unsubscribe(self, event: Verb) -> Iterator[None]:
         if len(event.rest.split()) != 1:
             self.refuse("invalid_request", "write UNSUBSCRIBE pattern", event.tag)
             return
         self._heard.discard(event.rest)
-        self._database.forget_all(self.name, event.rest, "*")
+        yield from self._database.forget_all(self.name, event.rest, "*")
         self._send(reply_line(event.tag, f"UNSUBSCRIBE {event.rest}"))
 
-    def _list(self, event: Verb) -> None:
-        self._tell(event, event.rest or "*")
+    def _list(self, event: Verb) -> Iterator[None]:
+        yield from self._tell(event, event.rest or "*")
 
-    def _get(self, event: Verb) -> None:
-        if not event.rest:
+    def _get(self, event: Verb) -> Iterator[None]:
+        if event.rest:
+            yield from self._tell(event, event.rest)
+        else:
             self.refuse("invalid_request", "write GET name, or GET pattern", event.tag)
-        elif not self._tell(event, event.rest):
-            self.refuse("bad_argument", f'nobody has written "{event.rest[:80]}"; LIST shows what there is', event.tag)
 
-    def _tell(self, event: Verb, pattern: str) -> int:
-        """Values of all that match, then how many; GET says nothing when there is none."""
-        letters = [
-            v.letter for key, v in self._database.variables.items() if v.letter is not None and glob(pattern, key)
-        ]
-        for letter in letters:
-            self._send(pair_line(letter.message.key, letter.message.value))
-        if letters or event.verb == "LIST":
-            self._send(reply_line(event.tag, str(len(letters))))
-        return len(letters)
+    def _tell(self, event: Verb, pattern: str) -> Iterator[None]:
+        """Values of all that match, then how many."""
+        if len(pattern) > NAME_LIMIT:
+            self.refuse("bad_argument", f"a pattern has at most {NAME_LIMIT} characters", event.tag)
+            return
+        database = self._database
+        names = database.variables if is_pattern(pattern) else {pattern} & database.variables.keys()
+        count = 0
+        for key in database.paced(names, DELIVERED + work(pattern)):
+            if key is None:
+                yield
+                continue
+            letter = database.variables[key].letter
+            if letter is not None and glob(pattern, key):
+                count += 1
+                database.spent += len(letter.message.data) >> 8
+                self._tell_of(letter)
+        if count or event.verb == "LIST":
+            self._send(reply_line(event.tag, str(count)))
+        else:
+            self.refuse("bad_argument", f'nobody has written "{pattern[:80]}"; LIST shows what there is', event.tag)
 
     def _call(self, event: Verb) -> None:
         if not self._rate.take(self._steady()):

@@ -82,6 +82,7 @@ class Rig:
         self.peer = peer
         self.now = 100.0
         self.t_ns = 0
+        self.conflicts: list[str] = []
         self.stats = AdapterStats()
         self.stats.details.update(dict.fromkeys((*COUNTS, "frame_rate_hz"), 0))
         readings = Readings(PORTS, "rov")
@@ -104,6 +105,7 @@ class Rig:
             3.0,
             lambda: self.now,
             self.stats,
+            self.conflicts.append,
         )
 
     def tick(self, **values: tuple) -> None:
@@ -306,6 +308,7 @@ def test_a_stray_frame_with_number_0_takes_nothing_over(caplog: pytest.LogCaptur
         assert "two autopilots send here" in r.stats.last_error
         assert "port of its own" in r.stats.last_error
         assert [line.count("second autopilot") for line in caplog.messages] == [1]  # not ten times
+        assert r.conflicts == [r.stats.last_error]
 
 
 def test_a_pause_of_the_world_is_no_silence_of_its_autopilot() -> None:

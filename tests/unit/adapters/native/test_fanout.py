@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import Mock
 
+import msgspec
 import pytest
 from uwserver_adapters.native import fanout
+from uwserver_adapters.native.codec import JsonCodec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.fanout import Share, Subscription
 
 from uwserver.ports import Event, Field, Port, Sample
-from uwserver.testing import sample_of
+from uwserver.testing import FakeContext, sample_of
 from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
 
 
@@ -236,5 +240,73 @@ def test_a_client_that_leaves_leaves_no_route(stage: Callable[..., Any]) -> None
         assert theatre.adapter.service.fanout._ports == {}
         assert theatre.adapter.service.fanout.sessions == {}
         assert theatre.context.stats.peers == 0
+
+    asyncio.run(scene())
+
+
+def _far_and_wide() -> tuple[fanout.Fanout, Any]:
+    """A client with 200 subscriptions to everything, in a world with 300 sensors."""
+    ports = {f"v{n}/depth": msgspec.structs.replace(DEPTH, path=f"v{n}/depth") for n in range(300)}
+    routes = fanout.Fanout(FakeContext(ports=ports))
+    client: Any = Mock(codec=JsonCodec(), subscriptions={})
+    routes.admit(client)
+    for serial in range(200):
+        client.subscriptions[serial] = Subscription(serial, "**", None, None, "ring")
+        routes.add(client, client.subscriptions[serial])
+    return routes, client
+
+
+def test_a_client_with_many_subscriptions_leaves_quickly() -> None:
+    """Two seconds of the loop went by with 256 of them to 600 ports: each was looked for among all."""
+    routes, client = _far_and_wide()
+    start = time.thread_time()
+    routes.dismiss(client)
+    assert time.thread_time() - start < 0.08
+    assert routes._ports == {}
+
+
+def test_what_all_subscriptions_of_a_client_cover_is_bounded(
+    stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each sample is compared with all of them: 256 that cover 600 ports took 35 ms for the samples of one tick."""
+    monkeypatch.setattr(fanout, "COVERED", 7)
+
+    async def scene() -> None:
+        theatre = stage()
+        talker, other = theatre.talker(), theatre.talker()
+        most = theatre.adapter.service.fanout.most_covered()
+        assert most == max(7, 2 * len(theatre.context.ports))
+        for _ in range(most // 2):
+            await talker.result("subscribe", {"pattern": "rov/*"})
+        for pattern in ("rov/*", "rov/imu") if most % 2 == 0 else ("rov/*",):
+            code, text = await talker.fault("subscribe", {"pattern": pattern})
+            assert code == "overload"
+            assert f"cover {most} ports at most" in text
+        await other.result("subscribe", {"pattern": "rov/*"})
+        await talker.result("unsubscribe", {"pattern": "rov/*"})
+        await talker.result("subscribe", {"pattern": "rov/*"})
+
+    asyncio.run(scene())
+
+
+def test_a_world_with_many_ports_may_be_heard_twice() -> None:
+    ports = {f"v{n}/depth": msgspec.structs.replace(DEPTH, path=f"v{n}/depth") for n in range(fanout.COVERED)}
+    assert fanout.Fanout(FakeContext(ports=ports)).most_covered() == 2 * fanout.COVERED
+
+
+def test_who_subscribes_does_not_wait_for_forms(stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """They took 2 ms with 600 ports; each is made with the first sample, and once."""
+    made: list[str] = []
+    form = fanout.SampleForm
+    monkeypatch.setattr(fanout, "SampleForm", lambda port, fields: (made.append(port.path), form(port, fields))[1])
+
+    async def scene() -> None:
+        theatre = stage()
+        talker = theatre.talker()
+        await talker.result("subscribe", {"pattern": "**"})
+        assert made == []
+        for _ in range(2):
+            theatre.context.emit("rov/imu")
+        assert made == ["rov/imu"]
 
     asyncio.run(scene())

@@ -12,10 +12,10 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from uwserver_adapters.native.codec import NEED_DATA
+from uwserver_adapters.native.codec import NEED_DATA, Control
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.requests import Malformed, Request
-from uwserver_adapters.native.websocket import Handshake, allows
+from uwserver_adapters.native.websocket import FRAMES, Handshake, allows
 
 from uwserver.adapter import connection
 from uwserver.testing.codecs import read_all
@@ -49,6 +49,37 @@ def frames(data: bytes) -> Iterator[tuple[int, bytes]]:
             size, start = int.from_bytes(data[2:4], "big"), 4
         yield data[0] & 15, data[start : start + size]
         data = data[start + size :]
+
+
+def opened() -> Any:
+    handshake = Handshake((), ())
+    assert handshake.receive(REQUEST + b"rest") == b"rest"
+    assert handshake.codec is not None
+    return handshake.codec
+
+
+@pytest.mark.parametrize("small", [masked(10, b""), masked(0, b"", fin=False), masked(0, b"x", fin=False)])
+def test_frames_that_are_no_message_do_not_keep_others_waiting(small: bytes) -> None:
+    """An adapter looks at the time between two events only, so there is one after some frames, whatever they are."""
+    codec, many = opened(), 1000
+    codec.receive(masked(1, b'{"id":1,"method":"ping"', fin=False) + small * many)
+    steps = 0
+    while codec.next_event() is not NEED_DATA:
+        steps += 1
+    assert steps == (many + 1) // FRAMES
+
+
+@pytest.mark.parametrize("size", [1, 125, 126, 65535, 65536, 500_000])
+def test_a_frame_of_any_size_is_taken_whole_and_nothing_of_the_next(size: int) -> None:
+    body = b'{"id":1,"method":"%s"}' % (b"x" * size)
+    head = bytes((129, 255)) + len(body).to_bytes(8, "big")
+    codec = opened()
+    codec.receive(head + bytes(4) + body + masked(9, b"hi") + masked(1, b'{"id":2,"method":"ping"}')[:5])
+    assert codec.next_event() == Request(1, "x" * size)
+    assert codec.next_event() == Control(b"\x8a\x02hi", False)
+    assert codec.next_event() is NEED_DATA
+    codec.receive(masked(1, b'{"id":2,"method":"ping"}')[5:])
+    assert codec.next_event() == Request(2, "ping")
 
 
 @pytest.mark.parametrize("size", [1, 7, 10_000])
@@ -220,13 +251,6 @@ def test_fuzz() -> None:
         first = [e for e in read_all(whole, [bytes(data)], NEED_DATA) if isinstance(e, Request | Malformed)]
         second = read_all(pieces, [bytes(data[:cut]), bytes(data[cut:])], NEED_DATA)
         assert repr(first) == repr([e for e in second if isinstance(e, Request | Malformed)]), bytes(data)
-
-
-def opened() -> Any:
-    handshake = Handshake((), ())
-    assert handshake.receive(REQUEST + b"rest") == b"rest"
-    assert handshake.codec is not None
-    return handshake.codec
 
 
 def test_patterns_of_origins() -> None:

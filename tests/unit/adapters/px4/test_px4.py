@@ -229,14 +229,17 @@ def test_an_autopilot_that_restarts_connects_again() -> None:
             r.tick()
             assert "HIL_SENSOR" in px4.names()
         assert r.stats.details["connections"] == 2
+        assert r.conflicts == []
 
 
 def test_who_speaks_last_drives() -> None:
     with rig() as r, connected(r) as first:
         assert r.order() is not None
         with connected(r) as second:
+            assert r.conflicts == []
             while r.stats.details["connections"] < 2:
                 r.order()
+            assert [text.partition(":")[0] for text in r.conflicts] == ["two autopilots connect here"]
             first.read()
             r.tick()
             assert "HIL_SENSOR" in second.names()

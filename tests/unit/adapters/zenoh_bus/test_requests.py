@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable, Coroutine
+from itertools import pairwise
 from typing import Any
 
 import msgspec
 import pytest
 from uwserver_adapters.zenoh_bus.codec import PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
+from uwserver_adapters.zenoh_bus.requests import AT_ONCE, Put, Question, Requests
 
-from uwserver.adapter import UNANSWERED
+from uwserver.adapter import UNANSWERED, chores
 from uwserver.ports import Fault, Reply
 from uwserver.testing import FakeContext
+from uwserver.testing.fake_context import DEPTH
 
 U = b'{"u":[0,0,0,0,0,0,0,0.5]}'
 
@@ -220,9 +222,44 @@ def test_answers_of_services_and_ports():
         command = desk.ask("rov/thrusters", U)
         await asyncio.sleep(0)
         assert command.replies == [("uw/s/rov/thrusters", {"tick": 0, "t_ns": 0, "conflict": False})]
-        assert [key for key, _ in desk.ask("rov/*").replies] == ["uw/s/rov/imu", "uw/s/rov/depth"]
+        wild = desk.ask("rov/*")
+        while not wild.ends:
+            await asyncio.sleep(0)
+        assert [key for key, _ in wild.replies] == ["uw/s/rov/imu", "uw/s/rov/depth"]
         assert [key for key, _ in desk.ask("rov/depth").replies] == ["uw/s/rov/depth"]
         assert desk.ask("@describe", pattern="rov/imu").replies[0][1]["ports"][0]["path"] == "rov/imu"
+
+    within_loop(test)
+
+
+def test_last_values_of_many_ports_are_answered_in_pieces(monkeypatch):
+    """Those of 600 ports took 3 ms of the loop in one piece."""
+    monkeypatch.setattr(chores, "TURN_S", 0.0)
+    monkeypatch.setattr(chores, "REST_S", 0.0)
+
+    async def test(desk: Desk) -> None:
+        ports = {f"v{n}/depth": msgspec.structs.replace(DEPTH, path=f"v{n}/depth") for n in range(200)}
+        context = desk.context = FakeContext(ports=ports)
+        codecs: Any = {"json": desk.codec}
+        desk.requests = Requests(context, desk.keys, codecs, "json", 1.0, lambda *_: None, lambda: None)
+        answers = desk.ask("**")
+        seen = [len(answers.replies)]
+        while not answers.ends:
+            await asyncio.sleep(0)
+            seen.append(len(answers.replies))
+        assert len(answers.replies) == 200
+        assert max(after - before for before, after in pairwise(seen)) <= AT_ONCE
+        assert answers.ends == 1
+
+    within_loop(test)
+
+
+def test_questions_that_wait_at_the_end_are_left():
+    async def test(desk: Desk) -> None:
+        answers = desk.ask("**")
+        desk.requests.close()
+        await asyncio.sleep(0.01)
+        assert answers.replies == []
 
     within_loop(test)
 

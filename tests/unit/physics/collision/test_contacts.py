@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.bullet import Solids
 from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Contacts
+from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid, Sphere
 
 

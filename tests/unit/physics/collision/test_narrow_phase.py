@@ -1,4 +1,4 @@
-"""Contacts of pairs that need no engine, or whose engine's answer is written out here; the engine itself is tested in test_bullet."""
+"""Contacts of pairs whose lines are written out here; the lines themselves are tested in test_directions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from uwserver.frames import Quat, quat_from_rpy
 from uwserver.physics.collision.manifold import Work, new_work
-from uwserver.physics.collision.narrow_phase import ENGINE_MARGIN, convex_pair, half_space_pair, mesh_pair
+from uwserver.physics.collision.narrow_phase import convex_pair, half_space_pair, mesh_pair
 from uwserver.physics.geometry.rows import part, shapes_of
 from uwserver.physics.geometry.shapes import Box, Capsule, Cylinder, HalfSpace, Placed, Shape, Sphere, TriangleMesh
 from uwserver.physics.geometry.slots import Shapes
@@ -40,7 +40,7 @@ def on_plane(shape: Shape, p: Any, q: Quat = LEVEL) -> FloatArray:
 
 
 def found(*lines: tuple[Any, Any, float]) -> FloatArray:
-    """What an engine says: normal from b to a, point on b, distance."""
+    """Lines: direction from b to a, point on b, gap."""
     return np.array([[*n, *p, d] for n, p, d in lines], float).reshape(-1, 7)
 
 
@@ -90,7 +90,7 @@ def convex(shapes: Shapes, lines: FloatArray) -> FloatArray:
 
 
 def test_a_box_on_a_larger_box_has_its_corners() -> None:
-    """The engine knows one point, and a normal to its own rounding."""
+    """The line knows one point; 1e-5 off a face is on it."""
     shapes = pair(Box((0.3, 0.2, 0.1)), (0.1, 0.0, -1.099), LEVEL, Box((1.0, 1.0, 1.0)))
     contacts = convex(shapes, found(((1e-5, 0.0, -1.0), (0.1, 0.0, -1.0), -0.001)))
     assert len(contacts) == 4
@@ -116,10 +116,10 @@ def test_the_same_pair_the_other_way_round_has_the_same_points() -> None:
     np.testing.assert_allclose(theirs[:, 6], -0.001, rtol=0.0, atol=1e-12)
 
 
-def test_balls_have_the_engine_s_direction_and_their_own_gap() -> None:
+def test_balls_have_the_direction_of_the_line_and_their_own_gap() -> None:
     n = np.array([0.6, 0.0, 0.8])
     shapes = pair(Sphere(0.2), 0.47 * n, LEVEL, Sphere(0.3))
-    contacts = convex(shapes, found((n, 0.3 * n, -0.031)))  # the engine is 1 mm wrong
+    contacts = convex(shapes, found((n, 0.3 * n, -0.031)))  # 1 mm wrong
     np.testing.assert_allclose(contacts, [[*(0.285 * n), *n, -0.03]], rtol=0.0, atol=1e-12)
 
 
@@ -135,12 +135,12 @@ def test_crossed_cylinders_touch_in_a_point() -> None:
     np.testing.assert_allclose(contacts, [[0.2, 0.0, -0.1, *UP, 0.0]], rtol=0.0, atol=1e-12)
 
 
-def test_an_engine_that_found_nothing_gives_nothing() -> None:
+def test_no_line_gives_no_contact() -> None:
     shapes = pair(Sphere(0.2), (0.0, 0.0, -1.0), LEVEL, Sphere(0.3))
     assert len(convex(shapes, found())) == 0
 
 
-def test_what_the_engine_calls_near_is_judged_by_its_own_gap() -> None:
+def test_what_a_line_calls_near_is_judged_by_its_own_gap() -> None:
     shapes = pair(Sphere(0.2), (0.0, 0.0, -1.0), LEVEL, Sphere(0.3))
     assert len(convex(shapes, found((UP, (0.0, 0.0, -0.3), 0.0)))) == 0
 
@@ -169,17 +169,17 @@ def test_a_ball_on_a_triangle() -> None:
 
 def test_a_box_on_a_flat_seam_has_its_corners_once_each() -> None:
     """Its face lies over four triangles; a corner of it is over one, crossings are on their borders."""
-    at = (0.0, 0.0, -0.1 - ENGINE_MARGIN)
-    lines = found(*((UP, (x, y, -ENGINE_MARGIN), 0.0) for x, y in ((0.3, 0.1), (-0.3, 0.1), (0.1, 0.3), (0.1, -0.3))))
+    at = (0.0, 0.0, -0.1 - 1e-3)
+    lines = found(*((UP, (x, y, 0.0), 1e-3) for x, y in ((0.3, 0.1), (-0.3, 0.1), (0.1, 0.3), (0.1, -0.3))))
     contacts = on_mesh(Box((0.4, 0.4, 0.1)), at, lines, floor())
     np.testing.assert_array_equal(contacts[:, 3:6], [UP] * len(contacts))
-    np.testing.assert_allclose(contacts[:, 6], ENGINE_MARGIN, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(contacts[:, 6], 1e-3, rtol=0.0, atol=1e-12)
     corners = {(round(x, 6), round(y, 6)) for x, y in contacts[:, :2]}
     assert {(-0.4, -0.4), (-0.4, 0.4), (0.4, -0.4), (0.4, 0.4)} <= corners
 
 
 def test_no_contact_on_the_edge_of_a_smooth_surface() -> None:
-    """The engine offers a slanted normal at a flat seam, where a sliding body would catch."""
+    """A line offers a slanted normal at a flat seam, where a sliding body would catch."""
     slanted = np.array([0.3, 0.0, -1.0]) / math.hypot(0.3, 1.0)
     lines = found((slanted, (1.0, 1.0, 0.0), 0.01))
     assert len(on_mesh(Sphere(0.2), (1.07, 1.0, -0.2), lines, floor())) == 0
@@ -207,6 +207,6 @@ def test_deep_inside_where_no_feature_explains_it_the_deepest_point_is_left() ->
     lines = found((slanted, (1.0, 1.0, 0.0), -0.05), (slanted, (1.0, 1.1, 0.0), -0.02))
     (contact,) = on_mesh(Sphere(0.2), np.array([1.0, 1.0, 0.0]) + 0.15 * slanted, lines, floor())
     np.testing.assert_array_equal(contact[3:6], slanted)
-    assert contact[6] == pytest.approx(-0.05 + ENGINE_MARGIN)
-    shallow = found((slanted, (1.0, 1.0, 0.0), -0.002))
+    assert contact[6] == pytest.approx(-0.05)
+    shallow = found((slanted, (1.0, 1.0, 0.0), -0.0019))
     assert len(on_mesh(Sphere(0.2), np.array([1.0, 1.0, 0.0]) + 0.198 * slanted, shallow, floor())) == 0

@@ -15,7 +15,6 @@ from uwserver.physics.dynamics.params import (
     ForceTable,
     ThrusterParams,
     body_row,
-    concatenate,
     damping_rates,
     lag_row,
     rigid_body_inertia,
@@ -24,7 +23,7 @@ from uwserver.physics.dynamics.params import (
     thruster_row,
     wrench_rows,
 )
-from uwserver.physics.kernel.layout import LAG, SHAPE_BOX, SHAPE_SPHERE, TABLE, TABLE_SIZE, TABLE_VOLTAGES
+from uwserver.physics.kernel.layout import LAG, SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE, TABLE_VOLTAGES
 
 ZERO = np.zeros((6, 6))
 I_C = np.array([[0.4, 0.02, -0.01], [0.02, 0.5, 0.03], [-0.01, 0.03, 0.6]])
@@ -186,8 +185,6 @@ def test_a_lag_row_is_the_transition_of_the_tick() -> None:
     assert row.dtype == LAG
 
 
-def test_wrenches_begin_at_zero_and_rows_are_joined() -> None:
+def test_wrenches_begin_at_zero() -> None:
     rows = wrench_rows(3)
     assert rows.tobytes() == bytes(rows.nbytes)
-    assert len(concatenate([rows, rows[:1]], rows.dtype)) == 4
-    assert concatenate([], TABLE).dtype == TABLE

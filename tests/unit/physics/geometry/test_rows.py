@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.geometry.rows import Polyhedron, part, polyhedron, shapes_of
+from uwserver.physics.geometry.rows import Polyhedron, Stock, part, polyhedron, shapes_of
 from uwserver.physics.geometry.shapes import (
     HULL_POINTS,
     BadSolid,
@@ -175,3 +175,59 @@ def test_rows_are_of_the_forms_that_kernels_read() -> None:
         for name, form in SHAPES.items():
             array = getattr(shapes, name)
             assert (array.dtype, array.shape[1:]) == (form.base, form.shape), name
+
+
+# -- a stock --------------------------------------------------------------------------------------------------------------------------
+
+
+def test_equal_shapes_share_their_corners_and_triangles() -> None:
+    stock, box, mesh = Stock(), Placed(Box((0.5, 0.3, 0.2))), Placed(grid())
+    first = stock.shapes([stock.part(box), stock.part(mesh)])
+    again = stock.shapes([stock.part(box) for _ in range(50)] + [stock.part(mesh)])
+    for name in set(SHAPES) - {"slots", "P", "R"}:
+        assert len(getattr(again, name)) == len(getattr(first, name))
+    for name in ("vertex_first", "vertex_count", "face_first", "face_count", "cell_first"):
+        assert set(again.slots[name][:50]) == {first.slots[name][0]}
+        assert again.slots[name][50] == first.slots[name][1]
+
+
+def test_what_a_slot_refers_to_is_the_same_whoever_else_was_ever_there() -> None:
+    hull, box, mesh = Placed(SOLIDS["hull"]), Placed(Box((0.5, 0.3, 0.2))), Placed(grid())
+    stock = Stock()
+    stock.shapes([stock.part(box), stock.part(mesh), stock.part(hull)])
+    shapes, alone = stock.shapes([stock.part(hull), stock.part(mesh)]), shapes_of([part(hull), part(mesh)])
+    for k, slot, own in zip(range(2), shapes.slots, alone.slots, strict=True):
+        points = slice(slot["vertex_first"], slot["vertex_first"] + slot["vertex_count"])
+        lone = slice(own["vertex_first"], own["vertex_first"] + own["vertex_count"])
+        np.testing.assert_array_equal(shapes.vertices[points], alone.vertices[lone])
+        faces = [
+            [
+                shapes.face_vertices[shapes.face_start[f] : shapes.face_start[f + 1]] - slot["vertex_first"]
+                for f in where
+            ]
+            if k == 0
+            else shapes.triangles[where] - slot["vertex_first"]
+            for shapes, slot, where in (
+                (shapes, slot, range(slot["face_first"], slot["face_first"] + slot["face_count"])),
+                (alone, own, range(own["face_first"], own["face_first"] + own["face_count"])),
+            )
+        ]
+        for one, other in zip(*faces, strict=True):
+            np.testing.assert_array_equal(one, other)
+    slot, own = shapes.slots[1], alone.slots[1]
+    count = int(np.prod(slot["cells"]))
+    for c in range(count):
+        listed = [
+            found.cell_triangles[found.cell_start[first + c] : found.cell_start[first + c + 1]] - where
+            for found, first, where in (
+                (shapes, slot["cell_first"], slot["face_first"]),
+                (alone, own["cell_first"], own["face_first"]),
+            )
+        ]
+        np.testing.assert_array_equal(*listed)
+
+
+def test_a_part_is_nobody_elses() -> None:
+    stock, box = Stock(), Placed(Box((0.5, 0.3, 0.2)))
+    stock.part(box).slot["row"] = 7
+    assert stock.part(box).slot["row"] == 0

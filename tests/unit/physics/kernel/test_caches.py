@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import uwserver
-from uwserver.physics.kernel import store
+from uwserver.physics.kernel import compiled, store
+from uwserver.physics.kernel.compiled import LEVELS
 
 CALL = """
 import numba, numpy
@@ -81,17 +82,78 @@ def test_a_folder_that_others_can_write_is_neither_read_nor_written(tree: Path, 
     assert kept.stat().st_mtime_ns == before
 
 
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="levels of x86-64")
-@pytest.mark.parametrize(("level", "hits"), [("x86-64", "1"), ("x86-64-v9", "0")])
-def test_kernels_of_the_package_serve_where_the_cpu_can_run_them(
-    level: str, hits: str, tree: Path, call: Call, tmp_path: Path
-) -> None:
+def package(tree: Path, call: Call, tmp_path: Path) -> Callable[[str], Path]:
+    """Compiles the kernel, and gives a function that puts it into the tree's package for a level, as wheels have it."""
     call(tree)
     path = kernel_of(tmp_path)
     body = store.read(path.parent, path.name)
     assert body is not None
-    finished = tree / "uwserver/physics/kernel/finished" / f"{path.parent.name.split('-')[1]}-{level}"
-    finished.mkdir(parents=True)
-    store.write(finished, path.name, body)
     shutil.rmtree(tmp_path / "cache")
+
+    def put(level: str) -> Path:
+        finished = tree / "uwserver/physics/kernel/finished" / f"{path.parent.name.split('-')[1]}-{level}"
+        finished.mkdir(parents=True)
+        store.write(finished, path.name, body)
+        return finished / path.name
+
+    return put
+
+
+of_x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="levels of x86-64")
+
+
+@of_x86_64
+@pytest.mark.parametrize(("level", "hits"), [("x86-64", "1"), ("x86-64-v9", "0")])
+def test_kernels_of_the_package_serve_where_the_cpu_can_run_them(
+    level: str, hits: str, tree: Path, call: Call, tmp_path: Path
+) -> None:
+    package(tree, call, tmp_path)(level)
     assert call(tree)[1] == hits
+
+
+@of_x86_64
+def test_kernels_of_a_package_that_are_damaged_are_compiled(tree: Path, call: Call, tmp_path: Path) -> None:
+    path = package(tree, call, tmp_path)("x86-64")
+    code = bytearray(path.read_bytes())
+    begin = code.index(b"\x7fELF") + 64  # behind the header of the machine code
+    code[begin : begin + 256] = bytes(256)
+    path.write_bytes(code)
+    assert call(tree) == ["6.0", "0", "1", "True"]
+
+
+@of_x86_64
+def test_kernels_that_another_numba_made_are_not_looked_at(tree: Path, call: Call, tmp_path: Path) -> None:
+    """As after an upgrade of numba beside a wheel that pins another: its version is in the folder's name."""
+    path = package(tree, call, tmp_path)("x86-64")
+    sources, _, level = path.parent.name.partition("-")
+    path.parent.rename(path.parent.with_name(f"{sources[::-1]}-{level}"))
+    assert call(tree) == ["6.0", "0", "1", "True"]
+
+
+@of_x86_64
+@pytest.mark.parametrize(
+    ("features", "levels"),
+    [
+        (",".join(f"+{feature}" for feature in (*LEVELS["x86-64-v3"], "avx512f")), ["x86-64-v3", "x86-64"]),
+        (",".join(f"+{feature}" for feature in LEVELS["x86-64-v3"] if feature != "avx2") + ",-avx2", ["x86-64"]),
+        ("", ["x86-64"]),
+    ],
+)
+def test_the_best_level_comes_first_whose_every_feature_the_cpu_has(
+    features: str, levels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for level in LEVELS:
+        (tmp_path / f"0123-{level}").mkdir()
+    monkeypatch.setattr(compiled, "FINISHED", tmp_path)
+    monkeypatch.setattr(compiled, "get_host_cpu_features", lambda: features)
+    monkeypatch.setattr(compiled.numba.config, "CPU_FEATURES", None)
+    assert [folder.name for folder in compiled._packaged("0123")] == [f"0123-{level}" for level in levels]
+    assert compiled._packaged("4567") == ()
+
+
+@of_x86_64
+def test_who_chooses_a_cpu_by_hand_gets_kernels_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "0123-x86-64").mkdir()
+    monkeypatch.setattr(compiled, "FINISHED", tmp_path)
+    monkeypatch.setattr(compiled.numba.config, "CPU_NAME", "znver3")
+    assert compiled._packaged("0123") == ()

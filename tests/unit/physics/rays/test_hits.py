@@ -1,4 +1,4 @@
-"""Exact hits of rays against formulas and brute force over triangles; the engine itself is tested in test_embree."""
+"""Exact hits of rays against formulas and brute force over triangles; the pickers are tested in test_casting."""
 
 from __future__ import annotations
 

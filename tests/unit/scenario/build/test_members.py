@@ -11,7 +11,8 @@ import pytest
 from msgspec.structs import replace
 
 from uwserver.frames import quat_from_rpy
-from uwserver.scenario.build.members import mount_of, physics_rate, stream_of
+from uwserver.physics.warm import solid_kernels
+from uwserver.scenario.build.members import build_scene, mount_of, physics_rate, stream_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.vehicle.tables import Mount
@@ -203,3 +204,16 @@ def test_objects_have_truth_and_no_other_ports(built: Built) -> None:
     assert paths
     assert all(path.startswith("crate/truth/") for path in paths)
     assert world.vehicles["crate"].p_NB == (9.0, 0.0, 5.0)
+
+
+@pytest.mark.parametrize(("there", "lines"), [(True, 0), (False, 1)])
+def test_a_world_of_solids_says_once_that_its_rays_are_slow(
+    built: Built, there: bool, lines: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    pytest.importorskip("embreex")
+    solid_kernels()  # before, as the tree need not be compiled here
+    monkeypatch.setattr("uwserver.physics.rays.casting.has_embree", lambda: there)
+    caplog.set_level("INFO")
+    world = built()
+    build_scene(world, load("slope", adapters={}))
+    assert sum("slower tree" in record.message for record in caplog.records) == lines

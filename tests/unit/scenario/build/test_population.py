@@ -163,7 +163,7 @@ def test_rows_of_who_left_are_used_again(monkeypatch: pytest.MonkeyPatch) -> Non
             world.call("world/remove", name=name)
         # What the scenario begins with keeps its rows for a reset.
         assert set(world.members) == {"rov", "crate"}
-        world.step(n)
+        world.step(n + 1)
 
 
 @pytest.mark.parametrize("like", ["rov", "crate"])
@@ -272,3 +272,93 @@ def test_who_comes_into_an_empty_world_is_told_of() -> None:
     world.advance()
     world.call("world/spawn", name="guest", like="rov", p_NB=[5.0, 0.0, 4.0])
     assert [event.event for event in world.advance().events] == ["ports_changed"]
+
+
+def test_who_was_made_once_is_only_loaded_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often a reset takes him out and a restore brings him back."""
+    world, made = world_of(), list[str]()
+    build_member = population.vehicle_member
+    monkeypatch.setattr(population, "vehicle_member", lambda *args: made.append(args[3]) or build_member(*args))
+    for n in range(3):
+        world.call("world/spawn", name=f"guest{n}", like="spare", p_NB=[5.0, 4.0 * n, 4.0])
+    world.step(5)
+    world.call("world/snapshot", name="four")
+    expected = world.call("world/state_hash")
+    assert made == ["guest0", "guest1", "guest2"]
+    for _ in range(3):
+        world.call("world/reset")
+        assert set(world.members) == {"rov", "crate"}
+        world.step(3)
+        world.call("world/restore", name="four")
+        assert world.call("world/state_hash") == expected
+    assert made == ["guest0", "guest1", "guest2"]
+
+
+def test_a_restore_makes_those_whose_rows_others_had() -> None:
+    """Thrusters have their rows behind those of all bodies before."""
+    world, fresh = world_of(), world_of()
+    for each, kinds in ((fresh, ("spare", "crate", "rov")), (world, ("crate", "rov", "spare"))):
+        for n, like in enumerate(kinds):
+            each.call("world/spawn", name=f"guest{n}", like=like, p_NB=[5.0, 4.0 * n, 4.0])
+    fresh.step(5)
+    saved = snapshot.to_bytes(fresh, snapshot.take(fresh))
+    world.step(7)
+    world.call("world/snapshot", name="own")
+    own = world.call("world/state_hash")
+    snapshot.from_bytes(world, saved)
+    for each in (fresh, world):
+        each.command("guest0/thrusters", u=[0.5] * 6)
+        each.command("guest2/thrusters", u=[-0.5] * 8)
+        each.step(20)
+    assert world.call("world/state_hash") == fresh.call("world/state_hash")
+    world.call("world/restore", name="own")
+    assert world.call("world/state_hash") == own
+    world.command("guest1/thrusters", u=[0.5] * 8)
+    world.step(20)
+    assert np.linalg.norm(state_of(world, "guest1")[7:10]) > 0.01
+
+
+def test_a_fault_of_one_who_left_does_not_come_back_with_him() -> None:
+    world = world_of()
+    world.call("world/spawn", name="guest", like="spare", p_NB=[5.0, 0.0, 4.0])
+    world.call("world/snapshot", name="sound")
+    world.call("world/set_fault", name="mute", kind="sensor_silent", target="guest/imu")
+    world.call("guest/depth/deactivate")
+    world.step(3)
+    world.call("world/reset")
+    world.call("world/restore", name="sound")
+    told = {sample.port for sample in world.step(240)}
+    assert {"guest/imu", "guest/depth"} <= told
+
+
+def test_one_who_comes_under_the_name_of_one_who_left_begins_as_new() -> None:
+    """Though he is in the same row: a spawn is no restore."""
+    used, fresh = world_of(), world_of()
+    used.call("world/spawn", name="guest", like="spare", p_NB=[5.0, 0.0, 4.0])
+    used.command("guest/thrusters", u=[1.0] * 6)
+    used.step(50)
+    used.call("world/reset")
+    for world in (used, fresh):
+        world.call("world/spawn", name="guest", like="spare", p_NB=[5.0, 0.0, 4.0])
+        world.step(30)
+    assert used.call("world/state_hash") == fresh.call("world/state_hash")
+
+
+def test_a_restore_that_fails_takes_everything_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the fault is the server's own."""
+    world = world_of()
+    world.call("world/spawn", name="guest", like="spare", p_NB=[5.0, 0.0, 4.0])
+    saved = snapshot.to_bytes(world, snapshot.take(world))
+    world.call("world/reset")
+    before = world.call("world/state_hash")
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("broken")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(type(world.sensors["rov/imu"]), "check", fail)
+        with pytest.raises(RuntimeError, match="broken"):
+            snapshot.from_bytes(world, saved)
+    assert set(world.members) == {"rov", "crate"}
+    assert world.call("world/state_hash") == before
+    world.step(10)

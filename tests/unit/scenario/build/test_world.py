@@ -106,6 +106,16 @@ def test_a_seabed_is_there_for_bodies_and_rays(built: Built) -> None:
 ORIGIN = "[world]\norigin_lat_deg = 63.43\norigin_lon_deg = 10.40\n"
 
 
+def test_no_tick_makes_the_arrays_of_what_is_solid(built: Built, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are there when the world is."""
+    world = built("[seabed]\nkind = 'flat'\ndepth_m = 40.0\n")
+    assert world.scene is not None
+    made: list[object] = []
+    monkeypatch.setattr(type(world.scene._solids), "_rebuild", made.append)
+    world.step(3)
+    assert not made
+
+
 def test_without_an_origin_the_clock_still_knows_the_time(built: Built) -> None:
     earth = built("[world]\nepoch_utc = '1970-01-01T00:00:01Z'\n").earth
     assert earth.epoch_ns == 10**9

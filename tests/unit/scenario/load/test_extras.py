@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
+import msgspec
 import pytest
 from click.testing import CliRunner
 from uwserver_adapters.ardupilot.dvl import DvlTable
 
 from uwserver.cli import main
 from uwserver.scenario.load import extras
-from uwserver.scenario.load.extras import install_command
+from uwserver.scenario.load.extras import install_command, missing_extras
 from uwserver.scenario.load.scenario import load
+
+MAVLINK = "pymavlink.dialects.v20.ardupilotmega"
 
 
 @pytest.fixture
@@ -27,6 +30,7 @@ def without(monkeypatch):
             return find_spec(name)
 
         monkeypatch.setattr(extras, "find_spec", find)
+        monkeypatch.setattr("uwserver.physics.collision.engine.find_spec", find)
         monkeypatch.setattr("uwserver.scenario.solids.shapes.find_spec", find)
 
     return hide
@@ -35,8 +39,8 @@ def without(monkeypatch):
 @pytest.mark.parametrize(
     ("scenario", "hidden", "command"),
     [
-        ("bluerov2_qgc", "pymavlink", 'pip install "uwserver[mavlink]"'),
-        ("bluerov2_px4", "pymavlink", 'pip install "uwserver[mavlink]"'),
+        ("bluerov2_qgc", "pymavlink", "pip install uwserver"),
+        ("bluerov2_px4", "pymavlink", "pip install uwserver"),
     ],
 )
 def test_the_extras_of_adapters_are_named(without, adapters, scenario, hidden, command):
@@ -55,21 +59,22 @@ def test_one_command_installs_all(without, adapters, tmp_path):
     )
     without("pymavlink", "zenoh", "uvloop")
     missing = load(path, adapters=adapters).missing
-    assert missing.endswith('pip install "uwserver[mavlink,uvloop,zenoh]"')
+    assert missing.endswith('pip install "uwserver[uvloop]"')
     path.write_text(path.read_text() + "required = false\n")
     assert load(path, adapters=adapters).missing.endswith('pip install "uwserver[uvloop]"')
 
 
 def test_faults_of_missing_engines_come_with_the_command_for_everything(without):
-    without("pybullet", "pymavlink")
+    without("pybullet", "coal", "pymavlink")
     done = CliRunner().invoke(main, ["check", "bluerov2_qgc", "pool_inspection"])
     assert done.exit_code == 1
     assert (
-        'not installed: pybullet, pymavlink; all that this scenario needs: pip install "uwserver[mavlink,solid]"'
+        'not installed: pymavlink, pybullet or coal; all that this scenario needs: pip install "uwserver[solid]"'
         in done.output
     )
     assert (
-        'warning: not installed: pybullet; all that this scenario needs: pip install "uwserver[solid]"' in done.output
+        'warning: not installed: pybullet or coal; all that this scenario needs: pip install "uwserver[solid]"'
+        in done.output
     )
 
 
@@ -79,22 +84,39 @@ def test_check_fails_and_run_ends_before_it_compiles(without, monkeypatch):
     for command in ("check", "run"):
         done = CliRunner().invoke(main, [command, "bluerov2_qgc"])
         assert done.exit_code == 1
-        assert 'pip install "uwserver[mavlink]"' in done.output
+        assert "pip install uwserver\n" in done.output
         assert "ok: " not in done.output
 
 
 def test_requirements_of_others_stand_beside_ours():
-    command = install_command(["uwserver[zenoh]", "theirs>=2", "uwserver[mavlink]", "uwserver[zenoh]"])
-    assert command == 'pip install "uwserver[mavlink,zenoh]" "theirs>=2"'
+    command = install_command(["uwserver[uvloop]", "theirs>=2", "uwserver[plot]", "uwserver", "uwserver[uvloop]"])
+    assert command == 'pip install "uwserver[plot,uvloop]" "theirs>=2"'
+    assert install_command(["uwserver", "theirs>=2"]) == 'pip install uwserver "theirs>=2"'
 
 
 def test_adapters_name_what_they_need_as_they_are_set(adapters):
-    mavlink, zenoh = "uwserver[mavlink]", "uwserver[zenoh]"
-    assert list(adapters["zenoh"]().needs().values()) == [zenoh]
-    assert list(adapters["px4_hil"]().needs().values()) == [mavlink]
-    assert list(adapters["mavlink"]().needs().values()) == [mavlink]
-    assert list(adapters["mavlink"](links=("zenoh:tcp/127.0.0.1:7117",)).needs().values()) == [mavlink, zenoh]
+    assert list(adapters["zenoh"]().needs().items()) == [("zenoh", "uwserver")]
+    assert list(adapters["px4_hil"]().needs()) == ["pymavlink.dialects.v20.common"]
+    assert list(adapters["mavlink"]().needs()) == [MAVLINK]
+    assert list(adapters["mavlink"](links=("zenoh:tcp/127.0.0.1:7117",)).needs()) == [MAVLINK, "zenoh"]
     assert not adapters["ardupilot_json"]().needs()
-    assert list(adapters["ardupilot_json"](dvl=DvlTable()).needs().values()) == [mavlink]
+    assert list(adapters["ardupilot_json"](dvl=DvlTable()).needs()) == [MAVLINK]
     assert not adapters["sockets"]().needs()
     assert not adapters["moos"]().needs()
+
+
+@pytest.mark.parametrize(
+    ("engine", "missing"),
+    [
+        ("auto", ""),
+        ("bullet", "not installed: pybullet; all that this scenario needs: pip install pybullet"),
+        ("coal", ""),
+    ],
+)
+def test_one_engine_is_enough_unless_another_is_named(engine, missing, adapters, monkeypatch):
+    monkeypatch.setattr(
+        "uwserver.physics.collision.engine.find_spec", lambda name: None if name == "pybullet" else name
+    )
+    scenario = load("pool_inspection", adapters=adapters).scenario
+    chosen = msgspec.structs.replace(scenario, world=msgspec.structs.replace(scenario.world, engine=engine))
+    assert missing_extras(chosen, is_solid=True) == missing

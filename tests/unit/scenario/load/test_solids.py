@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 from uwserver.environment.geodesy import north_east
-from uwserver.physics.collision.bullet import Solids
+from uwserver.physics.collision import engine
+from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
@@ -213,6 +214,13 @@ def test_bad_netcdf(problems, tmp_path, classic, change, text):
         write_netcdf(tmp_path / "g.nc", classic, **(keys | change))
     world = "[world]\norigin_lat_deg = 63.1\norigin_lon_deg = 10.1\n"
     assert text in problems(f'{world}[seabed]\nkind = "grid"\nfile = "g.nc"\n')
+
+
+def test_an_engine_that_is_not_installed_and_one_that_is_none(problems, monkeypatch):
+    assert "engine" in problems('[world]\nengine = "odd"\n')
+    monkeypatch.setattr(engine, "find_spec", lambda name: None if name == "coal" else name)
+    told = problems('[world]\nengine = "coal"\n[seabed]\nkind = "flat"\ndepth_m = 5.0\n')
+    assert 'the engine "coal" needs coal: pip install coal, or choose engine = "bullet", which is installed' in told
 
 
 def test_half_an_origin(problems):

@@ -179,6 +179,21 @@ def test_fill_values_and_scales_of_the_file_hold(netcdf) -> None:
         netcdf(LAT[:2], LON[:2], packed, HERE, {"_FillValue": np.int16(-120)})
 
 
+@pytest.mark.parametrize(
+    ("depth", "text"), [(1e300, "1 of 12 depths"), (-25_000.0, "more than 20000 m from sea level")]
+)
+def test_a_fill_value_that_nobody_named_is_no_depth(depth: float, text: str, netcdf) -> None:
+    filled = DEPTH.copy()
+    filled[1, 1] = depth
+    with pytest.raises(BadSolid, match=text):
+        netcdf(LAT, LON, -filled, HERE)
+
+
+def test_metres_are_no_degrees(netcdf) -> None:
+    with pytest.raises(BadSolid, match="lon is up to 510000 and not in degrees"):
+        netcdf(LAT, np.array([480_000.0, 490_000.0, 500_000.0, 510_000.0]), -DEPTH, HERE)
+
+
 def test_a_cut_across_the_date_line(netcdf) -> None:
     lon = np.linspace(-180.0, 180.0, 361)
     values = np.full((3, 361), -7.0)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from uwserver.physics.collision import engine
 from uwserver.physics.geometry.shapes import (
     BadSolid,
     Box,
@@ -140,6 +141,11 @@ def test_what_would_crash_an_engine_is_refused(keys: dict[str, Any], materials: 
 
 def test_what_is_missing_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     assert missing_engines() is None
-    gone = {"pybullet", "scipy"}
+    gone = {"scipy"}
     monkeypatch.setattr(shapes, "find_spec", lambda name: None if name in gone else name)
-    assert missing_engines() == 'something solid needs pybullet, scipy: pip install "uwserver[solid]"'
+    assert missing_engines() == 'something solid needs scipy: pip install "uwserver[solid]"'
+    gone.clear()
+    monkeypatch.setattr(engine, "find_spec", lambda name: None if name == "coal" else name)
+    assert missing_engines() is None
+    text = 'the engine "coal" needs coal: pip install coal, or choose engine = "bullet", which is installed'
+    assert missing_engines("coal") == f"something solid needs an engine for contacts: {text}"

@@ -100,7 +100,7 @@ def test_a_copy_inside_the_seabed_is_told(told):
 
 
 def test_without_the_engines_one_vehicle_runs_and_two_are_told_what_to_install(loaded, told, monkeypatch):
-    monkeypatch.setattr(solid_files, "missing_engines", lambda: "install them")
+    monkeypatch.setattr(solid_files, "missing_engines", lambda _: "install them")
     world = build(loaded("", HULL))
     assert world.scene is None
     world.step(10)

@@ -19,6 +19,7 @@ from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig
 from uwserver.world import snapshot
+from uwserver.world.faults import Faults
 from uwserver.world.faults.table import (
     BuoyancyChange,
     MassLoss,
@@ -284,6 +285,8 @@ def test_the_hash_sees_a_fault_that_waits():
         ({"kind": "thruster_dead", "target": "rov/thrusters", "parameters": {"oops": 0}}, "oops"),
         ({"kind": "thruster_dead", "target": "rov/thrusters", "parameters": [1]}, "must be an object"),
         ({"kind": "thruster_dead", "target": "rov/thrusters", "parameters": {"members": {1, 2}}}, "parameters|Expected|no thr|`str`"),
+        ({"kind": "thruster_dead", "target": "rov/thrusters", "parameters": {"members": ["t1"] * 65}}, "length <= 64"),
+        ({"kind": "thruster_dead", "target": "s" * 9000}, 'no actuator of thrusters "s{80}[.]{3}",'),
         ({"kind": "buoyancy_change", "target": "rov"}, "exactly one of"),
         ({"kind": "buoyancy_change", "target": "rov", "parameters": {"force_N": -1000}}, "takes away more than the"),
         ({"kind": "buoyancy_change", "target": "rov", "parameters": {"volume_m3": 5}}, "more than 10 times"),
@@ -325,6 +328,23 @@ def test_there_is_an_end_to_faults():
     with pytest.raises(Refused, match="256"):
         world.call("world/set_fault", name="one more", kind="sensor_silent", target="rov/imu")
     world.call("world/set_fault", name="7", kind="sensor_silent", target="rov/imu")
+    with pytest.raises(Refused, match="at most 64 characters, not 65"):  # all clients hear it
+        world.call("world/set_fault", name="x" * 65, kind="sensor_silent", target="rov/imu")
+
+
+def test_the_work_of_a_fault_grows_with_their_number_and_no_faster(monkeypatch):
+    """Any client may set 256; with thrusters times faults, each further one took longer than a tick may be kept waiting."""
+    world = make()
+    for k in range(256):
+        world.call(
+            "world/set_fault", name=str(k), kind="thruster_weak", target="rov/thrusters", parameters={"factor": 0.99}
+        )
+    looks = []
+    rows = Faults._rows
+    monkeypatch.setattr(Faults, "_rows", lambda faults, fault: looks.append(fault) or rows(faults, fault))
+    world.call("world/clear_fault", name="0")
+    assert len(looks) <= 2 * 256
+    assert world.hydro.thrusters["efficiency"].min() == pytest.approx(0.99**255)
 
 
 BAD = """

@@ -6,7 +6,9 @@ import asyncio
 import math
 
 import pytest
+from uwserver_adapters.mavlink.vehicle.modes import BY_NAME
 
+from uwserver.adapter import UNANSWERED
 from uwserver.ports import Refused, Reply
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
@@ -306,3 +308,21 @@ def test_outputs_beyond_the_eighth_motor_are_no_motors(make_bench):
     station = bench.station()
     bench.vehicle.parameters.set("SERVO11_FUNCTION", 41.0)
     assert show(bench, station) == [1500] * 8 + [1100, 1500] + [0] * 6
+
+
+async def test_a_station_that_floods_keeps_others_from_nothing(bench):
+    """What waits for the world is counted and queued for each channel, and for the vehicle's own fail-safes."""
+    flood, other = bench.station(), bench.station()
+    bench.rov.held.add("rov/autopilot/set_mode")
+    for _ in range(UNANSWERED + 10):
+        bench.now += 0.001
+        flood.send("SET_MODE", 1, 1, 2)
+    assert len(bench.rov.calls) == UNANSWERED
+    other.send("SET_MODE", 1, 1, 2)
+    bench.vehicle.bridge.set_mode(BY_NAME["ALT_HOLD"], lambda reason: None)
+    assert len(bench.rov.calls) == UNANSWERED + 2
+    assert set(bench.rov.queues) == {str(flood.channel.number), str(other.channel.number), "0"}
+    assert len({call.source for call in bench.rov.calls}) == 1
+    bench.router.close(flood.channel)
+    for call in bench.rov.calls:
+        call.finish(Reply(1, 1))

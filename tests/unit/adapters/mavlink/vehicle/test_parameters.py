@@ -6,7 +6,19 @@ import io
 import math
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.files import BURST, LIST, NAK, OPEN, READ, SIZE, TERMINATE, Files, Request, parse
+from uwserver_adapters.mavlink.vehicle.files import (
+    BURST,
+    CRC,
+    LIST,
+    NAK,
+    OPEN,
+    READ,
+    SIZE,
+    TERMINATE,
+    Files,
+    Request,
+    parse,
+)
 from uwserver_adapters.mavlink.vehicle.parameters import Parameters
 
 mavftp = pytest.importorskip("pymavlink.mavftp")
@@ -121,6 +133,25 @@ def test_the_table_of_the_scenario():
     assert Parameters({"JS_GAIN_DEFAULT": 0.8}).value("JS_GAIN_DEFAULT") == pytest.approx(0.8)
     with pytest.raises(ValueError, match="NO_SUCH"):
         Parameters({"NO_SUCH": 1.0})
+
+
+def test_the_packed_file_is_made_once_until_a_parameter_changes(monkeypatch):
+    """It takes 0.8 ms, and sixty of a peer's requests for it, or for its checksum, are answered in one go."""
+    made = []
+    pack = Parameters._pack
+    monkeypatch.setattr(Parameters, "_pack", lambda self, defaults: (made.append(defaults), pack(self, defaults))[1])
+    parameters = Parameters({})
+    served = Files({"p": lambda options: parameters.packed(bool(options))})
+    for number in range(60):
+        for opcode in (OPEN, CRC):
+            (answer,) = served.answer((255, 190), Request(number, 0, opcode, 1, 0, b"p"))
+            assert parse(answer).opcode != NAK
+    assert made == [False]
+    before = parameters.packed(False), parameters.packed(True)
+    assert made == [False, True]
+    assert parameters.set("JS_GAIN_DEFAULT", 0.25)
+    assert (parameters.packed(False), parameters.packed(True)) != before
+    assert made == [False, True, False, True]
 
 
 def test_the_packed_file_is_read_by_pymavlink():

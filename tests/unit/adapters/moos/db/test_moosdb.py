@@ -15,6 +15,7 @@ from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S
 from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.db import guests, local
 from uwserver_adapters.moos.db.database import Database
+from uwserver_adapters.moos.db.variable import Letter
 from uwserver_adapters.moos.wire import Message
 
 from uwserver.adapter import CannotListen, CannotServe, log_file
@@ -218,16 +219,18 @@ async def test_costly_requests_let_others_have_their_turn(tank, connect, monkeyp
     """A packet full of requests; another client's heartbeat is echoed before all of them are answered."""
     monkeypatch.setattr("uwserver.adapter.connection.TURN_S", 0.0)
     asked = []
-    answer = Database.take
+    answer = Database.steps
 
-    def take(self, name, message):
+    def steps(self, name, message):
         asked.extend([name] if message.type == wire.SERVER_REQUEST else [])
-        answer(self, name, message)
+        yield from answer(self, name, message)
 
-    monkeypatch.setattr(Database, "take", take)
+    monkeypatch.setattr(Database, "steps", steps)
     async with tank() as context:
         greedy, other = await connect(context.stats.address, "greedy"), await connect(context.stats.address, "other")
         greedy.send(*[Message(wire.SERVER_REQUEST, "ALL", id=-2)] * 2000)
+        while not asked:
+            await asyncio.sleep(0)
         other.others.clear()
         other.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
         await other.until(lambda c: c.others)
@@ -288,6 +291,47 @@ async def test_a_packet_of_many_writes_lets_others_have_their_turn(tank, connect
         assert max(in_a_step) <= guests.AT_ONCE
         await greedy.close()
         await other.close()
+
+
+async def test_writes_that_many_hear_are_few_in_a_step(tank, connect, monkeypatch):
+    """A packet of 256 writes that a hundred clients hear took 8 ms."""
+    delivered = []
+    step, deliver = guests.Guest.step, guests.Guest.deliver
+    in_a_step: list[int] = []
+
+    def measured(self):
+        delivered.clear()
+        more = step(self)
+        in_a_step.append(len(delivered))
+        return more
+
+    monkeypatch.setattr(guests.Guest, "step", measured)
+    monkeypatch.setattr(guests.Guest, "deliver", lambda self, letter: (delivered.append(1), deliver(self, letter)))
+    async with tank() as context:
+        clients = [await connect(context.stats.address, f"c{n}") for n in range(20)]
+        for client in clients:
+            client.others.clear()
+            client.register("MANY")
+            client.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+            await client.until(lambda c: c.others)
+        in_a_step.clear()
+        clients[0].send(*(wire.notify("MANY", float(k), 2e9, "c0") for k in range(200)))
+        for client in clients:
+            await client.until(lambda c: c.last("MANY") == 199.0)
+        assert sum(in_a_step) >= 200 * 20
+        assert max(in_a_step) <= guests.SPENT // 3 + 20
+        for client in clients:
+            await client.close()
+
+
+def test_large_mail_leaves_in_packets_of_bounded_size():
+    """A thousand values of 60 kB in one packet were 60 MB to join, while nobody else had the interpreter."""
+    letters = [Letter(wire.notify(f"V{n}", "x" * 60_000, 0.0, "a")) for n in range(50)]
+    batch = guests.Batch(letters)
+    assert sum(messages for _, messages in batch.packets) == 50
+    assert max(len(packet) for packet, _ in batch.packets) <= guests.TOGETHER_BYTES + 100
+    (alone,) = guests.Batch([Letter(wire.notify("V", "x" * (1 << 19), 0.0, "a"))]).packets
+    assert alone[1] == 1
 
 
 async def test_the_world_takes_a_flood_in_turns_and_loses_nothing(tank, connect, until, monkeypatch):

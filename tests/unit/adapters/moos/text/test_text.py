@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from uwserver_adapters.moos import MoosTextAdapter
 from uwserver_adapters.moos.bridge.bridge import CALLS_PER_S
 from uwserver_adapters.moos.config import BridgeTable, MoosTextConfig, NavTable, Target
-from uwserver_adapters.moos.text import lines
+from uwserver_adapters.moos.db import database
+from uwserver_adapters.moos.text import lines, session
+from uwserver_adapters.moos.text.adapter import TextConnection
 from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, Verb, Write
 
 from uwserver.ports import Sample
@@ -271,6 +273,102 @@ async def test_a_bad_line_is_answered_and_the_next_one_works(bridge, line, answe
         assert context.stats.errors == 1
 
 
+@pytest.fixture
+def steps(monkeypatch):
+    """How many lines each step of a user makes, and how many names it compares with a pattern. Each step is a turn."""
+    made: list[tuple[int, int]] = []
+    compared: list[int] = []
+    step, fits = TextConnection.step, database.fits
+
+    def measured(self: TextConnection) -> bool:
+        lines, before = len(self._lines), len(compared)
+        more = step(self)
+        made.append((len(self._lines) - lines, len(compared) - before))
+        return more
+
+    monkeypatch.setattr("uwserver.adapter.connection.TURN_S", 0.0)
+    monkeypatch.setattr("uwserver.adapter.connection.REST_S", 0.0)
+    monkeypatch.setattr(TextConnection, "step", measured)
+    monkeypatch.setattr(database, "fits", lambda *names: (compared.append(1), fits(*names))[1])
+    return made
+
+
+async def _fill(user, variables: int, size: int = 0) -> None:
+    for at in range(0, variables, 100):
+        pairs = " ".join(f'V{n}="{n:0{size}}"' if size else f"V{n}={n}" for n in range(at, at + 100))
+        assert await user.ask(f"#w {pairs}") == "#w OK"
+
+
+@pytest.mark.parametrize("line", ["LIST", "GET V*", "SUBSCRIBE V*", "UNSUBSCRIBE V*"])
+async def test_what_looks_at_all_variables_lets_others_have_their_turn(bridge, steps, line):
+    """Twenty thousand of them took one line forty milliseconds of the loop."""
+    async with bridge(1) as (_, user):
+        await _fill(user, 3000)
+        if line.startswith("UNSUB"):
+            await user.ask("SUBSCRIBE V*")
+            user.say("#s X=1")
+            await user.until("#s OK")
+        steps.clear()
+        user.say(line, "#end X=1")
+        lines = await user.until("#end OK")
+        if not line.startswith("UNSUB"):
+            assert sum(line.startswith("V") for line in lines) == 3000
+        assert max(lines for lines, _ in steps) <= database.PIECE // database.DELIVERED
+        assert len(steps) >= 3000 * database.DELIVERED // database.PIECE
+
+
+async def test_new_variables_that_many_look_for_are_few_in_a_step(bridge, steps):
+    """A line of 256 names, each compared with the patterns of all users: 160 ms."""
+    async with bridge(2) as (_, user, other):
+        for n in range(200):
+            await other.ask(f"SUBSCRIBE A*B{n}")
+        steps.clear()
+        user.say("#w " + " ".join(f"A{n}=1" for n in range(256)))
+        assert await user.line() == "#w OK"
+        assert sum(names for _, names in steps) >= 256 * 200
+        assert max(names for _, names in steps) <= session.SPENT
+
+
+async def test_a_listing_waits_for_who_does_not_read(bridge, monkeypatch):
+    most = [0]
+    write = TextConnection.write
+
+    def measured(self: TextConnection, data: bytes) -> None:
+        write(self, data)
+        most[0] = max(most[0], self.waiting)
+
+    monkeypatch.setattr(TextConnection, "write", measured)
+    async with bridge(2, queue_bytes=1 << 18) as (_, slow, other):
+        await _fill(other, 2000, 400)
+        slow.writer.transport.pause_reading()
+        slow.say(*["LIST V*"] * 10)
+        for k in range(100):
+            assert await other.ask(f"#{k} X=1") == f"#{k} OK"
+        slow.writer.transport.resume_reading()
+        lines = [line for _ in range(10) for line in await slow.until("OK 2000")]
+        assert len(lines) == 20_010
+        assert most[0] < 1 << 20
+
+
+@pytest.mark.parametrize("verb", ["LIST", "GET"])
+async def test_long_patterns_are_refused(bridge, verb):
+    async with bridge() as (_, user):
+        assert (await user.ask(f"#1 {verb} {'*a' * 200}")).startswith("#1 ERROR bad_argument a pattern has at most 256")
+
+
+async def test_a_text_is_made_once_for_all_who_hear_it(bridge, monkeypatch):
+    made = []
+    pair_line = session.pair_line
+    monkeypatch.setattr(session, "pair_line", lambda name, value: (made.append(name), pair_line(name, value))[1])
+    async with bridge(5) as (_, *users):
+        for user in users:
+            await user.ask("SUBSCRIBE CHAT")
+        users[0].say('CHAT="all"')
+        for user in users:
+            assert await user.line() == 'CHAT="all"'
+        assert made == ["CHAT"]
+
+
 async def test_help_and_quit(bridge):
     async with bridge() as (_, user):
         user.say("HELP")
@@ -342,6 +440,8 @@ async def test_a_serial_line(bridge, until, monkeypatch):
             await until(lambda: heard.extend(read()) or b"NAV_X=20.0\r\n" in heard, "a sample")
             assert heard.startswith(b"#1 ERROR bad_argument")
             assert context.commands[-1].value == ((0.5,),)
+            os.write(ours, b"LIST\r\n" * 20)
+            await until(lambda: heard.extend(read()) or heard.count(b"\nOK ") >= 21, "all listings")
             os.write(ours, b"QUIT\r\n")
             await until(lambda: heard.extend(read()) or b"OK bye" in heard, "farewell")
             await until(lambda: context.stats.peers == 1, "the line is open again")

@@ -1,0 +1,230 @@
+"""Rays against everything solid in a world: the engine of all ranging sensors.
+
+Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else a picker says which triangle a ray meets
+first: Embree, which works in float32, or where that is not installed a slower tree of our own. Range and normal are computed from the triangle
+in float64, and each scene is kept about an origin near it. That of what never moves is the nearest point of a fixed lattice, so that something
+far away changes no range, not in its last bit. A picker knows no instances: what moves has a scene in its own frame, shared by equal solids,
+and only rays that pass it go there. Imported only when a world has something solid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
+from uwserver.physics.geometry.tessellation import Facets, facets
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.layout import Q, addresses
+from uwserver.physics.rays import hits
+from uwserver.physics.rays.raycast import Hits
+from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
+
+FEW = 96
+"""Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
+_HIDDEN_SIDES = 16
+"""A ray gives up behind this many hidden sides."""
+_KEPT = 16
+"""Numbers of rays for which a scene keeps arrays."""
+LATTICE_M = 1024.0
+"""Between origins of what never moves. Nothing small is farther than half of it from its own along an axis, where float32 has steps of 0.03 mm:
+that far beside its edge a triangle may be missed, or met."""
+_STILL: FloatArray = np.zeros(13)
+_STILL[Q] = 1.0
+
+
+class Picker(Protocol):
+    """Triangles (t, 3, 3), of which it finds the first that each ray meets, from either side."""
+
+    def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
+        """Numbers (n) of triangles, -1 for none, of rays (n, 3) whose directions have length one; a limit (n) is in m, and so is the origin."""
+
+
+def has_embree() -> bool:
+    """Whether Embree is installed. Without it the same is seen, more slowly."""
+    return find_spec("embreex") is not None
+
+
+def make_picker(corners: FloatArray) -> Picker:
+    """The quickest picker that is installed, of triangles (t, 3, 3) about the origin."""
+    if has_embree():
+        from uwserver.physics.rays.embree import EmbreePicker
+
+        return EmbreePicker(corners)
+    from uwserver.physics.rays.tree import TreePicker
+
+    return TreePicker(corners)
+
+
+class _Work(NamedTuple):
+    """Arrays for a number of rays, and the table by which kernels find them."""
+
+    batch: hits.Batch
+    table: IntArray
+
+
+class _Scene:
+    """Triangles of solids in one frame.
+
+    Args:
+        solids: by id; an id is given only if a ray is cast without one.
+        origin: (3) of the picker in that frame, m; default: their centre.
+    """
+
+    def __init__(self, solids: Mapping[int, Solid], origin: tuple[float, ...] | None = None) -> None:
+        each = {body: facets(solid) for body, solid in solids.items()}
+        parts = Facets(*(np.concatenate(columns) for columns in zip(*each.values(), strict=True)))
+        owners: IntArray = np.repeat(np.array([*each], dtype=np.int64), [len(part.corners) for part in each.values()])
+        centre, half = middle(parts)
+        about = centre if origin is None else np.array(origin)
+        self._box = np.array((about, half + np.abs(centre - about)))
+        self._sides, self._owners = sides(parts, self._box[0]), owners
+        self._works: dict[int, _Work] = {}
+        self._picker = make_picker(self._sides["corners"])
+
+    def cast(
+        self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
+    ) -> None:
+        """Add the hits of rays (n, 3) to the answer; the state x (13) places the frame."""
+        work = self._works.get(len(origin)) or self._buffers(len(origin))
+        batch = work.batch
+        count = hits.select_rays(work.table, origin, direction, limit, x, answer.distance)
+        if count == 0:
+            return
+        engine = batch.engine[:count]
+        picked = self._picker.pick(engine[:, :3], engine[:, 3:6], engine[:, 6])
+        for _ in range(_HIDDEN_SIDES):
+            count = hits.refine(work.table, picked, limit, body, *answer)
+            if count == 0:
+                return
+            start, towards, ahead = batch.start[:count], batch.towards[:count], batch.ahead[:count]
+            ahead += hits.ROUNDING * (np.abs(start).max() + self._box[1].max())
+            picked = self._picker.pick(
+                (start + ahead[:, None] * towards).astype(np.float32), towards.astype(np.float32)
+            )
+
+    def _buffers(self, n: int) -> _Work:
+        """Arrays for n rays, kept for the next ones, as to make them costs more than to cast a few rays."""
+        if len(self._works) >= _KEPT:
+            self._works.clear()
+        batch = hits.Batch(
+            self._sides, self._owners, self._box, np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n),
+            np.empty((n, 7), np.float32),
+        )  # fmt: skip
+        self._works[n] = work = _Work(batch, addresses(hits.BATCH, batch._asdict()))
+        return work
+
+
+class _Carried(NamedTuple):
+    """A solid that the body in a row of the state carries; `scene` is None for one of few triangles."""
+
+    solid: Solid
+    row: int
+    scene: _Scene | None
+
+
+class Rays:
+    """All solids of one world, by ids that the caller chooses. Not thread-safe.
+
+    Only the outside of a solid is hit: a ray that starts inside, as from a sensor within its vehicle's own shape, leaves unhindered.
+    """
+
+    def __init__(self) -> None:
+        self._static: dict[int, Solid] = {}
+        self._moving: dict[int, _Carried] = {}
+        self._scenes: dict[int, tuple[Solid, _Scene | None]] = {}
+        self._still: tuple[_Scene, ...] | None = None
+        self._simple: tuple[Simple, IntArray] | None = None
+
+    def add_static(self, body: int, solid: Solid) -> None:
+        """Add something that never moves. Raises BadSolid."""
+        for placed in solid.shapes:
+            check_shape(placed.shape)
+        self._static[body] = solid
+        self._still = self._simple = None
+
+    def add_moving(self, body: int, solid: Solid, row: int) -> None:
+        """Add what the body in `row` of the state array carries. Raises BadSolid."""
+        scene = self._scene_of(solid)
+        self._moving[body] = _Carried(solid, row, scene)
+        self._simple = None
+
+    def _scene_of(self, solid: Solid) -> _Scene | None:
+        """Of its own; kept for the next who carries the same."""
+        if id(solid) not in self._scenes:
+            for placed in solid.shapes:
+                check_shape(placed.shape)
+            scene = _Scene({0: solid}) if len(facets(solid).corners) > FEW else None
+            self._scenes[id(solid)] = solid, scene  # so that nobody else gets this id
+        return self._scenes[id(solid)][1]
+
+    def remove(self, body: int) -> None:
+        """Take a solid away; KeyError if there is none of this id."""
+        self._simple = None
+        if body in self._moving:
+            del self._moving[body]
+            return
+        del self._static[body]
+        self._still = None
+
+    def at(self, state: FloatArray) -> Instant:
+        """The solids where a state (n, 13) puts them."""
+        return Instant(self, state)
+
+    def cast(self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+        """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says."""
+        origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
+        n, limit = len(origin), float(max_range)
+        answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
+        _, table = self._simple or self._gather()
+        hits.intersect_simple(table, origin, direction, limit, state, *answer)
+        for scene in self._still or ():
+            scene.cast(_STILL, -1, origin, direction, limit, answer)
+        for body, carried in self._moving.items():
+            if carried.scene is not None:
+                carried.scene.cast(state[carried.row], body, origin, direction, limit, answer)
+        return answer
+
+    def _gather(self) -> tuple[Simple, IntArray]:
+        """What the first rays after a change need; the rows stay alive beside their table."""
+        if self._still is None:
+            self._still = tuple(_Scene(solids, about) for about, solids in self._by_origin().items())
+        rows, each, places = [], [np.empty(0, SIDE)], {}
+        first = 0
+        for body, (solid, row, scene) in self._moving.items():
+            if scene is not None:
+                continue
+            if id(solid) not in places:
+                parts = facets(solid)
+                centre, half = middle(parts)
+                each.append(sides(parts, np.zeros(3)))
+                places[id(solid)] = first, len(each[-1]), centre, float(np.linalg.norm(half))
+                first += len(each[-1])
+            rows.append((body, row, *places[id(solid)]))
+        simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
+        self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
+        return self._simple
+
+    def _by_origin(self) -> dict[tuple[float, ...], dict[int, Solid]]:
+        """What never moves and is meshed, by the point of the lattice that each is kept about."""
+        found: dict[tuple[float, ...], dict[int, Solid]] = {}
+        for body, solid in self._static.items():
+            if any(not isinstance(placed.shape, HalfSpace) for placed in solid.shapes):
+                centre, _ = middle(facets(solid))
+                about = tuple((LATTICE_M * np.round(centre / LATTICE_M)).tolist())
+                found.setdefault(about, {})[body] = solid
+        return found
+
+
+class Instant:
+    """A `uwserver.physics.rays.raycast.Geometry`: solids where a state (n, 13) puts them, read when rays are cast."""
+
+    def __init__(self, rays: Rays, state: FloatArray) -> None:
+        self._rays, self._state = rays, state
+
+    def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+        """The nearest solid that each ray meets."""
+        return self._rays.cast(self._state, origin, direction, max_range)
