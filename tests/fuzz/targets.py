@@ -466,6 +466,10 @@ class Zenoh(InLoop):
             Question(key, parameters, payload, media, attachment, answers, lambda other: other == key or "*" in key)
         )
         await asyncio.sleep(0)
+        for _ in range(100):  # what asks for many keys is answered in pieces
+            if answers.ends:
+                break
+            await asyncio.sleep(0.001)
         assert answers.ends == 1, (key, payload, attachment)
         assert answers.faults == 0 or (answers.faults, answers.replies) == (1, 0), (key, payload)
         assert answers.faults + answers.replies >= 1, (key, payload)

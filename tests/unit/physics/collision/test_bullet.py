@@ -5,60 +5,23 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import numpy as np
 import pytest
+from engine_rig import SHAPES, SUNK, added, at, finds_the_way_out_of_a_floor, forgets_what_was_removed
 
-from uwserver.frames import quat_from_rpy
 from uwserver.physics.collision.bullet import BulletEngine
-from uwserver.physics.collision.engine import Pose, engine_attitude
-from uwserver.physics.geometry.rows import part
-from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Shape, Sphere
+from uwserver.physics.geometry.shapes import Box, Placed, Sphere
 
 pytest.importorskip("pybullet")
-
-CORNERS = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])
-ON_END = quat_from_rpy(0.0, np.pi / 2, 0.0)
-SUNK = {  # shape, and height of its middle over its lowest point
-    "box": (Placed(Box((0.3, 0.2, 0.1))), 0.1),
-    "hull": (Placed(ConvexHull(CORNERS)), 0.1),
-    "sphere": (Placed(Sphere(0.1)), 0.1),
-    "cylinder on its side": (Placed(Cylinder(0.1, 0.3)), 0.1),
-    "cylinder on its end": (Placed(Cylinder(0.1, 0.3), q=ON_END), 0.3),
-    "capsule on its end": (Placed(Capsule(0.1, 0.3), q=ON_END), 0.4),
-}
-
-
-def at(placed: Placed, x: float, y: float, z: float) -> Pose:
-    w, *rest = engine_attitude(placed)
-    return Pose(np.array([x, y, z]), np.array([*rest, w]))
-
-
-def added(engine: BulletEngine, placed: Placed) -> int:
-    return engine.add(placed, part(placed))
 
 
 @pytest.mark.parametrize("name", SUNK)
 def test_the_way_out_of_a_floor_is_up(name: str) -> None:
-    """Far from where the shapes were added, and twice, as an answer depends on the poses alone."""
-    placed, height = SUNK[name]
-    floor = Placed(Box((5.0, 5.0, 0.5)))
-    engine = BulletEngine()
-    a, b = added(engine, placed), added(engine, floor)
-    for shift in (0.0, 70.0, 0.0):
-        way = engine.way_out(a, at(placed, shift + 0.3, 0.2, -0.5 - height + 0.01), b, at(floor, shift, 0.0, 0.0))
-        np.testing.assert_allclose(way, [0.0, 0.0, -1.0], rtol=0.0, atol=1e-3)
-    engine.close()
+    finds_the_way_out_of_a_floor(BulletEngine(), name)
 
 
-@pytest.mark.parametrize("shape", [Sphere(0.2), Box((0.2, 0.2, 0.2))], ids=["sphere", "box"])
-def test_what_was_removed_is_gone_and_the_others_stay(shape: Shape) -> None:
-    engine, placed = BulletEngine(), Placed(shape)
-    a, b, c = (added(engine, placed) for _ in range(3))
-    engine.remove(b)
-    way = engine.way_out(a, at(placed, 0.39, 0.0, 0.0), c, at(placed, 0.0, 0.0, 0.0))
-    np.testing.assert_allclose(way, [1.0, 0.0, 0.0], rtol=0.0, atol=1e-3)
-    engine.close()
-    engine.close()  # nothing more
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_was_removed_is_gone_and_the_others_stay(shape: str) -> None:
+    forgets_what_was_removed(BulletEngine(), SHAPES[shape])
 
 
 def test_what_comes_and_goes_is_made_once() -> None:
