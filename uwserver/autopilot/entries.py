@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from uwserver.autopilot import estimator, flight, sticks
 from uwserver.autopilot.flight import NOTHING, START
 from uwserver.autopilot.rows import FORMS, THRUSTER, WRENCH
@@ -98,3 +100,22 @@ def stay_one(table: Array, k: int) -> None:
 def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
     """See `flight.show`."""
     _show(_pilots(table)[k], t_ns, out)
+
+
+def load(told: Array) -> None:
+    """Have all that stands here ready, compiled or from the cache, so that no tick waits for it.
+
+    Args:
+        told: records like those that `hear_all` gets.
+    """
+    table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
+    step_all.load(table, table, number, number)
+    step_on.load(table, table, number, number, number)
+    hear_all.load(table, told, np.empty((0, 0)), number, number)
+    hear_one.load(table, number, values, number, number)
+    stay_one.load(table, number)
+    show_one.load(table, number, number, values)
+
+
+ENTRIES = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
+"""All of them."""
