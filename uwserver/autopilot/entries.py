@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from uwserver.autopilot import estimator, flight, sticks
@@ -102,6 +104,10 @@ def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
     _show(_pilots(table)[k], t_ns, out)
 
 
+ENTRIES: tuple[Any, ...] = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
+"""All of them."""
+
+
 def load(told: Array) -> None:
     """Have all that stands here ready, compiled or from the cache, so that no tick waits for it.
 
@@ -109,13 +115,9 @@ def load(told: Array) -> None:
         told: records like those that `hear_all` gets.
     """
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
-    step_all.load(table, table, number, number)
-    step_on.load(table, table, number, number, number)
-    hear_all.load(table, told, np.empty((0, 0)), number, number)
-    hear_one.load(table, number, values, number, number)
-    stay_one.load(table, number)
-    show_one.load(table, number, number, values)
-
-
-ENTRIES = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
-"""All of them."""
+    given = (
+        (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
+        (table, number, values, number, number), (table, number), (table, number, number, values),
+    )  # fmt: skip
+    for kernel, like in zip(ENTRIES, given, strict=True):
+        kernel.load(*like)
