@@ -185,7 +185,7 @@ def _interpolated(column: Array, key: int, k: int, x: float) -> float:
             low = middle + 1
     n = min(max(low, 1), len(column) - 1)
     x0, y0 = column[n - 1, key], column[n - 1, k]
-    return y0 + (column[n, k] - y0) * ((x - x0) / (column[n, key] - x0))
+    return float(y0 + (column[n, k] - y0) * ((x - x0) / (column[n, key] - x0)))
 
 
 @compiled

@@ -43,7 +43,7 @@ from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSp
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import rad
 
-solve = Elsewhere("uwserver.physics.kernel.linear", "solve")
+solve: Any = Elsewhere("uwserver.physics.kernel.linear", "solve")
 
 MOST_BEAMS, MOST_MODES = 12, 8
 ALTITUDE, MERIT, COVARIANCE, BEAMS = 3, 4, 5, 14
@@ -178,6 +178,7 @@ def _pings(head: Any, row: Any, now: Array, t: float) -> bool:
 def aim(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
+    """The beams of those that ping."""
     count, reach = 0, 0.0
     for n, k in enumerate(due):
         head = heads[k]
@@ -361,6 +362,7 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
 def run(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
 ) -> None:  # fmt: skip
+    """Readings of those that are due, from what their rays hit."""
     for n, k in enumerate(due):
         head = heads[k]
         if head.ready == 0:
