@@ -504,6 +504,7 @@ TESTED_WITH = {
     ),
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
+        "acoustic.janus": "sensors/acoustic/test_dvl",
         "wiring": "sensors/onboard/test_contact",
     },
     "table": {"": "scenario/files/test_convert"},
