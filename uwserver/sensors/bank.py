@@ -132,7 +132,7 @@ def read(
         bank: of the kind.
         heads, rows, numbers: arrays in which the sensors lie.
         due: (m) numbers of heads.
-        now: the world (`instant.FORMS`).
+        now: the world (`surroundings.FORMS`).
         t: time, s.
         solids: what rays can hit.
     """
