@@ -15,8 +15,8 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.alone import place_row, water_arrays
 from uwserver.sensors.bank import HEAD, Bank, load, read
+from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 
 _SLOTS = 64
@@ -83,8 +83,6 @@ class Instruments:
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
-        from uwserver.sensors import instant
-
         self._seen = {
             "state": hydro.state,
             "nu_dot": self.nu_dot,
@@ -97,7 +95,7 @@ class Instruments:
             "lambert": around.lambert,
             **water_arrays(self._water),
         }
-        self.now: IntArray = layout.addresses(instant.FORMS, self._seen)
+        self.now: IntArray = layout.addresses(FORMS, self._seen)
         self._make_room(0)
         self._tabulate()
 
