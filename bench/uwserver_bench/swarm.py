@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 from threading import Event
@@ -31,6 +31,8 @@ BANK = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
 COUNTS = (10, 100, LARGE)
 """Vehicles from which the growth of cost is told."""
+QUICK_COUNTS = COUNTS[:2]
+QUICK_SERVERS = (1, 10)
 EXPONENT_BAR = 1.1
 MEMORY_BAR_KB = 200.0
 UNKNOWN = "not measured: this system has no /proc"
@@ -42,7 +44,7 @@ def bench_swarm(quick: bool, say: _Say) -> list[Row]:
     """The part of the report on swarms.
 
     Args:
-        quick: short repeats.
+        quick: short repeats, without the thousand, and without a server of a hundred.
         say: gets a line of progress.
 
     Raises:
@@ -51,10 +53,10 @@ def bench_swarm(quick: bool, say: _Say) -> list[Row]:
     effort = {"seconds": 0.02, "repeats": 1} if quick else {"seconds": 1.0, "repeats": 5}
     return [
         *_fleets(effort, say),
-        *_with_a_client(1 if quick else 3, 0.5 if quick else 4.0, say),
+        *_with_a_client(QUICK_SERVERS if quick else tuple(BARS), 1 if quick else 3, 0.5 if quick else 4.0, say),
         *_alone(effort, say),
         *_samples(effort, say),
-        *_growth(effort, say),
+        *_growth(QUICK_COUNTS if quick else COUNTS, effort, say),
     ]
 
 
@@ -90,10 +92,10 @@ def _fleets(effort: dict[str, Any], say: _Say) -> list[Row]:
     return rows
 
 
-def _with_a_client(repeats: int, seconds: float, say: _Say) -> list[Row]:
+def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Say) -> list[Row]:
     """Servers of the same, free-running: what a client in another process leaves of their rate, in turns with and without it."""
     rows, busy = [], []
-    for count in BARS:
+    for count in counts:
         alone, crowded, samples = [], [], []
         with (
             tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder,
@@ -158,21 +160,24 @@ def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:
     ]
 
 
-def _growth(effort: dict[str, Any], say: _Say) -> list[Row]:
-    """Vehicles with IMU and depth, up to a thousand in one world."""
-    tick_s = {}
-    for count in COUNTS:
+def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Row]:
+    """Vehicles with IMU and depth in one world: how cost grows with their number, and what the largest takes."""
+    tick_s = []
+    for count in counts:
         say(f"swarm: {_vehicles(count)} with IMU and depth")
         found = _world("fly", kind="simple", vehicles=count, one_core=True, **effort)
-        tick_s[count] = 1.0 / median(found["of_processor_time"])
-    if has_threads():
-        found = _world("fly", kind="simple", vehicles=LARGE, one_core=False, **effort)
-    memory = () if found["resident_mb"] is None else (found["resident_mb"],)
-    title = f"{_vehicles(LARGE)} with IMU and depth"
-    exponent = math.log(tick_s[COUNTS[-1]] / tick_s[COUNTS[0]]) / math.log(COUNTS[-1] / COUNTS[0])
-    return [
-        Row("swarm", f"{title}, wall time", "x realtime", tuple(found["of_wall_time"]), LARGE_BAR),
-        Row("swarm", f"{title}: memory", "MB", memory, at_most=LARGE_MEMORY_BAR_MB, note="" if memory else UNKNOWN),
-        Row("swarm", f"{title}: load", "s", (found["load_s"],), at_most=LARGE_LOAD_BAR_S),
-        Row("swarm", f"exponent of cost from {COUNTS[0]} to {COUNTS[-1]} vehicles", "", (exponent,), at_most=EXPONENT_BAR),
-    ]  # fmt: skip
+        tick_s.append(1.0 / median(found["of_processor_time"]))
+    exponent = math.log(tick_s[-1] / tick_s[0]) / math.log(counts[-1] / counts[0])
+    title = f"exponent of cost from {counts[0]} to {counts[-1]} vehicles"
+    rows = [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR)]
+    if counts[-1] == LARGE:
+        if has_threads():
+            found = _world("fly", kind="simple", vehicles=LARGE, one_core=False, **effort)
+        memory = () if found["resident_mb"] is None else (found["resident_mb"],)
+        title = f"{_vehicles(LARGE)} with IMU and depth"
+        rows += [
+            Row("swarm", f"{title}, wall time", "x realtime", tuple(found["of_wall_time"]), LARGE_BAR),
+            Row("swarm", f"{title}: memory", "MB", memory, at_most=LARGE_MEMORY_BAR_MB, note="" if memory else UNKNOWN),
+            Row("swarm", f"{title}: load", "s", (found["load_s"],), at_most=LARGE_LOAD_BAR_S),
+        ]
+    return rows

@@ -6,11 +6,13 @@ One task a line on stdin (JSON), one result a line on stdout, as `uwserver_bench
 from __future__ import annotations
 
 import gc
+import itertools
 import json
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -80,21 +82,21 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     due = {kind: _heads(world, task["vehicles"], kind) for kind in ("inertial", "exact", "noisy")}
     sensor = world.sensors[f"{names(1)[0]}/inertial"].sensor
     assert isinstance(sensor, BankSensor)
-    here, bank, count, now = world.instruments, sensor.bank, task["vehicles"], world.t_ns / NANOSECONDS
+    here, bank, count, now = world.instruments, sensor.bank, task["vehicles"], world.t_ns
+    # What is on its way must arrive, as it does in a world: time goes on, though nobody moves.
+    times = itertools.count(now, NANOSECONDS // RATE_HZ)
 
     def sample() -> None:
-        here.read(bank, due["inertial"], now)
-        here.deliver(due["inertial"], world.t_ns, True, count)
+        here.read(bank, due["inertial"], now / NANOSECONDS)
+        here.deliver(due["inertial"], next(times), True, count)
 
     def deliver(kind: str) -> None:
-        here.deliver(due[kind], world.t_ns, True, count)
+        here.deliver(due[kind], next(times), True, count)
 
     samples, noises = [], []
     for _ in range(task["repeats"]):
         samples.append(_us_each(sample, count, task["seconds"]))
-        exact, noisy = (
-            _us_each(lambda kind=kind: deliver(kind), count, task["seconds"]) for kind in ("exact", "noisy")
-        )  # type: ignore[misc]
+        exact, noisy = (_us_each(partial(deliver, kind), count, task["seconds"]) for kind in ("exact", "noisy"))
         noises.append(noisy - exact)
     return {"sample_us": samples, "noise_us": noises}
 
