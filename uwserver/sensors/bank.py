@@ -120,6 +120,21 @@ class Bank(NamedTuple):
     aims: tuple[Deferred, ...] = ()
 
 
+def kernels(bank: Bank) -> tuple[Any, ...]:
+    """Its loops, as numba has made them."""
+    return tuple(loop.made() for loop in (*bank.aims, bank.run))
+
+
+def load(bank: Bank) -> None:
+    """Have its loops ready, compiled or from the cache, so that no tick waits for them."""
+    none, rays = np.zeros(0, np.int64), np.empty((0, 3))
+    given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
+    *aims, run = kernels(bank)
+    for aim in aims:
+        aim.load(*given, rays, rays, none, no_hits(0))
+    run.load(*given, *((rays, none, no_hits(0)) if aims else ()))
+
+
 def read(
     bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
 ) -> None:

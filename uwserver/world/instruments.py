@@ -15,7 +15,7 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.bank import HEAD, Bank, read
+from uwserver.sensors.bank import HEAD, Bank, load, read
 from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 
@@ -56,6 +56,7 @@ class Instruments:
         from uwserver.world import delivery
 
         self._delivery = delivery
+        delivery.load()
         self._hydro, self._water, self._around = hydro, water, around
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(delivery.STREAM), Pool(OPERATION), Pool(np.float64),
@@ -68,8 +69,11 @@ class Instruments:
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
-        """Where the records of a kind lie."""
-        return self._banks.setdefault(id(bank), Pool(bank.record))
+        """Where the records of a kind lie; its kernels are then ready."""
+        if id(bank) not in self._banks:
+            load(bank)
+            self._banks[id(bank)] = Pool(bank.record)
+        return self._banks[id(bank)]
 
     def gather(self, wirings: Iterable[Wiring]) -> None:
         """Find all arrays again: after sensors or bodies came or went."""
