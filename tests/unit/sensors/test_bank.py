@@ -121,6 +121,14 @@ def test_what_is_drawn_once_a_run_is_that_of_the_path():
     assert sensor.memory == SoundSpeedMemory(offset=expected)
 
 
+def test_who_is_switched_on_again_remembers_nothing(scope):
+    sensor = started(ECHO)
+    sensor.sense(at(scope, 5.0, geometry=BOTTOM))
+    sensor.start(key_of(1, "rov/x"))
+    assert sensor.memory == AltimeterMemory()
+    assert sensor.heads.rows["number"][sensor.head] == 0
+
+
 def test_a_reading_alone_goes_on_with_the_next_number(scope):
     one, other = started(NOISY), started(NOISY)
     instant = at(scope, 1.0)
