@@ -58,6 +58,15 @@ def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside)
     assert world.step(60) == first
 
 
+def test_its_kernel_is_there_before_the_first_tick(beside):
+    """A tick that compiles would hold up all the others for seconds."""
+    world = build(load(beside / "pond.toml", adapters={}))
+    kernel = sys.modules[type(world.sensors["rov/oxygen"].sensor).__module__].run.made()
+    assert len(kernel.signatures) == 1
+    world.step(8)
+    assert len(kernel.signatures) == 1
+
+
 def test_the_tests_of_the_examples_pass(beside, listings, monkeypatch):
     monkeypatch.syspath_prepend(beside)
     for module in ("turbidity", "oxygen", "jet", "river"):
