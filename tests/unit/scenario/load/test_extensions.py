@@ -67,6 +67,14 @@ def test_its_kernel_is_there_before_the_first_tick(beside):
     assert len(kernel.signatures) == 1
 
 
+def test_a_kernel_that_cannot_be_compiled_is_told_with_its_place(beside):
+    path = beside / "oxygen.py"
+    path.write_text(path.read_text().replace("math.exp(-max(0.0", "math.expo(-max(0.0"))
+    line = path.read_text().splitlines().index("@entry") + 1
+    with pytest.raises(RuntimeError, match=rf'oxygen\.py:{line}: numba cannot compile "run" .*expo'):
+        build(load(beside / "pond.toml", adapters={}))
+
+
 def test_the_tests_of_the_examples_pass(beside, listings, monkeypatch):
     monkeypatch.syspath_prepend(beside)
     for module in ("turbidity", "oxygen", "jet", "river"):
