@@ -12,6 +12,7 @@ from uwserver.autopilot.state import Remembered
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample
+from uwserver.world.banks import load_autopilots as load_kernels
 from uwserver.world.part import Part, Stage, State
 
 
@@ -98,8 +99,10 @@ class Pilots(Part):
         self._pilots = dict(enumerate(pilots))
         self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.craft.held]
         self._active = []
-        if pilots or self._bank is not None:
-            self._bank = self._bank or Bank()
+        if pilots and self._bank is None:
+            load_kernels()
+            self._bank = Bank()
+        if self._bank is not None:
             self._bank.gather([pilot.seat for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
 
     def before(self, tick: int, t_ns: int) -> None:

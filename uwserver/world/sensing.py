@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Container, Mapping, Sequence, Set
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -104,7 +104,7 @@ class Sensing(Part):
         self._plans: dict[int, _Due] = {}
         self._listening: list[SensorSlot] = []
         self._there: set[SensorSlot] = set()
-        self._wanted: Collection[str] | None = None
+        self._wanted: Container[str] | None = None
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
@@ -131,7 +131,7 @@ class Sensing(Part):
             {id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values()
         )
 
-    def want(self, ports: Collection[str] | None) -> None:
+    def want(self, ports: Container[str] | None) -> None:
         """Only samples of these ports are made; None for all. Those that parts of the world hear are always made."""
         self._wanted = ports
         self._mark()
