@@ -261,6 +261,45 @@ def test_vehicles_that_come_and_go_leave_the_others_as_they_are() -> None:
             assert part_of(world, each).save() == part_of(alone, each).save()
 
 
+def test_sensors_without_an_autopilot_that_come_and_go_are_heard_by_nobody() -> None:
+    builder = ScenarioBuilder("mute", seed=7, rate_hz=240, adapters={})
+    builder.vehicle(
+        "a", "bluerov2", position_ned_m=(0.0, 0.0, 5.0), autopilot={"start_position_ned_m": (0.0, 0.0, 5.0)}
+    )
+    builder.vehicle("mute", "bluerov2", position_ned_m=(10.0, 0.0, 9.0), present=False)
+    for name in ("a", "mute"):
+        builder.sensor(name, "ahrs", "attitude", rate_hz=40, noise_deg=0.05)
+    world, alone = (build(load(builder.build(), adapters={})) for _ in range(2))
+    for each in (world, alone):
+        each.want(())
+        dive(each, "a")
+    for _ in range(2):
+        world.call("world/spawn", name="mute", like="mute", p_NB=[0.0, 20.0, 9.0])
+        world.step(120)
+        newest = world.read("mute/depth")
+        assert newest is not None
+        assert newest.depth == pytest.approx(9.0, abs=0.5)
+        world.call("world/remove", name="mute")
+        world.step(60)
+        alone.step(180)
+        assert part_of(world, "a").save() == part_of(alone, "a").save()
+
+
+def test_beacons_reach_it_in_words_though_nobody_reads_them() -> None:
+    builder = ScenarioBuilder("beacons", seed=5, rate_hz=240, adapters={})
+    builder.vehicle("a", "bluerov2", position_ned_m=(3.0, 4.0, 5.0), autopilot={})
+    builder.sensor("a", "ahrs", "attitude", rate_hz=40)
+    beacons = {"b": {"position_ned_m": [60.0, 0.0, 25.0]}}
+    builder.sensor("a", "usbl", "usbl", rate_hz=2, beacons=beacons, position_frd_m=[0.0, 0.0, 0.2])
+    world, read = (build(load(builder.build(), adapters={})) for _ in range(2))
+    world.want(())
+    assert part_of(world, "a").hears == ("a/usbl",)
+    world.step(960)
+    assert "a/usbl" in {sample.port for sample in read.step(960)}
+    assert part_of(world, "a").pilot.estimate.fix_ns > 3_000_000_000
+    assert part_of(world, "a").save() == part_of(read, "a").save()
+
+
 def test_one_that_was_removed_comes_back_with_a_state_and_goes_on_as_if_nothing_had_been() -> None:
     world = unread()
     world.call("world/spawn", name="A", like="b", p_NB=[0.0, 20.0, 9.0])
@@ -269,10 +308,12 @@ def test_one_that_was_removed_comes_back_with_a_state_and_goes_on_as_if_nothing_
     world.step(200)
     there = snapshot.take(world).hash()
     flew = part_of(world, "A").save()
-    world.call("world/remove", name="A")
-    world.call("world/remove", name="b")
-    world.step(50)
-    for _ in range(2):
+    for name in "cd":
+        # As many autopilots as in the state, and at once in the place of these.
+        for gone, new, y in (("A", name, 20.0), ("b", f"{name}2", 40.0)):
+            world.call("world/remove", name=gone)
+            world.call("world/spawn", name=new, like="b", p_NB=[0.0, y, 9.0])
+        world.step(50)
         snapshot.restore(world, kept)
         assert part_of(world, "A").save() == kept.parts["A/autopilot"]
         assert world.step(200) == []
