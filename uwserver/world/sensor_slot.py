@@ -262,7 +262,7 @@ class SensorSlot(Part):
     def save(self) -> SensorState:
         """All that it remembers."""
         sensor = self.sensor
-        if sensor.settings is not self._settings[0]:
+        if self._has_settings and sensor.settings is not self._settings[0]:
             self._settings = sensor.settings, record(sensor.settings)
         settings = self._settings[1]
         number, memory, held, numbers = self._here.save()
