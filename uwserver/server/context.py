@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -18,6 +18,7 @@ from uwserver.ports import (
     OnReply,
     Port,
     Progress,
+    Refused,
     Reply,
     Sample,
     Service,
@@ -163,12 +164,22 @@ class Context:
         }
 
     def last(self, port: str) -> Sample | None:
-        """The newest delivered sample of a port."""
+        """See `uwserver.adapter.AdapterContext.last`."""
         return self._hub.bus.last.get(port) if port in self.ports else None
+
+    def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
+        """See `uwserver.adapter.AdapterContext.read`."""
+        there = self.ports
+        visible = [path for path in ports if path in there and there[path].direction == "sensor"]
+        self._hub.simulation.readers.read(visible, on_samples, f"{self.name}:{source}")
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events."""
-        return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber))
+        return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber, self))
+
+    def follow_wants(self) -> None:
+        """What somebody wants has changed."""
+        self._hub.bus.follow_wants()
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -270,8 +281,19 @@ class Context:
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
         """See `uwserver.adapter.AdapterContext.drive`."""
         source = f"{self.name}:{client}"
-        visible = driver if self._truth else _DriverWithoutTruth(driver)
-        return self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
+        visible = driver if self._truth else _DriverWithoutTruth(driver, self)
+        forget = self._hub.bus.heed(visible)  # before its first tick
+        try:
+            leave = self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
+        except Refused:
+            forget()
+            raise
+
+        def end() -> None:
+            leave()
+            forget()
+
+        return end
 
 
 def _too_late() -> bool:
@@ -281,8 +303,12 @@ def _too_late() -> bool:
 class _WithoutTruth:
     """Keeps ground truth from an adapter that may not serve it."""
 
-    def __init__(self, subscriber: Subscriber) -> None:
-        self._subscriber = subscriber
+    def __init__(self, subscriber: Subscriber, context: Context) -> None:
+        self._subscriber, self._context = subscriber, context
+
+    @property
+    def wanted(self) -> Collection[str]:
+        return _visible_of(self._subscriber, self._context)
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         visible = _without_truth(samples)
@@ -296,8 +322,12 @@ class _WithoutTruth:
 class _DriverWithoutTruth:
     """The same for a driver."""
 
-    def __init__(self, driver: Driver) -> None:
-        self._driver = driver
+    def __init__(self, driver: Driver, context: Context) -> None:
+        self._driver, self._context = driver, context
+
+    @property
+    def wanted(self) -> Collection[str]:
+        return _visible_of(self._driver, self._context)
 
     def order(self, wait_s: float) -> Order | None:
         return self._driver.order(wait_s)
@@ -310,6 +340,12 @@ class _DriverWithoutTruth:
 
     def refuse(self, fault: Fault) -> None:
         self._driver.refuse(fault)
+
+
+def _visible_of(reader: Subscriber | Driver, context: Context) -> Collection[str]:
+    """What it wants; of who wants all, all that it may see."""
+    wanted: Collection[str] | None = getattr(reader, "wanted", None)
+    return context.ports.keys() if wanted is None else [path for path in wanted if "/truth/" not in path]
 
 
 def _without_truth(samples: Sequence[Sample]) -> list[Sample]:

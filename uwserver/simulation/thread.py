@@ -18,6 +18,7 @@ from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.intake import Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
+from uwserver.simulation.readers import Readers
 from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
 from uwserver.world.saving import in_one_piece
@@ -53,14 +54,13 @@ class Simulation:
     Attributes:
         world: touched by the simulation thread only, but for its immutable ports and services.
         failure: text of the fault that ended the run; "" while all is well.
+        readers: what of its samples is wanted.
         until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 
     def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
-        self.world = world
-        self.timing = timing
-        self.bus = bus
-        self.mailbox = mailbox
+        self.world, self.timing = world, timing
+        self.bus, self.mailbox = bus, mailbox
         self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
         self.lateness = Lateness()
         self.pace = Pace(time, timing.pace or timing.speed)
@@ -70,6 +70,7 @@ class Simulation:
         self._time = time
         self._stop = threading.Event()
         self._steering = Steering(mailbox.wake)
+        self.readers = Readers(world, bus, self._steering)
         self._goals: list[Goal] = []
         self._next_progress = 0
         self._jumps = world.jumps
@@ -106,9 +107,9 @@ class Simulation:
         self._intake.batch += 1
         for on_reply, reply in output.replies:
             on_reply(reply)
+        self.bus.expect(self.world.ports)
         self._follow_jump()
-        faults = [reply.fault for reply in replies if isinstance(reply, Reply) and reply.fault is not None]
-        return faults[0].text if faults else ""
+        return next((reply.fault.text for reply in replies if isinstance(reply, Reply) and reply.fault is not None), "")
 
     def call(
         self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""
@@ -213,6 +214,7 @@ class Simulation:
         return self.timing.mode == "realtime" and not self._hurries()
 
     def _tick(self) -> None:
+        self.readers.begin()
         try:
             output = self.world.advance(self._intake.requests(self._is_paced()))
         except Diverged as error:

@@ -15,9 +15,9 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors import Scope
-from uwserver.sensors.alone import place_row, water_arrays
-from uwserver.sensors.bank import HEAD, Bank, read
+from uwserver.sensors import Scope, surroundings
+from uwserver.sensors.bank import HEAD, Bank, load, read
+from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, STREAM
 from uwserver.world.vehicle import Vehicle
@@ -58,13 +58,14 @@ class Instruments:
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
         """Of a world with these bodies and this water; `around` tells what else there is."""
+        from uwserver.world import delivery
+
+        self._deliver = delivery.deliver
+        delivery.load()
         self._hydro, self._water, self._around = hydro, water, around
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
-        from uwserver.world.delivery import deliver
-
-        self._deliver = deliver
         self._banks: dict[int, Pool] = {}
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
@@ -73,8 +74,11 @@ class Instruments:
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
-        """Where the records of a kind lie."""
-        return self._banks.setdefault(id(bank), Pool(bank.record))
+        """Where the records of a kind lie; its kernels are then ready."""
+        if id(bank) not in self._banks:
+            load(bank)
+            self._banks[id(bank)] = Pool(bank.record)
+        return self._banks[id(bank)]
 
     def gather(self, wirings: Iterable[Wiring]) -> None:
         """Find all arrays again: after sensors or bodies came or went."""
@@ -84,8 +88,6 @@ class Instruments:
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
-        from uwserver.sensors import instant
-
         self._seen = {
             "state": hydro.state,
             "nu_dot": self.nu_dot,
@@ -98,7 +100,7 @@ class Instruments:
             "lambert": around.lambert,
             **water_arrays(self._water),
         }
-        self.now: IntArray = layout.addresses(instant.FORMS, self._seen)
+        self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
         self._make_room(0)
         self._tabulate()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Container, Mapping, Sequence, Set
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -120,7 +120,7 @@ class Sensing(Part):
         self._plans: dict[int, _Due] = {}
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
-        self._wanted: Collection[str] | None = None
+        self._wanted: Container[str] | None = None
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
@@ -151,7 +151,7 @@ class Sensing(Part):
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
-    def want(self, ports: Collection[str] | None) -> None:
+    def want(self, ports: Container[str] | None) -> None:
         """Only samples of these ports are made; None for all. Those that parts of the world hear are always made."""
         self._wanted = ports
         self._mark()
@@ -162,13 +162,13 @@ class Sensing(Part):
         self._mark()
 
     def _mark(self) -> None:
-        rows, streams = self._instruments.streams.rows["wanted"], self._streams
+        rows, streams, wanted = self._instruments.streams.rows["wanted"], self._streams, self._wanted
         rows[:] = 0
         self._unread = set()
-        if self._wanted is None:
+        if wanted is None:
             rows[list(streams)] = READ
             return
-        read = {self.numbers[path] for path in (*self._wanted, *self._heard) if path in self.numbers}
+        read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
         self._unread = streams.keys() - read
         rows[[self.numbers[path] for path in self._overheard]] = HEARD
         # Values that are no numbers wait in Python for the sample that they belong to.

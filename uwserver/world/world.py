@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -181,7 +181,7 @@ class World:
         self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listen)
         self._sensing.schedule()
 
-    def want(self, ports: Collection[str] | None) -> None:
+    def want(self, ports: Container[str] | None) -> None:
         """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all.
 
         Sensors measure and count whether anybody reads them or not, and `read` gives the newest sample of any port.
