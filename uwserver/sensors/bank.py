@@ -16,6 +16,7 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -281,11 +282,16 @@ class BankSensor(Sensor):
 def _plain(row: Any, kind: type[Struct]) -> dict[str, Any]:
     """Fields of a record of numpy as plain values, nested as those of a typed record."""
     plain: dict[str, Any] = {}
-    for field in structs.fields(kind):
-        value = row[field.name]
-        nested = isinstance(field.type, type) and issubclass(field.type, Struct)
-        plain[field.name] = _plain(value, field.type) if nested else value.tolist()
+    for name, inner in _fields(kind):
+        plain[name] = row[name].tolist() if inner is None else _plain(row[name], inner)
     return plain
+
+
+@cache
+def _fields(kind: type[Struct]) -> tuple[tuple[str, type[Struct] | None], ...]:
+    """Of a typed record by name, and the type of those that are records; found once, as msgspec reads the source of types each time."""
+    types = [(field.name, field.type) for field in structs.fields(kind)]
+    return tuple((name, t if isinstance(t, type) and issubclass(t, Struct) else None) for name, t in types)
 
 
 def _write(row: Any, record: Struct) -> None:

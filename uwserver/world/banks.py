@@ -62,7 +62,7 @@ def _autopilots() -> Iterable[Any]:
 def load_autopilots() -> None:
     """Have those of autopilots ready, compiled or from the cache."""
     from uwserver.autopilot import entries
-    from uwserver.world.delivery import ENTRY
+    from uwserver.world.streams import ENTRY
 
     entries.load(np.zeros(0, ENTRY))
 

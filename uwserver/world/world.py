@@ -14,7 +14,6 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
-from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
@@ -91,8 +90,10 @@ class World:
         self.identity: Callable[[], str] = str
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
-        self.instruments = Instruments(hydro, water, lambda: Around(self.earth, self.geometry, self.lambert))
-        self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
+        self.instruments = Instruments(
+            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert)
+        )
+        self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._pilots = Pilots(hydro)
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(
@@ -390,24 +391,3 @@ class World:
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
         self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
-
-    def _scopes(self, with_rates: bool) -> Callable[[SensorSlot], Scope]:
-        """What sensors see of each body at this instant; made once a body."""
-        seen: dict[int, Scope] = {}
-        state, t_ns = self.hydro.state, self.t_ns
-        rates = (self.instruments.nu_dot, self.instruments.tau) if with_rates else None
-
-        def scope_of(slot: SensorSlot) -> Scope:
-            scope = seen.get(slot.row)
-            if scope is None:
-                x = state[slot.row].tolist()
-                scope = seen[slot.row] = Scope(
-                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=slot.wiring,
-                    lambert=self.lambert,
-                )  # fmt: skip
-                if rates is not None:
-                    scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            return scope
-
-        return scope_of
