@@ -32,7 +32,7 @@ RUN /opt/uwserver/venv/bin/pip install --no-deps --no-build-isolation /src /src/
     && find /opt/uwserver -type d -name __pycache__ -prune -exec rm -rf {} +
 # Compiles the kernels, and writes the byte code of what a server imports; so the run-time stage starts at once from a read-only disk.
 WORKDIR /tmp
-RUN /opt/uwserver/venv/bin/python -m uwserver.physics.warm \
+RUN /opt/uwserver/venv/bin/python -m uwserver.world.warm \
     && /opt/uwserver/venv/bin/uwserver run --port 0 --mode freerun --until 1 \
     && /opt/uwserver/venv/bin/uwclient --help > /dev/null \
     && /opt/uwserver/venv/bin/python -c "from uwserver_adapters.mavlink.wire.dialect import Dialect; Dialect()" \

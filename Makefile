@@ -41,7 +41,7 @@ $(STAMP): $(READY) bench/pyproject.toml
 	@echo "installing what development needs into $(VENV), some minutes ..."
 	@$(INSTALL) -e ".[solid,docs,dev]" -e bench -e clients/python
 	@$(INSTALL) --no-deps "MAVProxy>=1.8.71"
-	@$(BIN)/python -m uwserver.physics.warm
+	@$(BIN)/python -m uwserver.world.warm
 	@touch $@
 
 run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)

@@ -103,7 +103,7 @@ def of_wheel(work: Path, environment: dict[str, str], dist: Path | None) -> Iter
     yield timed("pip install", ("one/bin/pip", "install", *wanted), environment, work)
     yield timed("first sample", ("one/bin/uwserver", *FIRST_SAMPLE), environment, work)
     yield timed("start again", ("one/bin/uwserver", *FIRST_SAMPLE), environment, work)
-    yield timed("all other kernels", ("one/bin/python", "-m", "uwserver.physics.warm"), environment, work)
+    yield timed("all other kernels", ("one/bin/python", "-m", "uwserver.world.warm"), environment, work)
     subprocess.run([sys.executable, "-m", "venv", "two"], cwd=work, env=environment, check=True, timeout=TIMEOUT_S)
     subprocess.run(["two/bin/pip", "install", *wanted], cwd=work, env=environment, check=True, timeout=TIMEOUT_S)
     yield timed("second environment", ("two/bin/uwserver", *FIRST_SAMPLE), environment, work)

@@ -1,4 +1,4 @@
-"""Makes the wheel for one platform of a pure wheel of uwserver: the same files, and the kernels of physics compiled for each `LEVELS`.
+"""Makes the wheel for one platform of a pure wheel of uwserver: the same files, and all kernels compiled for each `LEVELS`.
 
     python tools/kernel_wheel.py dist/uwserver-1.2.3-py3-none-any.whl --python python3.11 --out dist
 
@@ -36,7 +36,11 @@ from uwserver.physics.kernel.compiled import LEVELS
 tags = [line.partition(": ")[2] for line in distribution("numba").read_text("WHEEL").splitlines() if line.startswith("Tag: ")]
 print(json.dumps({"machine": platform.machine(), "levels": LEVELS, "tags": tags, "pins": {name: version(name) for name in %r}}))
 """
-CHECK = "from uwserver.physics.kernel.compiled import cache_state as c; print(c.folder if c.warm else '')"
+CHECK = """
+from uwserver.physics.kernel.compiled import cache_state
+from uwserver.world.builds import STAGES, missing
+print("" if missing(STAGES) else cache_state.folder)
+"""
 
 
 class NotBuilt(Exception):
@@ -69,7 +73,7 @@ def compile_kernels(python: Path, levels: Mapping[str, Sequence[str]], work: Pat
     files: dict[str, bytes] = {}
     for level, features in levels.items():
         environment = plain | settings(level, features)
-        run(python, "-m", "uwserver.physics.warm", environment=environment, cwd=work)
+        run(python, "-m", "uwserver.world.warm", environment=environment, cwd=work)
         folder = run(python, "-c", CHECK, environment=environment, cwd=work).strip()
         if not folder:
             raise NotBuilt(f"not all kernels were compiled for {level}: are the engines of solid things installed?")

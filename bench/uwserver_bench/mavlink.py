@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
 
-from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
+from uwserver.world.warm import warm
 from uwserver_bench.mavlink_peer import MavlinkPeer
 from uwserver_bench.processes import BenchFailed, Served, processor_s, serving
 from uwserver_bench.rows import Row

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Event
 
-from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
+from uwserver.world.warm import warm
 from uwserver_bench.idleness import Bystanders
 from uwserver_bench.net_processes import Traced
 from uwserver_bench.processes import START_TIMEOUT_S, BenchFailed, Load, Served, loading, stop

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from threading import Event
 from typing import Any
 
-from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
+from uwserver.world.warm import warm
 from uwserver_bench.net_processes import (
     HAS_ZENOH,
     NO_ZENOH,

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
-from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
+from uwserver.world.warm import warm
 from uwserver_bench.idleness import Bystanders
 from uwserver_bench.processes import BenchFailed, Load, Served, loading, serving
 from uwserver_bench.rows import Row

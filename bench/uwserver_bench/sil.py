@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from uwserver.physics.warm import warm
+from uwserver.world.warm import warm
 from uwserver_bench.processes import loading, serving
 from uwserver_bench.rows import Row
 from uwserver_bench.server import STATUS

@@ -248,7 +248,7 @@ def test_runs_as_an_ordinary_user(image: Image) -> None:
 
 
 def test_kernels_are_ready_on_a_read_only_disk(image: Image) -> None:
-    output = run(*image.command("python", "-m", "uwserver.physics.warm"))
+    output = run(*image.command("python", "-m", "uwserver.world.warm"))
     assert "kernels: were ready in /opt/uwserver/kernels" in output
 
 

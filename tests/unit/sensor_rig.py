@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-
 from uwserver.environment.column import TableColumn, ThermoclineColumn, WaterColumn
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
@@ -75,6 +74,7 @@ def full_speed(world: World, seconds: float, port: str, u: float = 1.0):
 BATTERY = BatteryConfig(
     rate_hz=20, capacity_Ah=18.0, cell_curve_V=(3.0, 3.7, 4.2), resistance_ohm=0.05, hotel_load_W=20.0
 )
+
 
 def electromotive(config: BatteryConfig, charge: float) -> float:
     """Voltage (V) of a battery without load, at a part of its capacity."""

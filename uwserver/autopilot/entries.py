@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
 from uwserver.autopilot import estimator, flight, sticks
 from uwserver.autopilot.flight import NOTHING, START
 from uwserver.autopilot.rows import FORMS, THRUSTER, WRENCH
@@ -98,3 +102,22 @@ def stay_one(table: Array, k: int) -> None:
 def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
     """See `flight.show`."""
     _show(_pilots(table)[k], t_ns, out)
+
+
+ENTRIES: tuple[Any, ...] = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
+"""All of them."""
+
+
+def load(told: Array) -> None:
+    """Have all that stands here ready, compiled or from the cache, so that no tick waits for it.
+
+    Args:
+        told: records like those that `hear_all` gets.
+    """
+    table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
+    given = (
+        (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
+        (table, number, values, number, number), (table, number), (table, number, number, values),
+    )  # fmt: skip
+    for kernel, like in zip(ENTRIES, given, strict=True):
+        kernel.load(*like)

@@ -108,11 +108,11 @@ def rays() -> Finding:
 
 def kernels() -> Finding:
     """The cache of compiled kernels: where, writable, warm."""
-    from uwserver.physics.builds import STAGES, missing
-    from uwserver.physics.kernel.compiled import ENTRY_KERNELS, cache_state
+    from uwserver.physics.kernel.compiled import cache_state
+    from uwserver.world.builds import STAGES, kernels_of, missing
 
     rest, package = missing(STAGES), cache_state._replace(folder=None)
-    if package.packaged and not any(map(package.missing, ENTRY_KERNELS.values())):
+    if package.packaged and not any(package.missing(kernels_of(stage)) for stage in STAGES):
         return Finding("kernels", "ok", f"came with the wheel, for {package.packaged[0].name.partition('-')[2]}")
     if cache_state.folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that you own and nobody else can write"

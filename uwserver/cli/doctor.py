@@ -50,7 +50,7 @@ def _warm() -> list[Finding]:
     """Compile what the cache lacks; a finding only if that fails. Progress goes to standard error."""
     try:
         from uwserver.physics.kernel.compiled import cache_state
-        from uwserver.physics.warm import prune, warm
+        from uwserver.world.warm import prune, warm
 
         warm(lambda line: click.echo(line, err=True))
     except (ImportError, OSError, RuntimeError) as error:

@@ -192,10 +192,10 @@ def _then_compile_the_rest(
     announce: Callable[[dict[str, str]], None], ending: ExitStack
 ) -> Callable[[dict[str, str]], None]:
     """`announce`, and then a process of the lowest priority that compiles what this scenario does not need, until the server ends."""
-    from uwserver.physics.builds import STAGES, missing, start, stop
     from uwserver.physics.kernel.compiled import cache_state
+    from uwserver.world.builds import STAGES, missing, start, stop
 
-    if cache_state.reason and cache_state.folder is None:
+    if cache_state.folder is None and missing(STAGES):
         click.echo(f"uwserver: {cache_state.reason}", err=True)
 
     def announced(addresses: dict[str, str]) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from uwserver.modifiers.bias import BIAS, SCALE, bias, scale
 from uwserver.modifiers.delivery import CLOCK_DRIFT, DELAY, DROPOUT, REORDER, clock_drift, delay, dropout, reorder
 from uwserver.modifiers.drift import DRIFT, drift
 from uwserver.modifiers.misalignment import MISALIGNMENT, misalign
 from uwserver.modifiers.noise import GAUSS_MARKOV, OUTLIER, WHITE, gauss_markov, outlier, white
+from uwserver.modifiers.operations import OPERATION, READING
 from uwserver.modifiers.quantise import QUANTISE, SATURATE, quantise, saturate
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import entry, separate
@@ -59,3 +62,8 @@ def disturb_alone(ops: Array, numbers: Array, row: Array, readings: Array, dt: f
     """Carry out the operations of one modifier on one reading."""
     for op in ops:
         disturb(op, numbers, row, readings[0], dt)
+
+
+def load() -> None:
+    """Have the code for one modifier ready, compiled or from the cache."""
+    disturb_alone.made().load(np.zeros(0, OPERATION), np.empty(0), np.empty(0), np.zeros(0, READING), 0.0)

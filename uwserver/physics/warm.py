@@ -1,19 +1,14 @@
-"""Compiles every kernel for the record types that worlds use, so that no server has to; ``python -m uwserver.physics.warm``."""
+"""Compiles every kernel of physics for the record types that worlds use, so that no server has to."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.builds import STAGES, prepare, progress, watch_parent
 from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Contacts
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
@@ -21,7 +16,6 @@ from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTab
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.compiled import cache_state
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
 from uwserver.physics.rays.raycast import SURFACE, no_hits
 
@@ -34,20 +28,15 @@ _APPENDAGES = Appendages(
 )
 
 
-def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Compile what the cache lacks, on all cores, and run each path of the kernels once.
+def check(say: Callable[[str], None] = lambda line: None) -> None:
+    """Run each path of the kernels once.
 
     Args:
         say: gets a line of progress before each part.
 
-    Returns:
-        Whether anything had to be compiled.
-
     Raises:
-        RuntimeError: the kernels ran and a state was not finite: the installation is broken.
+        RuntimeError: a state was not finite: the installation is broken.
     """
-    say("kernels: loading the compiler")
-    compiled = prepare(STAGES, progress())
     gentle, stiff = Hydrodynamics([_body(1.0)], _DT), Hydrodynamics([_body(1e7)], _DT)
     fitted = Hydrodynamics([_body(1.0), replace(_body(1.0), appendages=_APPENDAGES)], _DT)
     for name, world, depth in (
@@ -76,7 +65,6 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     say("kernels: solid things and echoes")
     solid_kernels()
     echo_kernels()
-    return compiled
 
 
 def _still_sea() -> tuple[SeaRows, FloatArray]:
@@ -118,7 +106,7 @@ def _echoes() -> None:
     echo_kernels()
 
 
-_COMPILE: dict[str, Callable[[], object]] = {
+COMPILE: dict[str, Callable[[], object]] = {
     "free": lambda: _free(False),
     "fins": lambda: _free(True),
     "contact": lambda: _strike(False),
@@ -190,19 +178,6 @@ def echo_kernels() -> None:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
 
 
-_KEPT = 16
-"""Caches of other versions, 2 MB each, that stay: other installations and checkouts may be at work with them, and wheels are made of them."""
-
-
-def prune(folder: Path) -> list[Path]:
-    """Remove the oldest caches that other versions of the sources left beside `folder`; returns what was removed."""
-    others = [path for path in folder.parent.glob("kernels-*") if path != folder]
-    old = sorted(others, key=lambda path: path.stat().st_mtime_ns, reverse=True)[_KEPT:]
-    for path in old:
-        shutil.rmtree(path, ignore_errors=True)
-    return [path for path in old if not path.exists()]
-
-
 def _body(drag: float) -> BodyParams:
     """A body with a box, a sphere and a thruster; `drag` scales its damping."""
     table = ForceTable((16.0,), (((-1.0, -30.0), (0.0, 0.0), (1.0, 40.0)),))
@@ -223,24 +198,3 @@ def _body(drag: float) -> BodyParams:
         ),
         thrusters=(thruster,),
     )
-
-
-def _main(stages: Sequence[str]) -> None:
-    if stages:  # --nice N STAGE...: one of the processes of `builds.start`
-        os.nice(int(stages[1]))
-        watch_parent()
-        for stage in stages[2:]:
-            _COMPILE[stage]()
-        return
-    state = cache_state
-    if state.reason:
-        print(state.reason, file=sys.stderr)
-    compiled = warm(lambda line: print(line, flush=True))
-    if state.folder is not None and not state.reason:
-        prune(state.folder)
-    done = "compiled" if compiled else "were ready"
-    print(f"kernels: {done} in {state.folder or 'memory only'}")
-
-
-if __name__ == "__main__":
-    _main(sys.argv[1:])

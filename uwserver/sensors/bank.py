@@ -15,7 +15,7 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -65,28 +65,25 @@ HEAD = np.dtype(
 MISSING = np.nan
 """A number that a reading does not have."""
 
-_INSTANT = "uwserver.sensors.instant"
-rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
-    Elsewhere(_INSTANT, name) for name in ("rotate", "multiply", "conjugate", "quat_from_rpy", "rpy_from_quat")
+
+def _seen(*names: str) -> Iterator[Any]:
+    """Questions to the world by their names in `instant`, which needs numba to be imported."""
+    return (Elsewhere("uwserver.sensors.instant", name) for name in names)
+
+
+rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = _seen(
+    "rotate", "multiply", "conjugate", "quat_from_rpy", "rpy_from_quat"
 )
-p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = (
-    Elsewhere(_INSTANT, name) for name in ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
+p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = _seen(
+    "p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB"
 )
-latitude_longitude = Elsewhere(_INSTANT, "latitude_longitude")
-velocity_of, specific_force = Elsewhere(_INSTANT, "velocity_of"), Elsewhere(_INSTANT, "specific_force")
-water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = (
-    Elsewhere(_INSTANT, name)
-    for name in ("water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence")
+latitude_longitude, velocity_of, specific_force = _seen("latitude_longitude", "velocity_of", "specific_force")
+water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = _seen(
+    "water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence"
 )
-magnetic_field, nu_dot_at, tau_at = (
-    Elsewhere(_INSTANT, "magnetic_field"), Elsewhere(_INSTANT, "nu_dot_at"), Elsewhere(_INSTANT, "tau_at"),
-)  # fmt: skip
-sound_absorption, echo_of, meet_surface = (
-    Elsewhere(_INSTANT, "absorption"), Elsewhere(_INSTANT, "echo_of"), Elsewhere(_INSTANT, "meet_surface"),
-)  # fmt: skip
-shaft_speed, power, supply_voltage, supply = (
-    Elsewhere(_INSTANT, name) for name in ("shaft_speed", "power", "supply_voltage", "supply")
-)
+magnetic_field, nu_dot_at, tau_at = _seen("magnetic_field", "nu_dot_at", "tau_at")
+sound_absorption, echo_of, meet_surface = _seen("absorption", "echo_of", "meet_surface")
+shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
 
 
 @compiled
@@ -123,6 +120,21 @@ class Bank(NamedTuple):
     aims: tuple[Deferred, ...] = ()
 
 
+def kernels(bank: Bank) -> tuple[Any, ...]:
+    """Its loops, as numba has made them."""
+    return tuple(loop.made() for loop in (*bank.aims, bank.run))
+
+
+def load(bank: Bank) -> None:
+    """Have its loops ready, compiled or from the cache, so that no tick waits for them."""
+    none, rays = np.zeros(0, np.int64), np.empty((0, 3))
+    given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
+    *aims, run = kernels(bank)
+    for aim in aims:
+        aim.load(*given, rays, rays, none, no_hits(0))
+    run.load(*given, *((rays, none, no_hits(0)) if aims else ()))
+
+
 def read(
     bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
 ) -> None:
@@ -135,7 +147,7 @@ def read(
         bank: of the kind.
         heads, rows, numbers: arrays in which the sensors lie.
         due: (m) numbers of heads.
-        now: the world (`instant.FORMS`).
+        now: the world (`surroundings.FORMS`).
         t: time, s.
         solids: what rays can hit.
     """
@@ -216,7 +228,7 @@ class BankSensor(Sensor):
         return draw_normals(self.key or 0, count)
 
     @property
-    def memory(self) -> Memory:  # type: ignore[override]  # lies in the record
+    def memory(self) -> Memory:
         """What it remembers."""
         return self.memory_of(self.rows.rows[self.row]["m"])
 

@@ -15,8 +15,8 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.alone import place_row, water_arrays
-from uwserver.sensors.bank import HEAD, Bank, read
+from uwserver.sensors.bank import HEAD, Bank, load, read
+from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 
 _SLOTS = 64
@@ -56,6 +56,7 @@ class Instruments:
         from uwserver.world import delivery
 
         self._delivery = delivery
+        delivery.load()
         self._hydro, self._water, self._around = hydro, water, around
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(delivery.STREAM), Pool(OPERATION), Pool(np.float64),
@@ -68,8 +69,11 @@ class Instruments:
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
-        """Where the records of a kind lie."""
-        return self._banks.setdefault(id(bank), Pool(bank.record))
+        """Where the records of a kind lie; its kernels are then ready."""
+        if id(bank) not in self._banks:
+            load(bank)
+            self._banks[id(bank)] = Pool(bank.record)
+        return self._banks[id(bank)]
 
     def gather(self, wirings: Iterable[Wiring]) -> None:
         """Find all arrays again: after sensors or bodies came or went."""
@@ -79,8 +83,6 @@ class Instruments:
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
-        from uwserver.sensors import instant
-
         self._seen = {
             "state": hydro.state,
             "nu_dot": self.nu_dot,
@@ -93,7 +95,7 @@ class Instruments:
             "lambert": around.lambert,
             **water_arrays(self._water),
         }
-        self.now: IntArray = layout.addresses(instant.FORMS, self._seen)
+        self.now: IntArray = layout.addresses(FORMS, self._seen)
         self._make_room(0)
         self._tabulate()
 

@@ -8,19 +8,18 @@ from typing import Any, ClassVar, NamedTuple
 from uwserver.autopilot.bank import Bank, Seat
 from uwserver.autopilot.craft import Held
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.state import Estimate, Memory, Orders
+from uwserver.autopilot.state import Remembered
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample
+from uwserver.world.banks import load_autopilots as load_kernels
 from uwserver.world.part import Part, Stage, State
 
 
 class PilotState(State, frozen=True):
-    """What an autopilot believes, remembers, and was told; nobody changes these copies."""
+    """What an autopilot believes, remembers, and was told."""
 
-    estimate: Estimate
-    memory: Memory
-    orders: Orders
+    pilot: Remembered
 
 
 class Piloting(Part):
@@ -48,15 +47,15 @@ class Piloting(Part):
 
     def save(self) -> PilotState:
         """All that it remembers; the call that waits is not part of it."""
-        return PilotState(*self.pilot.seat.read())
+        return PilotState(self.pilot.seat.save())
 
     def check(self, state: Any) -> None:
-        """They are of this vehicle."""
-        self.pilot.check(state.estimate, state.memory, state.orders)
+        """It is of this vehicle."""
+        self.pilot.check(state.pilot)
 
     def load(self, state: PilotState) -> None:
         """Go on from there."""
-        self.pilot.load(state.estimate, state.memory, state.orders)
+        self.pilot.load(state.pilot)
 
 
 class _Switch(NamedTuple):
@@ -100,8 +99,10 @@ class Pilots(Part):
         self._pilots = dict(enumerate(pilots))
         self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.craft.held]
         self._active = []
-        if pilots or self._bank is not None:
-            self._bank = self._bank or Bank()
+        if pilots and self._bank is None:
+            load_kernels()
+            self._bank = Bank()
+        if self._bank is not None:
             self._bank.gather([pilot.seat for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
 
     def before(self, tick: int, t_ns: int) -> None:

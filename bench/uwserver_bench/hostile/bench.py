@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwserver.physics.warm import warm
 from uwserver.simulation.clock import SystemTime
+from uwserver.world.warm import warm
 from uwserver_bench.hostile.decoding import costs
 from uwserver_bench.hostile.floods import FLOODS, HAS_MAVLINK, MAVLINK, RATE_HZ, SCENARIO, Flood
 from uwserver_bench.processes import BenchFailed, Load, loading, stop

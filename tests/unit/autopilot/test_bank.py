@@ -9,6 +9,7 @@ from msgspec import structs
 
 from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
 from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.mission import Hold
 from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Orders
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
@@ -102,6 +103,24 @@ def test_records_come_out_of_a_row_as_they_went_in(seat):
     assert seat.orders.place is not NOWHERE
     assert seat.orders.place == NOWHERE
     assert seat.orders.speed is NAN
+
+
+def test_what_it_is_can_be_copied_read_and_put_back(seat):
+    estimate, memory = Estimate(p=(1.0, math.nan, 3.0), leak=True), Memory(tau=(1.0,) * 6, outputs=(0.25,) * 8)
+    orders = Orders(gains=Gains(depth_p=0.7), mode="mission", items=(Hold(time_s=5.0),), index=0, test=(0.5,) * 8)
+    seat.write(estimate, memory, orders)
+    kept, written = seat.save(), seat.read()
+    assert seat.records(kept) == written
+    assert seat.load(kept) is False
+    seat.write(Estimate(), Memory(), Orders(gains=Gains(), mode="mission"))
+    assert seat.read() != written
+    assert seat.records(kept) == written
+    assert seat.load(kept) is False  # neither the mode nor who commands the actuators is another one
+    assert seat.read() == written
+    assert seat.save() == kept
+    seat.orders.armed = True
+    assert seat.load(kept) is True
+    assert not seat.orders.armed
 
 
 def test_a_field_that_a_record_has_not_is_no_attribute(seat):

@@ -17,6 +17,7 @@ from uwserver.cli.diagnosis import Finding
 from uwserver.physics.collision import engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
+from uwserver.world.builds import STAGES, kernels_of
 
 
 class Sleeper:
@@ -135,25 +136,25 @@ KERNELS, LEVEL = Path("all of them"), "x86-64-v3"
 @pytest.mark.parametrize(
     ("state", "level", "words"),
     [
-        (CacheState(KERNELS, True, ""), "ok", "(writable)"),
-        (CacheState(KERNELS, True, "read-only, complete"), "ok", "(read-only, complete)"),
-        (CacheState(Path("/c"), True, "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
-        (CacheState(None, True, "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
+        (CacheState(KERNELS, ""), "ok", "(writable)"),
+        (CacheState(KERNELS, "read-only"), "ok", "(read-only)"),
+        (CacheState(Path("/c"), "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
+        (CacheState(None, "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
         (
-            CacheState(Path("/c"), False, ""),
+            CacheState(Path("/c"), ""),
             "warning",
-            "not compiled yet: solids, fins in contact, fins, contact, free, echoes, sea; in /c",
+            "not compiled yet: solids, fins in contact, fins, sensors, contact, autopilots, free, soundings, echoes, sea; in /c",
         ),
-        (CacheState(Path("/c"), False, ""), "warning", "--warm"),
-        (CacheState(None, False, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),
+        (CacheState(Path("/c"), ""), "warning", "--warm"),
+        (CacheState(None, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),
     ],
 )
 def test_kernels(state: CacheState, level: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What it says is what a run finds: the files themselves are looked for."""
     there = tmp_path / f"0123-{LEVEL}"
     there.mkdir()
-    for kernels in compiled.ENTRY_KERNELS.values():
-        for kernel in kernels:
+    for stage in STAGES:
+        for kernel in kernels_of(stage):
             (there / f"{kernel}-00.kernel").touch()
     state = state._replace(packaged=tuple(there for _ in state.packaged))
     if state.folder == KERNELS:
@@ -283,7 +284,7 @@ def test_warming_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(say: object) -> bool:
         raise RuntimeError("not finite")
 
-    monkeypatch.setattr("uwserver.physics.warm.warm", broken)
+    monkeypatch.setattr("uwserver.world.warm.warm", broken)
     monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 1
@@ -294,9 +295,9 @@ def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypat
     for age, name in enumerate(("kernels-new", "kernels-a", "kernels-b", "kernels-c", "kernels-d", "kernels-old")):
         (tmp_path / name).mkdir()
         os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
-    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", True, ""))
-    monkeypatch.setattr("uwserver.physics.warm._KEPT", 4)
-    monkeypatch.setattr("uwserver.physics.warm.warm", lambda say: say("kernels: immersed"))
+    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path / "kernels-new", ""))
+    monkeypatch.setattr("uwserver.world.warm._KEPT", 4)
+    monkeypatch.setattr("uwserver.world.warm.warm", lambda say: say("kernels: immersed"))
     monkeypatch.setattr(command, "examine", lambda _: [GOOD])
     result = CliRunner().invoke(command.doctor, ["--warm"])
     assert result.exit_code == 0

@@ -10,11 +10,11 @@ from click.testing import CliRunner
 
 from uwserver.adapter import installed_adapters
 from uwserver.cli.run import _announce, _then_compile_the_rest, _with_address, _with_new_token, run
-from uwserver.physics import builds
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
+from uwserver.world import builds
 
 
 @pytest.mark.parametrize("option", ["--until", "--speed"])
@@ -30,7 +30,7 @@ def test_what_a_scenario_does_not_need_is_compiled_after_the_start_until_the_end
     rest: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[object] = []
-    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path, False, ""))
+    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path, ""))
     monkeypatch.setattr(builds, "missing", lambda stages: rest)
     monkeypatch.setattr(builds, "start", lambda stages, nice: told.append((stages, nice)) or "process")
     monkeypatch.setattr(builds, "stop", told.append)

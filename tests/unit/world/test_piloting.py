@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from msgspec import structs
 
 import uwserver
+from uwserver.autopilot.rows import REMEMBERED
 from uwserver.ports import Call, Reply
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
@@ -74,10 +76,10 @@ def test_it_hears_the_same_whoever_else_reads(wanted: Any) -> None:
     world.want(wanted)
     read = {sample.port for sample in world.step(240)}
     assert read == set(wanted) if wanted is not None else read > {"rov/ahrs", "rov/depth"}
-    estimate = pilot_of(world).save().estimate
     other = uwserver.load("rov_autopilot")
     other.step(240)
-    assert estimate == pilot_of(other).save().estimate
+    assert pilot_of(world).save() == pilot_of(other).save()
+    assert pilot_of(world).pilot.estimate.depth_ns > 0
 
 
 def test_a_switched_off_actuator_gets_no_commands(flown: World) -> None:
@@ -93,34 +95,64 @@ def test_a_switched_off_actuator_gets_no_commands(flown: World) -> None:
 
 def test_its_state_stays_as_it_was_and_it_goes_on_from_there(flown: World) -> None:
     part = pilot_of(flown)
-    kept = part.save()
-    before = structs.asdict(kept.estimate), structs.asdict(kept.memory), structs.asdict(kept.orders)
+    seat = part.pilot.seat
+    flown.call("rov/autopilot/set_gain", name="depth_p", value=0.7)
+    flown.call("rov/autopilot/set_mission", items=[{"kind": "hold", "time_s": 5}])
+    flown.command("rov/autopilot/test", outputs=[0.25] * 8)
+    flown.step(8)
+    kept, before = part.save(), seat.read()
+    assert (before[2].gains.depth_p, len(before[2].items), before[2].test) == (0.7, 1, (0.25,) * 8)
+    assert before[1].outputs == (0.25,) * 8
     part.load(kept)
     flown.call("rov/autopilot/disarm")
+    flown.call("rov/autopilot/set_gain", name="depth_p", value=0.5)
+    flown.call("rov/autopilot/set_mission", items=[])
     flown.step(50)
-    assert (structs.asdict(kept.estimate), structs.asdict(kept.memory), structs.asdict(kept.orders)) == before
+    assert not part.pilot.orders.armed
+    assert seat.records(kept.pilot) == before
     assert flown.actuators["rov/thrusters"].refusal == ""
+    part.check(kept)
     part.load(kept)
+    assert seat.read() == before
+    assert part.save() == kept
     assert part.pilot.orders.armed
     assert "held by the autopilot" in flown.actuators["rov/thrusters"].refusal
     part.pilot.disarm()
-    assert kept.orders.armed
+    assert seat.records(kept.pilot)[2].armed
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "text"),
+    ("record", "field", "value", "text"),
     [
-        ("estimate", {"q": (0.0, 0.0, 0.0, 0.0)}, "no rotation"),
-        ("estimate", {"p": (0.0, 1e300, 0.0)}, "out of all range"),
-        ("memory", {"outputs": (0.0,)}, "other actuators"),
-        ("orders", {"index": 0}, "does not have"),
+        ("e", "q", 0.0, "no rotation"),
+        ("e", "p", 1e300, "out of all range"),
+        ("e", "depth_ns", -(2**63), "out of all range"),
+        ("e", "leak", 2, "2 is no code"),
+        ("m", "push", np.inf, "out of all range"),
+        ("o", "index", 5, "does not have"),
+        ("o", "mode", -1, "-1 is no code"),
+        ("o", "failsafe", 10, "10 is no code"),
+        ("o", "given", 16, "16 are no bits"),
+        ("o", "gains", -1.0, "Expected `float` >= 0.0"),
+        ("o", "gains", np.nan, "Expected `float` >= 0.0"),
     ],
 )
-def test_what_cannot_be_its_state_is_refused(flown: World, name: str, change: dict[str, Any], text: str) -> None:
+def test_what_cannot_be_its_state_is_refused(flown: World, record: str, field: str, value: Any, text: str) -> None:
     part = pilot_of(flown)
     state = part.save()
+    row = np.frombuffer(state.pilot.row, REMEMBERED).copy()
+    row[record][field] = value
     with pytest.raises(ValueError, match=text):
-        part.check(structs.replace(state, **{name: structs.replace(getattr(state, name), **change)}))
+        part.check(structs.replace(state, pilot=structs.replace(state.pilot, row=row.tobytes())))
+    assert part.save() == state
+
+
+@pytest.mark.parametrize("change", [{"row": b""}, {"row": bytes(8)}, {"outputs": bytes(8)}, {"test": bytes(56)}])
+def test_a_state_of_another_vehicle_is_refused(flown: World, change: dict[str, bytes]) -> None:
+    part = pilot_of(flown)
+    state = part.save()
+    with pytest.raises(ValueError, match="other numbers, or commands other actuators"):
+        part.check(structs.replace(state, pilot=structs.replace(state.pilot, **change)))
 
 
 def test_who_waits_for_the_end_of_a_way_is_answered_when_it_leaves() -> None:

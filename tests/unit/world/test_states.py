@@ -540,18 +540,9 @@ def test_numbers_that_could_not_be_saved_again_are_refused(
 
 def test_a_mission_without_items_is_not_under_way() -> None:
     world = uwserver.load("rov_autopilot")
-    world.step(300)
-
-    def change(raw: Any) -> None:
-        raw["parts"]["rov/autopilot"]["orders"] |= {
-            "mode": "mission",
-            "armed": True,
-            "waits": False,
-            "items": [],
-            "index": 0,
-        }
-
-    assert "its mission does not have" in refusal(world, forged(world, change))
+    fly(world)
+    data = forged(world, lambda raw: raw["parts"]["rov/autopilot"]["pilot"].update(items=[]))
+    assert "its mission does not have" in refusal(world, data)
 
 
 SPELT = """

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from numba.core import caching, compiler
 from numba.core.serialize import dumps
 
 from uwserver.physics.kernel import store
+from uwserver.physics.kernel.fingerprint import PHYSICS, fingerprint
 
 _UNREADABLE = (
     pickle.UnpicklingError, EOFError, OSError, RuntimeError, ImportError, AttributeError, IndexError, KeyError, TypeError, ValueError
@@ -24,15 +26,16 @@ _UNREADABLE = (
 """What a file can lead to that is sound and yet not what it should be."""
 
 
-def file_name(function: Callable[..., Any], signature: Any) -> str:
+def file_name(kernel: str, signature: Any) -> str:
     """Of the file that holds a kernel for arguments of these types."""
     kinds = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
-    return f"{kernel_name(function)}-{kinds}.kernel"
+    return f"{kernel}-{kinds}.kernel"
 
 
 def kernel_name(function: Callable[..., Any]) -> str:
-    """A kernel's module and name."""
-    return f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+    """A kernel's module and name; outside physics, whose sources the folder's name tells, with the hash of what it is made of."""
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+    return name if function.__module__.startswith(PHYSICS) else f"{name}+{fingerprint(function)}"
 
 
 class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the base that numba's dispatchers ask for
@@ -45,6 +48,10 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
         self._own = own
         self._kept = kept
 
+    @cached_property
+    def _kernel(self) -> str:
+        return kernel_name(self._function)
+
     @property
     def cache_path(self) -> str | None:
         """The user's folder."""
@@ -53,7 +60,7 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these types, or None."""
         target_context.refresh()
-        name = file_name(self._function, sig)
+        name = file_name(self._kernel, sig)
         for folder in self._packaged:
             if (found := _load(store.read(folder, name, packaged=True), target_context)) is not None:
                 return found
@@ -62,7 +69,7 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a kernel, if there is a folder for it."""
         if self._kept and self._own is not None and not data.library.has_dynamic_globals:
-            store.write(self._own, file_name(self._function, sig), dumps(_reduced(data)))
+            store.write(self._own, file_name(self._kernel, sig), dumps(_reduced(data)))
 
     def enable(self) -> None:
         """Always so."""

@@ -1,9 +1,10 @@
 """The decorators that compile a kernel, and where the compiled code is kept.
 
-A kernel is kept under a hash of all files that hold kernels and of what those import of physics (`kernel_sources`), the versions of numba,
-llvmlite and Python, and the CPU: all environments of a user with the same kernels share one folder, wherever they lie. In order of preference
-kernels come from the package, which has them in wheels for a platform (`finished`), and from the user's folder, below ``NUMBA_CACHE_DIR``
-or in his cache folder. When that cannot be used, kernels are compiled in memory at each start, and `cache_state` says so.
+A kernel is kept under a hash of all files of physics that hold kernels and of what those import of it (`kernel_sources`), the versions of
+numba, llvmlite and Python, and the CPU: all environments of a user with the same kernels share one folder, wherever they lie. There the name
+of a kernel outside physics tells a hash of its code (`fingerprint`). In order of preference kernels come from the package, which has them in
+wheels for a platform (`finished`), and from the user's folder, below ``NUMBA_CACHE_DIR`` or in his cache folder. When that cannot be used,
+kernels are compiled in memory at each start, and `cache_state` says so.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from numba.core.codegen import get_host_cpu_features
 
 from uwserver.physics.kernel import store
 from uwserver.physics.kernel.caches import EntryCache
+from uwserver.physics.kernel.fingerprint import PHYSICS
 from uwserver.physics.kernel.linking import Entry, Part
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -64,13 +66,11 @@ class CacheState(NamedTuple):
 
     Attributes:
         folder: the user's.
-        warm: whether all `ENTRY_KERNELS` are there, or in the package.
         reason: why there is no folder, or why it is only read.
         packaged: folders of the package with kernels for this CPU.
     """
 
     folder: Path | None
-    warm: bool
     reason: str
     packaged: tuple[Path, ...] = ()
 
@@ -140,10 +140,6 @@ def _base() -> Path:
     return (Path(home) if home else Path("~/.cache").expanduser()) / "uwserver"
 
 
-def _all_kernels() -> list[str]:
-    return [kernel for kernels in ENTRY_KERNELS.values() for kernel in kernels]
-
-
 def _find_cache() -> CacheState:
     sources = made_of(Path(__file__).parents[1])
     packaged = _packaged(sources)
@@ -154,19 +150,16 @@ def _find_cache() -> CacheState:
             folder.mkdir(mode=0o700, exist_ok=True)
         fault = store.fault_of(folder)
         if fault:
-            return CacheState(None, not CacheState(None, False, "", packaged).missing(_all_kernels()), fault, packaged)
-        warm = not CacheState(folder, False, "", packaged).missing(_all_kernels())
+            return CacheState(None, fault, packaged)
         # A read-only image holds a finished cache: reading it is enough.
         if not os.access(folder, os.W_OK):
-            rest = "complete" if warm else "not complete: the rest is compiled in memory at each start"
-            return CacheState(folder, warm, f"read-only, {rest}", packaged)
+            return CacheState(folder, "read-only", packaged)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
-        warm = not CacheState(None, False, "", packaged).missing(_all_kernels())
         reason = f"kernel cache not writable ({error}): compiling in memory at each start"
-        return CacheState(None, warm, "" if warm else reason, packaged)
-    return CacheState(folder, warm, "", packaged)
+        return CacheState(None, reason, packaged)
+    return CacheState(folder, "", packaged)
 
 
 cache_state = _find_cache()
@@ -190,7 +183,7 @@ def separate(function: F) -> F:
 def entry(function: F) -> F:
     """As `compiled`, for what Python calls and no kernel: one piece of machine code with all that it calls (`linking`)."""
     kernel, state = Entry(function), cache_state
-    # The folder's name tells the sources of this package alone, and a kernel's name tells nothing of what a closure holds.
-    if function.__module__.startswith("uwserver.physics.") and "<locals>" not in function.__qualname__:
+    # Of physics the folder's name tells the sources, and a kernel's name tells nothing of what a closure holds.
+    if not (function.__module__.startswith(PHYSICS) and "<locals>" in function.__qualname__):
         kernel._cache = EntryCache(function, state.packaged, state.folder, kept=not state.reason)  # noqa: SLF001
     return cast("F", kernel)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from types import CellType, CodeType, FunctionType
+from types import CellType, FunctionType
 from typing import Any, Literal
+
+from uwserver.physics.kernel.fingerprint import names_of
 
 Form = Literal["compiled", "inlined", "separate", "entry"]
 
@@ -62,7 +64,7 @@ def entry(function: Callable[..., Any]) -> Deferred:
 def _resolved(function: Any) -> FunctionType:
     """The function, which names kernels where it named what becomes one."""
     given = function.__globals__
-    names = {name: _kernel(given[name]) for name in _names(function.__code__) if name in given}
+    names = {name: _kernel(given[name]) for name in names_of(function.__code__) if name in given}
     cells = tuple(CellType(_kernel(cell.cell_contents)) for cell in function.__closure__ or ())
     # numba looks up the module of a function by its globals.
     scope = {**names, "__name__": function.__module__, "__builtins__": given["__builtins__"]}
@@ -73,11 +75,6 @@ def _resolved(function: Any) -> FunctionType:
 
 def _kernel(value: Any) -> Any:
     return value.made() if isinstance(value, (Deferred, Elsewhere)) else value
-
-
-def _names(code: CodeType) -> set[str]:
-    """Names that a function or what it defines may look up."""
-    return set(code.co_names).union(*(_names(c) for c in code.co_consts if isinstance(c, CodeType)))
 
 
 class Elsewhere:

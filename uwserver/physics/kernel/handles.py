@@ -43,7 +43,7 @@ def array_at(forms: Forms, name: str) -> Callable[[Array], Array]:
 def arrays_at(kind: type[Any], forms: Forms) -> Callable[[Array], Any]:
     """A compiled function that gives all fields of a NamedTuple from a table made by `forms`, each found by its name."""
     # Compiled code cannot loop over arrays of different types, so the call is written out, as `namedtuple` itself does.
-    scope: dict[str, Any] = {name: array_at(forms, name) for name in kind._fields}
+    scope: dict[str, Any] = {"__name__": __name__, **{name: array_at(forms, name) for name in kind._fields}}
     calls = ", ".join(f"{name}(table)" for name in kind._fields)
     exec(f"def read(table): return kind({calls})", scope | {"kind": kind}, scope)
     return cast("Callable[[Array], Any]", inlined(scope["read"]))

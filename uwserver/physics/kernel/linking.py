@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from llvmlite import binding
+from numba import typeof
 from numba.core import compiler, errors, registry
 from numba.core.codegen import JITCodeLibrary
 from numba.core.environment import lookup_environment
@@ -107,6 +108,10 @@ class Entry(registry.CPUDispatcher):  # type: ignore[misc]
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         raise errors.TypingError(f"{self.__name__} is an entry: kernels call what is `compiled`")
+
+    def load(self, *like: Any) -> None:
+        """Be ready for arguments like these: from the cache, or compiled now."""
+        self.compile(tuple(typeof(argument) for argument in like))
 
 
 class Part(registry.CPUDispatcher):  # type: ignore[misc]

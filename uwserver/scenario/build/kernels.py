@@ -5,11 +5,11 @@ from __future__ import annotations
 from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.sensors import AltimeterConfig, ScanningSonarConfig
+from uwserver.sensors import AltimeterConfig, DvlConfig, ScanningSonarConfig
 
 
 def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
-    """Stages of `physics.builds` that the worlds of a scenario need.
+    """Stages of `world.builds` that the worlds of a scenario need.
 
     Args:
         resolved: the scenario.
@@ -25,6 +25,12 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
     if sea:
         needs.add("sea")
-    if any(isinstance(config, AltimeterConfig | ScanningSonarConfig) for config in sensors):
+    if any(isinstance(config, ScanningSonarConfig) for config in sensors):
         needs.add("echoes")
+    if vehicles:
+        needs.add("sensors")
+    if any(isinstance(config, AltimeterConfig | DvlConfig) for config in sensors):
+        needs.add("soundings")
+    if any(vehicle.entry.autopilot is not None for vehicle in vehicles):
+        needs.add("autopilots")
     return frozenset(needs)

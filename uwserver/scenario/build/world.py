@@ -9,7 +9,6 @@ from msgspec import UnsetType
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.builds import prepare, progress
 from uwserver.scenario.build.kernels import kernels_of
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.population import ScenarioPopulation
@@ -20,6 +19,7 @@ from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
 from uwserver.sensors import MagnetometerConfig
 from uwserver.units import rad
+from uwserver.world.builds import prepare, progress
 from uwserver.world.faults import Faults, effects
 from uwserver.world.saving import offer_state_services
 from uwserver.world.services import offer_world_services

@@ -1,4 +1,4 @@
-"""Compiles the kernels that a world needs, in processes on all cores, and says how far it is."""
+"""Has the kernels compiled that a world needs, in processes on all cores, and says how far it is."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from collections.abc import Callable, Collection, Sequence
 from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import ENTRY_KERNELS
+from uwserver.world import banks
 
 STAGES = {
     "fins in contact": 12.0, "fins": 12.0, "solids": 18.0, "contact": 10.0, "free": 8.0, "echoes": 4.0, "sea": 4.0,
+    "sensors": 12.0, "soundings": 6.0, "autopilots": 10.0,
 }  # fmt: skip
 """The parts of the kernels, each for what a world may have, with the processor time (s) that they take on a 2.5 GHz Xeon, alone."""
 
@@ -27,7 +29,12 @@ _PREFIX = "uwserver: compiling the physics for this machine, once"
 def missing(stages: Collection[str]) -> tuple[str, ...]:
     """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
     here = [stage for stage in STAGES if stage in stages and (stage != "solids" or missing_engine() is None)]
-    return tuple(sorted((s for s in here if compiled.cache_state.missing(ENTRY_KERNELS[s])), key=lambda s: -STAGES[s]))
+    return tuple(sorted((s for s in here if compiled.cache_state.missing(kernels_of(s))), key=lambda s: -STAGES[s]))
+
+
+def kernels_of(stage: str) -> tuple[str, ...]:
+    """Names of the kernels of a stage, in the cache."""
+    return ENTRY_KERNELS.get(stage) or banks.kernels_of(stage)
 
 
 def prepare(stages: Collection[str], tell: Tell) -> bool:
@@ -94,7 +101,7 @@ def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> f
 
 def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:
     """A process that compiles some stages, and ends with this one."""
-    command = [sys.executable, "-m", "uwserver.physics.warm", "--nice", str(nice), *stages]
+    command = [sys.executable, "-m", "uwserver.world.warm", "--nice", str(nice), *stages]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     null = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=null, stderr=null, env=environment)

@@ -9,24 +9,35 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.physics import builds
 from uwserver.physics.kernel import compiled
-from uwserver.physics.kernel.compiled import ENTRY_KERNELS, CacheState
+from uwserver.physics.kernel.compiled import CacheState
+from uwserver.world import builds, warm
 
 
 @pytest.fixture
 def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path, False, ""))
+    monkeypatch.setattr(compiled, "cache_state", CacheState(tmp_path, ""))
     return tmp_path
 
 
 def keep(folder: Path, stage: str) -> None:
-    for kernel in ENTRY_KERNELS[stage]:
+    for kernel in builds.kernels_of(stage):
         (folder / f"{kernel}-00.kernel").touch()
 
 
 def test_every_stage_has_its_kernels_and_its_time() -> None:
-    assert builds.STAGES.keys() == ENTRY_KERNELS.keys()
+    assert builds.STAGES.keys() == warm.COMPILE.keys()
+    names = [name for stage in builds.STAGES for name in builds.kernels_of(stage)]
+    assert len(set(names)) == len(names) > 40
+
+
+def test_a_sensor_that_is_edited_is_missing(empty: Path) -> None:
+    """Its name alone does not do: the code of sensors is part of it."""
+    for name in builds.kernels_of("sensors"):
+        (empty / f"{name.partition('+')[0]}+0123456789ab-00.kernel").touch()
+    assert builds.missing(("sensors",)) == ("sensors",)
+    keep(empty, "sensors")
+    assert builds.missing(("sensors",)) == ()
 
 
 def test_only_what_is_asked_for_and_not_there_is_missing(empty: Path) -> None:
@@ -60,7 +71,7 @@ def test_parts_are_made_side_by_side_and_counted(empty: Path, monkeypatch: pytes
 
 
 def test_without_a_cache_it_is_left_to_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "cache_state", CacheState(None, False, "not writable"))
+    monkeypatch.setattr(compiled, "cache_state", CacheState(None, "not writable"))
     monkeypatch.setattr(builds, "start", lambda *_: pytest.fail("nothing could be kept"))
     said: list[str] = []
     assert builds.prepare(("free",), lambda text, last: said.append(text))
@@ -76,7 +87,7 @@ def test_what_is_left(stages: tuple[str, ...], workers: int, done: float, elapse
 
 
 def test_a_process_ends_with_who_started_it_and_when_it_is_stopped() -> None:
-    code = "from uwserver.physics.builds import watch_parent; import time; watch_parent(); print(1, flush=True); time.sleep(60)"
+    code = "from uwserver.world.builds import watch_parent; import time; watch_parent(); print(1, flush=True); time.sleep(60)"
     pipe = subprocess.PIPE
     orphan, stopped = (subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe) for _ in range(2))
     for process in (orphan, stopped):

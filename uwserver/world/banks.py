@@ -1,0 +1,85 @@
+"""Kernels of sensors and autopilots, by the stages in which they are compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.kernel.caches import kernel_name
+from uwserver.physics.kernel.random import draw_normals
+from uwserver.sensors import bank, truth
+from uwserver.sensors.bank import Bank, BankSensor
+
+
+def _kinds(base: type[BankSensor]) -> Iterator[type[BankSensor]]:
+    for kind in base.__subclasses__():
+        if kind.__module__.startswith("uwserver."):
+            yield kind
+            yield from _kinds(kind)
+
+
+def _banks(casts_rays: bool) -> dict[int, Bank]:
+    """The banks of all kinds of sensors that cast rays, or that do not."""
+    assert truth  # whose kinds no table names
+    found = {id(kind.bank): kind.bank for kind in _kinds(BankSensor) if "bank" in vars(kind)}
+    return {key: bank for key, bank in found.items() if bool(bank.aims) == casts_rays}
+
+
+def _sensors() -> Iterable[Any]:
+    from uwserver.modifiers.chain import disturb_alone
+    from uwserver.world.delivery import deliver
+
+    yield from (deliver, disturb_alone.made())
+    for each in _banks(False).values():
+        yield from bank.kernels(each)
+
+
+def _load_sensors() -> None:
+    from uwserver.modifiers import chain
+    from uwserver.world import delivery
+
+    delivery.load()
+    chain.load()
+    draw_normals(0, 1)
+    for each in _banks(False).values():
+        bank.load(each)
+
+
+def _load_soundings() -> None:
+    for each in _banks(True).values():
+        bank.load(each)
+
+
+def _autopilots() -> Iterable[Any]:
+    from uwserver.autopilot.entries import ENTRIES
+
+    return ENTRIES
+
+
+def load_autopilots() -> None:
+    """Have those of autopilots ready, compiled or from the cache."""
+    from uwserver.autopilot import entries
+    from uwserver.world.delivery import ENTRY
+
+    entries.load(np.zeros(0, ENTRY))
+
+
+COMPILE: dict[str, Callable[[], None]] = {
+    "sensors": _load_sensors, "soundings": _load_soundings, "autopilots": load_autopilots,
+}  # fmt: skip
+"""What compiles the kernels of a stage, and no others."""
+
+_KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
+    "sensors": _sensors,
+    "soundings": lambda: [kernel for each in _banks(True).values() for kernel in bank.kernels(each)],
+    "autopilots": _autopilots,
+}
+
+
+@cache
+def kernels_of(stage: str) -> tuple[str, ...]:
+    """Names of the kernels of a stage, in the cache."""
+    return tuple(kernel_name(kernel.py_func) for kernel in _KERNELS[stage]())
