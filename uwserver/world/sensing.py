@@ -110,6 +110,7 @@ class Sensing(Part):
         self._listen: Listen | None = None
         self._unread: Set[int] = frozenset()
         self._streams: dict[int, SensorStream] = {}
+        self.numbers: dict[str, int] = {}
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
@@ -126,6 +127,7 @@ class Sensing(Part):
             (k, s) for slot in self._slots.values() for k, s in zip(slot.stream_numbers, slot.streams, strict=True)
         )
         self._streams = dict(numbered)
+        self.numbers = {stream.port.path: k for k, stream in self._streams.items()}
         self._mark()
         self._instruments.gather(
             {id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values()
@@ -140,11 +142,6 @@ class Sensing(Part):
         """Parts of the world hear some ports; compiled code hears others, after each tick in which something is delivered that somebody wants."""
         self._heard, self._overheard, self._listen = ports, overheard, listen
         self._mark()
-
-    @property
-    def numbers(self) -> dict[str, int]:
-        """Numbers of the streams, by port."""
-        return {stream.port.path: k for k, stream in self._streams.items()}
 
     def _mark(self) -> None:
         rows, wanted, unread = self._instruments.streams.rows["wanted"], self._wanted, set()
@@ -234,7 +231,7 @@ class Sensing(Part):
 
     def newest(self, path: str) -> Sample | None:
         """The newest delivered sample of a port; None before the first, or after the time was set."""
-        k = next((k for k, stream in self._streams.items() if stream.port.path == path), None)
+        k = self.numbers.get(path)
         newest = None if k is None else self._instruments.newest(k)
         if k is None or newest is None:
             return None
