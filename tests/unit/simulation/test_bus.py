@@ -105,13 +105,17 @@ def test_what_readers_have_not_heard_of_is_wanted_until_they_have():
 def test_what_was_not_wanted_meanwhile_is_not_the_newest():
     bus, reader = Bus(lambda _: None), Wanting("a", "b")
     bus.attach(reader)
-    bus.publish(TickOutput(1, 1, [Sample(path, 1, 1, 1, True, (1.0,)) for path in "ab"], ports=PORTS))
+    both = [Sample(path, 1, 1, 1, True, (1.0,)) for path in "ab"]
+    bus.publish(TickOutput(1, 1, both, ports=PORTS))
     bus.drain()
     assert sorted(bus.last) == ["a", "b"]
     for wanted in (("a",), ("a", "b")):
         reader.wanted = wanted
         bus.follow_wants()
         assert sorted(bus.last) == ["a"]
+        if wanted == ("a",):
+            bus.publish(TickOutput(2, 2, both, ports=PORTS))  # it was under way
+            bus.drain()
 
 
 def test_a_reader_that_cannot_say_what_it_wants_harms_no_other(caplog: pytest.LogCaptureFixture):
