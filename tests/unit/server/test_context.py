@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from msgspec.structs import replace
-from simulation_rig import PATIENCE_S, Rig, running
+from simulation_rig import PATIENCE_S, Rig, profiling_of, running
 
 from uwserver.adapter import AdapterStats, Conversation, installed_adapters
 from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
@@ -28,7 +28,16 @@ GOTO = {"position_ned_m": [90.0, 0.0, 3.0], "radius_m": 0.5}
 def hub_of(rig: Rig) -> Hub:
     files = StateFiles(None, rig.simulation, rig.mailbox, lambda function: function())
     ended: list[str] = []
-    return Hub("pool", rig.simulation, rig.bus, rig.mailbox, ended.append, lambda: {"ended": list(ended)}, files)
+    return Hub(
+        "pool",
+        rig.simulation,
+        rig.bus,
+        rig.mailbox,
+        ended.append,
+        lambda: {"ended": list(ended)},
+        files,
+        profiling_of(rig),
+    )
 
 
 class Heard:
