@@ -81,6 +81,7 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
 @cache
 def kernels_of(stage: str) -> tuple[str, ...]:
     """Names of the kernels of a stage, in the cache."""
-    from uwserver.physics.kernel.caches import kernel_name  # needs numba, which nobody pays for who only reads a scenario
+    # It needs numba, for which nobody waits who only reads a scenario.
+    from uwserver.physics.kernel.caches import kernel_name
 
     return tuple(kernel_name(kernel.py_func) for kernel in _KERNELS[stage]())
