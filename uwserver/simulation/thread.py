@@ -62,17 +62,14 @@ class Simulation:
     def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
         self.world, self.timing, self.bus, self.mailbox = world, timing, bus, mailbox
         self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
-        self.lateness = Lateness()
-        self.pace = Pace(time, timing.pace or timing.speed)
+        self.lateness, self.pace = Lateness(), Pace(time, timing.pace or timing.speed)
         self.paused, self.failure = timing.paused, ""
         self.until_tick: int | None = None
-        self._time = time
-        self._stop = threading.Event()
+        self._time, self._stop = time, threading.Event()
         self._steering = Steering(mailbox.wake)
         self.readers = Readers(world, bus, self._steering)
         self._goals: list[Goal] = []
-        self._next_progress = 0
-        self._jumps = world.jumps
+        self._next_progress, self._jumps = 0, world.jumps
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
