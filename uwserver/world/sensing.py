@@ -130,11 +130,7 @@ class Sensing(Part):
         self._repeating: list[_Due] = []
         self._plans: dict[int, _Due] = {}
         self._listening: list[SensorSlot] = []
-<<<<<<< .merge_file_03AZsc
         self._there: dict[SensorSlot, None] = {}
-=======
-        self._there: set[SensorSlot] = set()
->>>>>>> .merge_file_NeNNTO
         self._wanted: Container[str] | None = None
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
@@ -160,7 +156,6 @@ class Sensing(Part):
         slots = self._slots
         there = dict.fromkeys(slots.values())
         gone = [slot for slot in self._there if slot not in there]
-<<<<<<< .merge_file_03AZsc
         streams = dict(self._streams)
         if gone:
             lost = {k for slot in gone for k in slot.stream_numbers}
@@ -177,23 +172,6 @@ class Sensing(Part):
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
-=======
-        self._lose({k for slot in gone for k in slot.stream_numbers})
-        for slot in gone:
-            slot.move_out()
-        for slot in self._slots.values():
-            if slot not in self._there:
-                slot.enter(self._instruments)
-        self._there = there
-        numbered = (
-            (k, s) for slot in self._slots.values() for k, s in zip(slot.stream_numbers, slot.streams, strict=True)
-        )
-        self._streams = dict(numbered)
-        self._mark()
-        self._instruments.gather(
-            {id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values()
-        )
->>>>>>> .merge_file_NeNNTO
 
     def want(self, ports: Container[str] | None) -> None:
         """Only samples of these ports are made; None for all. Those that parts of the world hear are always made."""

@@ -19,7 +19,7 @@ from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.instruments import Around, Instruments
-from uwserver.world.members import Member, Population
+from uwserver.world.members import Member, Population, place_solids
 from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
@@ -34,7 +34,6 @@ from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
-
 
 __all__ = ["Diverged", "World"]
 
@@ -133,7 +132,8 @@ class World:
         begun, new = bool(self._settled or "world/reset" in self.services), list(members)
         if new != list(self.members.values()):
             self.bind(new)
-        self._set_solids()
+        if self.scene is not None:
+            place_solids(self.scene, self._solids, new)
         there = set(new)
         for part in [part for member in self._settled if member not in there for part in member.parts]:
             if self.parts.get(part.path) is not part:
@@ -200,16 +200,6 @@ class World:
         self.hydro.watch(self._timed)
         self._sensing.watch(self._timed)
         self._line_up()
-
-    def _set_solids(self) -> None:
-        if self.scene is None:
-            return
-        there = set(self.members.values())
-        for member in [member for member in self._solids if member not in there]:
-            self.scene.remove(self._solids.pop(member))
-        for member in self.members.values():
-            if member.solid is not None and member not in self._solids:
-                self._solids[member] = self.scene.add_moving(member.solid, member.vehicle.row)
 
     def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
         """Let a sensor measure every `divisor` ticks, from now on."""
