@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Container, Mapping, Sequence, Set
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -24,6 +25,8 @@ Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
 
 
+_PERIOD = 4096
+"""Ticks after which the same sensors are due again, for which it is noted down who they are."""
 _MOST = 65536
 _WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
 """A sample on its way in a state; `port` counts the ports of that state."""
@@ -129,6 +132,7 @@ class Sensing(Part):
         self._groups: list[tuple[int, list[SensorSlot]]] = []
         self._repeating: list[_Due] = []
         self._plans: dict[int, _Due] = {}
+        self._masks: tuple[int, ...] = ()
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
@@ -207,6 +211,16 @@ class Sensing(Part):
         self._groups = [(divisor, slots) for (repeats, divisor), slots in inorder if not repeats]
         self._repeating = [self._due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
         self._plans = {0: self._due(())}
+        period = math.lcm(*(divisor for divisor, _ in self._groups))
+        self._masks = tuple(map(self._mask_of, range(period))) if period <= _PERIOD else ()
+
+    def _mask_of(self, tick: int) -> int:
+        """The groups that are due in a tick, as bits."""
+        mask = 0
+        for k, (divisor, _) in enumerate(self._groups):
+            if tick % divisor == 0:
+                mask |= 1 << k
+        return mask
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """What is delivered in a tick. The order is part of the contract:
@@ -216,10 +230,8 @@ class Sensing(Part):
         3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
         4. those that repeat what the others have read.
         """
-        mask = told = 0
-        for k, (divisor, _) in enumerate(self._groups):
-            if tick % divisor == 0:
-                mask |= 1 << k
+        told, masks = 0, self._masks
+        mask = masks[tick % len(masks)] if masks else self._mask_of(tick)
         if not mask and not self._listening and not self._repeating and t_ns < self._instruments.next_ns:
             return
         now, begins = self._seconds(), True
