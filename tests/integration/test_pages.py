@@ -73,7 +73,8 @@ def test_own_components_are_checked_served_and_commanded(tmp_path):
     said = follow("docs/how-to/extend.md", tmp_path)
     assert printed(said, "echo rov/turbidity").count("turbidity=") == 5
     assert "50 commands applied" in printed(said, "send rov/jet")
-    assert "4 passed" in printed(said, "def test_jet")
+    assert printed(said, "echo rov/oxygen").count("oxygen=") == 5
+    assert "5 passed" in printed(said, "def test_jet")
 
 
 def test_a_dive_is_recorded_read_drawn_and_replayed(tmp_path):

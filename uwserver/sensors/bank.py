@@ -16,6 +16,7 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -126,13 +127,21 @@ def kernels(bank: Bank) -> tuple[Any, ...]:
 
 
 def load(bank: Bank) -> None:
-    """Have its loops ready, compiled or from the cache, so that no tick waits for them."""
+    """Have its loops ready, compiled or from the cache, so that no tick waits for them.
+
+    Raises:
+        RuntimeError: numba cannot compile one; the text says where it stands and why.
+    """
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
     given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
-    *aims, run = kernels(bank)
-    for aim in aims:
-        aim.load(*given, rays, rays, none, no_hits(0))
-    run.load(*given, *((rays, none, no_hits(0)) if aims else ()))
+    hit = (rays, none, no_hits(0))
+    for loop, rest in (*((aim, (rays, *hit)) for aim in bank.aims), (bank.run, hit if bank.aims else ())):
+        try:
+            loop.made().load(*given, *rest)
+        except Exception as error:  # numba lets pass whatever its own code raises
+            code = loop.py_func.__code__
+            place = f"{code.co_filename}:{code.co_firstlineno}"
+            raise RuntimeError(f'{place}: numba cannot compile "{loop.__name__}" or what it calls: {error}') from error
 
 
 def read(
@@ -273,11 +282,16 @@ class BankSensor(Sensor):
 def _plain(row: Any, kind: type[Struct]) -> dict[str, Any]:
     """Fields of a record of numpy as plain values, nested as those of a typed record."""
     plain: dict[str, Any] = {}
-    for field in structs.fields(kind):
-        value = row[field.name]
-        nested = isinstance(field.type, type) and issubclass(field.type, Struct)
-        plain[field.name] = _plain(value, field.type) if nested else value.tolist()
+    for name, inner in _fields(kind):
+        plain[name] = row[name].tolist() if inner is None else _plain(row[name], inner)
     return plain
+
+
+@cache
+def _fields(kind: type[Struct]) -> tuple[tuple[str, type[Struct] | None], ...]:
+    """Of a typed record by name, and the type of those that are records; found once, as msgspec reads the source of types each time."""
+    types = [(field.name, field.type) for field in structs.fields(kind)]
+    return tuple((name, t if isinstance(t, type) and issubclass(t, Struct) else None) for name, t in types)
 
 
 def _write(row: Any, record: Struct) -> None:

@@ -14,13 +14,12 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
-from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.instruments import Around, Instruments
-from uwserver.world.members import Member, Population
+from uwserver.world.members import Member, Population, place_solids
 from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
@@ -35,7 +34,6 @@ from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
-
 
 __all__ = ["Diverged", "World"]
 
@@ -92,8 +90,10 @@ class World:
         self.identity: Callable[[], str] = str
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
-        self.instruments = Instruments(hydro, water, lambda: Around(self.earth, self.geometry, self.lambert))
-        self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
+        self.instruments = Instruments(
+            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert)
+        )
+        self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._pilots = Pilots(hydro)
         self._profile: Profile | None = None
         self._timed: Timer = untimed
@@ -132,7 +132,8 @@ class World:
         begun, new = bool(self._settled or "world/reset" in self.services), list(members)
         if new != list(self.members.values()):
             self.bind(new)
-        self._set_solids()
+        if self.scene is not None:
+            place_solids(self.scene, self._solids, new)
         there = set(new)
         for part in [part for member in self._settled if member not in there for part in member.parts]:
             if self.parts.get(part.path) is not part:
@@ -199,16 +200,6 @@ class World:
         self.hydro.watch(self._timed)
         self._sensing.watch(self._timed)
         self._line_up()
-
-    def _set_solids(self) -> None:
-        if self.scene is None:
-            return
-        there = set(self.members.values())
-        for member in [member for member in self._solids if member not in there]:
-            self.scene.remove(self._solids.pop(member))
-        for member in self.members.values():
-            if member.solid is not None and member not in self._solids:
-                self._solids[member] = self.scene.add_moving(member.solid, member.vehicle.row)
 
     def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
         """Let a sensor measure every `divisor` ticks, from now on."""
@@ -407,24 +398,3 @@ class World:
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
         self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
-
-    def _scopes(self, with_rates: bool) -> Callable[[SensorSlot], Scope]:
-        """What sensors see of each body at this instant; made once a body."""
-        seen: dict[int, Scope] = {}
-        state, t_ns = self.hydro.state, self.t_ns
-        rates = (self.instruments.nu_dot, self.instruments.tau) if with_rates else None
-
-        def scope_of(slot: SensorSlot) -> Scope:
-            scope = seen.get(slot.row)
-            if scope is None:
-                x = state[slot.row].tolist()
-                scope = seen[slot.row] = Scope(
-                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=slot.wiring,
-                    lambert=self.lambert,
-                )  # fmt: skip
-                if rates is not None:
-                    scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            return scope
-
-        return scope_of
