@@ -111,7 +111,7 @@ def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Sa
                     bystanders = Bystanders(served.pid)
                     alone.append(_rate(served, seconds))
                     busy += [cores] if (cores := bystanders.cores()) is not None else []
-                    with_client, told = _followed(served, client, seconds)
+                    with_client, told = _followed(served, client, count, seconds)
                     crowded.append(with_client)
                     samples.append(told["samples_per_s"])
         left = tuple(b / a for a, b in zip(alone, crowded, strict=True))
@@ -126,9 +126,9 @@ def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Sa
     return [*rows, Row("swarm", title, "cores", tuple(busy), note="" if busy else UNKNOWN)]
 
 
-def _followed(served: Served, client: Load, seconds: float) -> tuple[float, dict[str, Any]]:
+def _followed(served: Served, client: Load, count: int, seconds: float) -> tuple[float, dict[str, Any]]:
     """The rate while a client follows, and what that client has got."""
-    task = {"host": served.host, "port": served.port, "seconds": seconds + 1.0}
+    task = {"host": served.host, "port": served.port, "vehicles": count, "seconds": seconds + 1.0}
     client.begin("follow", **task)
     SystemTime().wait(0.5, Event())
     rate = _rate(served, seconds)

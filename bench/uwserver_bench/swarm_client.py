@@ -13,7 +13,7 @@ from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.units import NANOSECONDS
-from uwserver_bench.swarm_scenario import START_M, mission, names
+from uwserver_bench.swarm_scenario import START_M, mission, names, place
 
 PORTS = ("depth", "ahrs", "dvl", "autopilot/state")
 """Of each vehicle, taken at RATE_HZ of simulated time, the latest."""
@@ -26,7 +26,7 @@ _clock = SystemTime()
 
 
 def set_out(task: Mapping[str, Any]) -> dict[str, object]:
-    """Send all vehicles of a server on their missions, but the first, which holds its place for who gives it set points.
+    """Send all vehicles of a server on their missions, but the last, which holds its place for who gives it set points: nobody comes from behind it.
 
     Raises:
         ValueError: one was refused.
@@ -47,12 +47,12 @@ def set_out(task: Mapping[str, Any]) -> dict[str, object]:
             ask("call", service=f"{name}/autopilot/set_mission", args={"items": mission(k)})
             ask("call", service=f"{name}/autopilot/arm")
             ask("call", service=f"{name}/autopilot/start_mission")
-        ask("call", service=f"{names(1)[0]}/autopilot/set_mode", args={"mode": "position_hold"})
+        ask("call", service=f"{name}/autopilot/set_mode", args={"mode": "position_hold"})
     return {}
 
 
 def follow(task: Mapping[str, Any]) -> dict[str, object]:
-    """Take PORTS of all vehicles, and send the first of them a set point in each simulated second, for `seconds` of wall time.
+    """Take PORTS of all vehicles, and send the last of them a set point in each simulated second, for `seconds` of wall time.
 
     Returns:
         Samples and set points a simulated second.
@@ -61,11 +61,12 @@ def follow(task: Mapping[str, Any]) -> dict[str, object]:
         ValueError: a request was refused.
     """
     samples = points = answers = first_ns = last_ns = 0
+    held, (north, east) = names(task["vehicles"])[-1], place(task["vehicles"] - 1)
     with _connection(task) as connection, selectors.DefaultSelector() as selector:
         selector.register(connection, selectors.EVENT_READ)
         for port in PORTS:
-            wanted = {"pattern": f"*/{port}", "rate_hz": RATE_HZ, "delivery": "latest"}
-            connection.sendall(_request(0, "subscribe", wanted))
+            taken = {"pattern": f"*/{port}", "rate_hz": RATE_HZ, "delivery": "latest"}
+            connection.sendall(_request(0, "subscribe", taken))
         end, rest = _clock.now_ns() + int(task["seconds"] * NANOSECONDS), b""
         while _clock.now_ns() < end:
             if not selector.select(0.1):
@@ -85,9 +86,8 @@ def follow(task: Mapping[str, Any]) -> dict[str, object]:
             first_ns, last_ns = first_ns or newest, max(newest, last_ns)
             if points <= (last_ns - first_ns) // NANOSECONDS:
                 points += 1
-                place = [0.5 * (points % 2), 0.0, START_M]
-                value = {"port": f"{names(1)[0]}/autopilot/position", "value": {"p_N": place}}
-                connection.sendall(_request(1, "command", value))
+                wanted = {"p_N": [north + 0.5 * (points % 2), east, START_M]}
+                connection.sendall(_request(1, "command", {"port": f"{held}/autopilot/position", "value": wanted}))
     if not answers:
         raise ValueError("no set point was answered")
     simulated_s = (last_ns - first_ns) / NANOSECONDS

@@ -38,6 +38,12 @@ def test_legs_of_different_vehicles_never_meet() -> None:
     assert last[1] == place(13)[1]
 
 
+def test_nobody_is_behind_the_last_which_holds_its_place() -> None:
+    for vehicles in (1, 10, 12, 100):
+        north, east = place(vehicles - 1)
+        assert not [k for k in range(vehicles) if place(k)[1] == east and place(k)[0] < north]
+
+
 def test_of_the_simple_ones_imu_and_depth_read_and_nothing_else() -> None:
     world = swarm_world.loaded("simple", 3, True)
     world.step(48)
