@@ -106,6 +106,12 @@ def test_a_state_is_saved_and_loaded(tmp_path):
     assert [path.name for path in (tmp_path / "states").iterdir()] == ["calm.uwstate"]
 
 
+def test_where_the_time_goes_is_told(tmp_path):
+    said = follow("docs/how-to/profile.md", tmp_path)
+    assert "altimeter" in printed(said, "call world/profile")
+    assert printed(said, "profile.close").startswith("profile of 2400 ticks")
+
+
 def test_a_dive_over_mavlink(tmp_path):
     """The scenario of the page, with the UDP port changed in it and in the listing."""
     pytest.importorskip("pymavlink", reason="pymavlink is not installed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import threading
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -113,6 +114,24 @@ def test_the_end_of_the_run_answers_who_waits(resolved) -> None:
     assert replies.get_nowait().result["ticks"] == 6
     assert late.get_nowait().result["ticks"] == 0
     profiling.finish()
+    assert replies.empty()
+
+
+def test_who_is_told_at_the_end_of_the_run_is_told_once(still: Rig) -> None:
+    later, gate, over = Later(), threading.Event(), threading.Event()
+    profiling = profiling_of(still, later)
+    replies, _ = ask(profiling)
+    _, end = later.take()
+    still.call("world/step", n=3)
+    still.soon(end)
+    still.soon(lambda: gate.wait(PATIENCE_S) and None)
+    while is_watched(still):  # its end is carried out by the simulation, and waits for the loop
+        pass
+    profiling.finish()
+    assert replies.get_nowait().result["ticks"] == 3
+    gate.set()
+    still.soon(over.set)
+    assert over.wait(PATIENCE_S)
     assert replies.empty()
 
 
