@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -136,7 +137,13 @@ def force_table(device: ThrusterDevice) -> ForceTable:
         coefficients = device.shape.coefficients
         curves |= {curve.voltage_V: _curve(curve, coefficients) for curve in device.curves.values()}
     voltages = sorted(curves)
-    return ForceTable(tuple(voltages), tuple(curves[voltage] for voltage in voltages))
+    return _shared(ForceTable(tuple(voltages), tuple(curves[voltage] for voltage in voltages)))
+
+
+@lru_cache(maxsize=64)
+def _shared(table: ForceTable) -> ForceTable:
+    """The same for all thrusters of one kind: of a hundred vehicles it would take 140 kB each."""
+    return table
 
 
 def _curve(curve: ForceCurve, coefficients: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
