@@ -32,6 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("server",),  # life cycle: the first that knows loop and thread
     ("recording",),  # a sink, its file, and what runs it again
     ("simulation",),  # the simulation thread, and the crossing to the loop
+    ("copies",),  # a scenario's world many times over, in this process
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
     ("world",),  # the tick and what lives in it
