@@ -177,7 +177,7 @@ class Batch:
         if self._has_sea:
             for k, interval in enumerate(tables.intervals.tolist()):
                 for i in which[self._ticks[which] % interval == 0].tolist():
-                    self._copies[i].world.water.sea.drifts[k].move(int(self._ticks[i]))  # type: ignore[union-attr]
+                    self._copies[i].world.water.sea.drifts[k].move(int(self._ticks[i]))
             kernels.move_sea(
                 which, tables.nows, self._ticks, clocks.ts, tables.drifts, tables.intervals, tables.steady, self.dt
             )
@@ -237,7 +237,7 @@ class Batch:
             try:
                 results.append(self._copies[i].world.call(service, **args))
             except Refused as refused:
-                raise Refused(refused.fault.code, f"copy {i}: {refused.fault.text}", refused.fault.what) from None
+                raise Refused(refused.fault.code, f"copy {i}: {refused.fault.text}", refused.fault.where) from None
             finally:
                 self._settle(i)
         return results
@@ -276,9 +276,9 @@ class Batch:
         find("port", port, self.ports)
         if out is None:
             out = Readings(self.ports[port], self.n)
-        elif out.port is not self.ports[port] or len(out.values) != self.n:
+        elif out.port is not self.ports[port] or len(out.packed) != self.n:
             raise ValueError(f'out has readings of "{out.port.path}", not of "{port}" of this batch')
-        self._kernels.copy_newest(self._tables.senses, self._streams[port][0], out.values, out.stamps)
+        self._kernels.copy_newest(self._tables.senses, self._streams[port][0], out.packed, out.stamps)
         return out
 
     def describe(self) -> dict[str, Any]:

@@ -21,13 +21,13 @@ class Readings(Mapping[str, NDArray[Any]]):
 
     Attributes:
         port: of the sensor.
-        values: (n, w) the numbers of all fields, one after the other.
+        packed: (n, w) the numbers of all fields, one after the other.
         stamps: (n, 4) seq, t_ns, t_sent_ns, valid.
     """
 
     def __init__(self, port: Port, n: int) -> None:
         self.port, self._columns = port, Columns(port.fields)
-        self.values: FloatArray = np.full((n, self._columns.width), np.nan)
+        self.packed: FloatArray = np.full((n, self._columns.width), np.nan)
         self.stamps: IntArray = np.zeros((n, 4), np.int64)
         self._places = {
             field.name: (field, place)
@@ -53,18 +53,22 @@ class Readings(Mapping[str, NDArray[Any]]):
     @property
     def valid(self) -> NDArray[np.bool_]:
         """(n) whether there is a sample, and the sensor could measure."""
-        return self.stamps[:, 3] != 0
+        valid: NDArray[np.bool_] = self.stamps[:, 3] != 0
+        return valid
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         field, place = self._places[name]
-        part = self.values[:, place : place + field.size]
+        part: NDArray[Any] = self.packed[:, place : place + field.size]
         if field.type == "bool":
-            part = part == 1.0  # type: ignore[assignment]
+            part = part == 1.0
         elif field.type == "int":
-            part = np.where(
-                self.stamps[:, :1] < 0, np.int64(-(1 << 63)), self.values.view(np.int64)[:, place : place + field.size]
-            )  # type: ignore[assignment]
-        return part.reshape(len(part), *field.shape)
+            part = self.packed.view(np.int64)[:, place : place + field.size].copy()
+            part[self.stamps[:, 0] < 0] = -(1 << 63)
+        return part.reshape(self.shape_of(name))
+
+    def shape_of(self, name: str) -> tuple[int, ...]:
+        """(n, *shape) of a field."""
+        return len(self.packed), *self._places[name][0].shape
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)

@@ -36,4 +36,4 @@ def begin(
     if len(numbers) != n:
         raise Refused("bad_shape", f"{len(numbers)} seeds for {n} copies", "seeds")
     check(resolved, build(resolved, numbers[0]))
-    return Batch(partial(build, resolved), numbers, sensors, parameters)
+    return Batch(partial(build, resolved, prepared=True), numbers, sensors, parameters)

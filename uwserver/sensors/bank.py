@@ -16,6 +16,7 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -125,6 +126,7 @@ def kernels(bank: Bank) -> tuple[Any, ...]:
     return tuple(loop.made() for loop in (*bank.aims, bank.run))
 
 
+@cache
 def load(bank: Bank) -> None:
     """Have its loops ready, compiled or from the cache, so that no tick waits for them."""
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
@@ -170,6 +172,7 @@ class BankSensor(Sensor):
         bank: of its kind.
         exact: it has no errors of its own.
         rays: how many it casts at most at a time.
+        random: numbers of its record that grow with its random errors, as ``m.error``; not those of what it draws once and keeps.
         heads, head: rows of HEAD, and its number there.
         rows, row: rows of the bank's records, and its number there.
         key: of its random numbers; None until it is switched on.
@@ -179,6 +182,7 @@ class BankSensor(Sensor):
     memory_type: ClassVar[type[Memory]] = Memory
     exact = False
     rays = 0
+    random: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, mount: Pose, settings: Settings | None = None) -> None:
         self.heads, self.rows = Pool(HEAD, 1), Pool(self.bank.record, 1)
