@@ -490,6 +490,10 @@ TESTED_WITH = {
         "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",
         "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",
     },
+    "copies": {
+        "copy": "copies/test_batch", "description": "copies/test_batch", "kernels": "copies/test_batch", "loops": "copies/test_batch",
+        "readings": "copies/test_batch", "rounds": "copies/test_batch", "start": "copies/test_batch", "tables": "copies/test_batch",
+    },
     "autopilot": {
         "craft": "autopilot/test_outputs", "entries": "autopilot/test_bank", "fins": "autopilot/test_allocation",
         "flight": "autopilot/test_bank", "gains": "autopilot/test_estimator",

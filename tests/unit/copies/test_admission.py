@@ -17,7 +17,10 @@ def begun():
         (lambda: "pool_inspection", ["seabed", "north_wall"]),
         (lambda: begun().seabed("flat", depth_m=10).build(), ["solid things.*seabed"]),
         (lambda: begun().adapter("bus", "zenoh").build(), [r"adapters\.bus \(zenoh\)"]),
-        (lambda: begun().sensor("rov", "rpm", "rpm", rate_hz=10).build(), [r"plain Python.*rov/rpm \(rpm\)"]),
+        (
+            lambda: begun().sensor("rov", "rpm", "rpm", rate_hz=10, members=["t1"]).build(),
+            [r"plain Python.*rov/rpm \(rpm\)"],
+        ),
     ],
 )
 def test_it_names_what_it_refuses(scenario, names):

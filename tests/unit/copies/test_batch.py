@@ -50,7 +50,9 @@ def check_equal(batch, k, world):
         stamps = (ours.seq[k], ours.t_ns[k], ours.t_sent_ns[k], ours.valid[k])
         assert stamps == (theirs.seq, theirs.t_ns, theirs.t_sent_ns, theirs.valid), port
         for field in ours:
-            assert np.array_equal(ours[field][k], np.array(theirs.array(field), ours[field].dtype), equal_nan=True), port
+            assert np.array_equal(ours[field][k], np.array(theirs.array(field), ours[field].dtype), equal_nan=True), (
+                port
+            )
 
 
 def fly(batch, worlds, turns, ticks, rng):
@@ -106,7 +108,7 @@ def test_autopilots_fly_the_copies_as_they_fly_a_world():
             world.step(20)
             check_equal(batch, k, world)
     assert batch.states()[0, 2] > batch.states()[1, 2] + 0.1
-    with pytest.raises(Refused, match='of copy 0 is held|copy 0 .*autopilot'):
+    with pytest.raises(Refused, match="of copy 0 is held|copy 0 .*autopilot"):
         batch.command("rov/thrusters", u=np.zeros(8))
     batch.reset()
     worlds = [uwserver.load(piloted())]
@@ -163,7 +165,12 @@ def test_a_copy_that_diverges_is_a_mask_and_the_others_go_on():
 def test_nothing_that_is_returned_changes_later_unless_it_is_given_as_out():
     batch = uwserver.batch(stormy(), 2)
     batch.step(60)
-    taken = {"states": batch.states(), "ticks": batch.ticks, "diverged": batch.diverged, "t_s": batch.t_s} | batch.parameters
+    taken = {
+        "states": batch.states(),
+        "ticks": batch.ticks,
+        "diverged": batch.diverged,
+        "t_s": batch.t_s,
+    } | batch.parameters
     readings = batch.read("rov/imu")
     taken |= {field: readings[field] for field in readings}
     before = {name: array.copy() for name, array in taken.items()}
@@ -197,7 +204,9 @@ def test_describe_tells_every_array_as_it_is():
     assert told["sensors"].keys() == batch.ports.keys()
     for port, each in told["sensors"].items():
         readings = batch.read(port)
-        assert {name: list(readings[name].shape) for name in readings} == {n: f["shape"] for n, f in each["fields"].items()}
+        assert {name: list(readings[name].shape) for name in readings} == {
+            n: f["shape"] for n, f in each["fields"].items()
+        }
     assert told["commands"]["rov/thrusters"]["fields"]["u"]["shape"] == [2, 8]
     assert {name: each["shape"] for name, each in told["parameters"].items()} == {
         name: list(values.shape) for name, values in batch.parameters.items()
