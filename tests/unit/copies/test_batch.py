@@ -108,7 +108,7 @@ def test_autopilots_fly_the_copies_as_they_fly_a_world():
             world.step(20)
             check_equal(batch, k, world)
     assert batch.states()[0, 2] > batch.states()[1, 2] + 0.1
-    with pytest.raises(Refused, match="of copy 0 is held|copy 0 .*autopilot"):
+    with pytest.raises(Refused, match="of copy 0"):
         batch.command("rov/thrusters", u=np.zeros(8))
     batch.reset()
     worlds = [uwserver.load(piloted())]
