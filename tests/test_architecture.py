@@ -32,6 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("server",),  # life cycle: the first that knows loop and thread
     ("recording",),  # a sink, its file, and what runs it again
     ("simulation",),  # the simulation thread, and the crossing to the loop
+    ("copies",),  # a scenario's world many times over, in this process
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
     ("world",),  # the tick and what lives in it
@@ -488,6 +489,10 @@ TESTED_WITH = {
     "actuators": {
         "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",
         "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",
+    },
+    "copies": {
+        "copy": "copies/test_batch", "description": "copies/test_batch", "kernels": "copies/test_batch", "loops": "copies/test_batch",
+        "readings": "copies/test_batch", "rounds": "copies/test_batch", "start": "copies/test_batch", "tables": "copies/test_batch",
     },
     "autopilot": {
         "craft": "autopilot/test_outputs", "entries": "autopilot/test_bank", "fins": "autopilot/test_allocation",

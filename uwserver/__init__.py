@@ -12,16 +12,18 @@ In-process use, without a server or a socket::
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from uwserver.copies.batch import Batch
     from uwserver.scenario.load.tables import Scenario
     from uwserver.world.world import World
 
-__all__ = ["__version__", "load"]
+__all__ = ["__version__", "batch", "load"]
 
 
 def load(scenario: str | Path | Scenario, *, seed: int | None = None) -> World:
@@ -40,3 +42,31 @@ def load(scenario: str | Path | Scenario, *, seed: int | None = None) -> World:
     from uwserver.scenario.load.scenario import load as load_scenario
 
     return build(load_scenario(scenario, adapters=installed_adapters()), seed)
+
+
+def batch(
+    scenario: str | Path | Scenario,
+    n: int,
+    *,
+    seeds: int | Sequence[int] | None = None,
+    sensors: Collection[str] | None = None,
+    **parameters: Any,
+) -> Batch:
+    """n copies of a world at t = 0, to be stepped in one call, with arrays in and out. They know nothing of each other.
+
+    Args:
+        scenario: as for `load`. Adapters that only let clients in are left out, as there.
+        n: how many, 1 or more.
+        seeds: one a copy, or that of the first, from which the others count on; default: the scenario's.
+        sensors: paths of those that measure; default: all.
+        parameters: by name, for all copies or one value each; see `uwserver.copies.batch.Batch.reset`.
+
+    Raises:
+        ScenarioError: every fault of the files, with its place.
+        Refused: solid things, other adapters, or components in plain Python, by name; no such sensor or parameter.
+    """
+    from uwserver.adapter import installed_adapters
+    from uwserver.copies.start import begin
+    from uwserver.scenario.load.scenario import load as load_scenario
+
+    return begin(load_scenario(scenario, adapters=installed_adapters()), n, seeds, sensors, parameters)

@@ -126,6 +126,7 @@ def kernels(bank: Bank) -> tuple[Any, ...]:
     return tuple(loop.made() for loop in (*bank.aims, bank.run))
 
 
+@cache
 def load(bank: Bank) -> None:
     """Have its loops ready, compiled or from the cache, so that no tick waits for them.
 
@@ -179,6 +180,7 @@ class BankSensor(Sensor):
         bank: of its kind.
         exact: it has no errors of its own.
         rays: how many it casts at most at a time.
+        random: numbers of its record that grow with its random errors, as ``m.error``; not those of what it draws once and keeps.
         heads, head: rows of HEAD, and its number there.
         rows, row: rows of the bank's records, and its number there.
         key: of its random numbers; None until it is switched on.
@@ -188,6 +190,7 @@ class BankSensor(Sensor):
     memory_type: ClassVar[type[Memory]] = Memory
     exact = False
     rays = 0
+    random: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, mount: Pose, settings: Settings | None = None) -> None:
         self.heads, self.rows = Pool(HEAD, 1), Pool(self.bank.record, 1)

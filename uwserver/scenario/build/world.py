@@ -26,12 +26,13 @@ from uwserver.world.services import offer_world_services
 from uwserver.world.world import World
 
 
-def build(resolved: Resolved, seed: int | None = None) -> World:
+def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False) -> World:
     """A world at t = 0. What must be compiled for it is compiled first, which standard error tells.
 
     Args:
         resolved: a loaded and checked scenario.
         seed: instead of the scenario's.
+        prepared: another world of it was built in this process, so that nothing is left to compile.
     """
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
@@ -39,7 +40,8 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     seed = scenario.seed if seed is None else seed
     water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
     hydro.sea = None if water.sea is None else water.sea.rows
-    prepare(kernels_of(resolved, hydro.sea is not None), progress())
+    if not prepared:
+        prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
     world.earth = _earth(resolved)
     world.lambert = lambert(resolved.materials)

@@ -323,6 +323,7 @@ class Altimeter(BankSensor):
         Field("confidence", "1", "how far the echo stands out of the noise, 0 to 1"),
     )
     bank = Bank(_RECORD, run, (aim, refine))
+    random = ("sigma", "relative")
     memory_type = AltimeterMemory
     settings: AltimeterSettings
 

@@ -307,6 +307,7 @@ class Dvl(BankSensor):
         "altitude along the axis, and what each beam saw."
     )
     bank = Bank(_RECORD, run, (aim,))
+    random = ("beam_sigma", "range_sigma", "mistake_sigma", "water_sigma")
     memory_type = DvlMemory
     settings: DvlSettings
 

@@ -136,6 +136,7 @@ class Attitude(BankSensor):
         Field("heading", "rad", "of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
     bank = Bank(_RECORD, run)
+    random = ("heading_sigma", "tilt_sigma", "noise", "m.heading", "m.tilt_x", "m.tilt_y")
     memory_type = AttitudeMemory
 
     def __init__(self, mount: Pose, config: AttitudeConfig) -> None:

@@ -172,6 +172,7 @@ class Gps(BankSensor):
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
     bank = Bank(_RECORD, run)
+    random = ("horizontal", "vertical", "noise", "velocity", "m.error")
     memory_type = GpsMemory
     settings: GpsSettings
 

@@ -97,6 +97,16 @@ class Imu(BankSensor):
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
     bank = Bank(_RECORD, run)
+    random = (
+        "gyroscope.white",
+        "gyroscope.wander",
+        "gyroscope.walk",
+        "m.gyroscope.instability",
+        "accelerometer.white",
+        "accelerometer.wander",
+        "accelerometer.walk",
+        "m.accelerometer.instability",
+    )
     memory_type = ImuMemory
 
     def __init__(self, mount: Pose, config: ImuConfig) -> None:

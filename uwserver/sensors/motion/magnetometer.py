@@ -113,6 +113,7 @@ class Magnetometer(BankSensor):
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
     fields = (Field("field_S", "T", "magnetic flux density", "S", (3,)),)
     bank = Bank(_RECORD, run)
+    random = ("triad.white", "triad.wander", "triad.walk", "m.triad.instability")
     memory_type = MagnetometerMemory
 
     def __init__(self, mount: Pose, config: MagnetometerConfig) -> None:

@@ -143,6 +143,7 @@ class Battery(BankSensor):
         Field("charge", "1", "part of the capacity that is left"),
     )
     bank = Bank(_RECORD, run)
+    random = ("sigma_A", "sigma_V")
     memory_type = BatteryMemory
     settings: BatterySettings
 

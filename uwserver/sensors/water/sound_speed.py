@@ -79,6 +79,7 @@ class SoundSpeed(BankSensor):
     doc = "Speed of sound in the water at the mount; no value in air."
     fields = (Field("sound_speed", "m/s", "speed of sound"),)
     bank = Bank(_RECORD, run)
+    random = ("sigma",)
     memory_type = SoundSpeedMemory
 
     def __init__(self, mount: Pose, config: SoundSpeedConfig) -> None:

@@ -1,0 +1,39 @@
+"""From a resolved scenario to a batch of its copies."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from uwserver.copies.admission import check
+from uwserver.copies.batch import Batch
+from uwserver.ports import Refused
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
+
+
+def begin(
+    resolved: Resolved,
+    n: int,
+    seeds: int | Sequence[int] | None,
+    sensors: Collection[str] | None,
+    parameters: Mapping[str, Any],
+) -> Batch:
+    """The batch. What must be compiled for it is compiled first.
+
+    Args:
+        resolved: a loaded and checked scenario.
+        n, seeds, sensors, parameters: as for `uwserver.batch`.
+
+    Raises:
+        Refused: less than one copy, another number of seeds, what `admission.check` refuses, or no such sensor or parameter.
+    """
+    if n < 1:
+        raise Refused("out_of_range", f"a batch has 1 copy or more, not {n}", "n")
+    first = resolved.scenario.seed if seeds is None else seeds
+    numbers = [first + k for k in range(n)] if isinstance(first, int) else [int(seed) for seed in first]
+    if len(numbers) != n:
+        raise Refused("bad_shape", f"{len(numbers)} seeds for {n} copies", "seeds")
+    check(resolved, build(resolved, numbers[0]))
+    return Batch(partial(build, resolved, prepared=True), numbers, sensors, parameters)
