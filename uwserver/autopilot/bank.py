@@ -46,9 +46,6 @@ class Seat:
 
     def __init__(self, craft: Craft) -> None:
         self.craft = craft
-        self.row: Any = np.zeros(1, PILOT)[0]
-        self.devices: Any = craft.allocation.devices.copy()
-        craft.fill(self.row["c"])
         self._gains = craft.gains
         self._items: tuple[Item, ...] = ()
         self._shown: FloatArray = np.zeros(SHOWN)
@@ -62,18 +59,26 @@ class Seat:
             Live(Orders, {"gains": gains, "items": items, "test": test}),
         )
         self.estimate, self.memory, self.orders = cast("tuple[Estimate, Memory, Orders]", self._live)
-        self.bank, self.k = Bank(), 0
-        self.bank.gather([self], {}, 0)
+        self.lie(None, 0, np.zeros(1, PILOT), craft.allocation.devices.copy())
+        craft.fill(self.row["c"])
         self.write(craft.begin(), Memory(), Orders(gains=craft.gains, mode=craft.mode))
         self.switch()
 
-    def lie(self, bank: Bank, k: int, pilots: Any, devices: Any) -> None:
-        """Row k, and these of its devices, are its own from now on; they hold all that it was."""
-        self.bank, self.k, self.row, self.devices = bank, k, pilots[k], devices
+    def lie(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
+        """Row k, and these of its devices, are its own from now on; they hold all that it was. `bank`: None for none."""
+        self._bank, self.k, self.row, self.devices = bank, k, pilots[k], devices
         row = self.row
         self._here = pilots[k : k + 1].view(np.uint8)[: REMEMBERED.itemsize]
         for live, name in zip(self._live, "emo", strict=True):
             live.lie(row[name])
+
+    @property
+    def bank(self) -> Bank:
+        """Where it lies; one of its own outside of a world."""
+        if self._bank is None:
+            Bank().gather([self], {}, 0)
+        assert self._bank is not None
+        return self._bank
 
     def read(self) -> tuple[Estimate, Memory, Orders]:
         """Copies of its records."""
@@ -186,11 +191,11 @@ class Bank:
         """Let these, and no others, lie here.
 
         Args:
-            seats: they move in, and keep what they are.
+            seats: they move in, and keep what they are; so do those that move out.
             streams: numbers of the streams of samples that compiled code delivers, by port.
             count: of such numbers.
         """
-        self.seats = tuple(seats)
+        gone, self.seats = self.seats, tuple(seats)
         hearings = [seat.craft.hearing for seat in self.seats]
         allocations = [seat.craft.allocation for seat in self.seats]
         pilots: Any = np.zeros(len(self.seats), PILOT)
@@ -205,10 +210,10 @@ class Bank:
             rows, heard = devices[device : device + len(seat.devices)], sources[source : source + len(hearing.rows)]
             pilots[k] = seat.row
             rows["curve_first"] = allocation.devices["curve_first"] + curve
-            heard["pilot"], heard["beacon_first"] = k, beacon
+            heard["pilot"], heard["beacon_first"], heard["next"] = k, beacon, -1
             for n, port in enumerate(hearing.ports):
                 if port in streams and port not in hearing.in_words:
-                    ears[streams[port]] = source + n
+                    heard["next"][n], ears[streams[port]] = ears[streams[port]], source + n
             self._first.append(source)
             firsts.append((device, len(rows)))
             seat.lie(self, k, pilots, rows)
@@ -219,6 +224,9 @@ class Bank:
             "pilots": pilots, "devices": devices, "curves": curves, "sources": sources, "beacons": beacons, "ears": ears,
         }  # fmt: skip
         self.table: IntArray = layout.addresses(FORMS, self._kept)
+        for seat in set(gone).difference(self.seats):
+            # Its number is that of another one from now on.
+            seat.lie(None, 0, np.array([seat.row]), seat.devices.copy())
 
     def first_source(self, seat: Seat) -> int:
         """The row of the first sensor that one hears."""

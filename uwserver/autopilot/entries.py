@@ -78,10 +78,11 @@ def hear_all(table: Array, told: Array, values: Array, count: int, now_ns: int) 
     pilots, sources, beacons, ears = _pilots(table), _sources(table), _beacons(table), _ears(table)
     for i in range(count):
         sample = told[i]
-        ear = ears[sample.stream]
-        if ear >= 0 and sample.valid != 0:
+        ear = ears[sample.stream] if sample.valid != 0 else -1
+        while ear >= 0:
             source = sources[ear]
             _update(pilots[source.pilot], source, beacons, values[i], sample.t_ns, now_ns)
+            ear = source.next
 
 
 @entry

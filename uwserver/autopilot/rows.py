@@ -175,6 +175,7 @@ THRUSTER, FIN, SHAFT_SPEED, WRENCH = range(4)
 SOURCE = np.dtype(
     [
         ("pilot", "i8"),  # row
+        ("next", "i8"),  # row of another one that hears the same stream, or -1
         ("kind", "i8"),  # place in `sources.KINDS`
         ("place", "i8", (3,)),  # of its fields among the numbers of the stream
         ("p", "f8", (3,)),
@@ -197,7 +198,7 @@ FORMS: Forms = {
     "beacons": columns(np.float64, 3),
     "ears": columns(np.int64),
 }
-"""Of the table of a world's autopilots; `ears`: of each stream of a sensor the SOURCE that hears it, or -1."""
+"""Of the table of a world's autopilots; `ears`: of each stream of a sensor the first SOURCE that hears it, or -1."""
 
 
 rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (

@@ -127,13 +127,21 @@ def kernels(bank: Bank) -> tuple[Any, ...]:
 
 
 def load(bank: Bank) -> None:
-    """Have its loops ready, compiled or from the cache, so that no tick waits for them."""
+    """Have its loops ready, compiled or from the cache, so that no tick waits for them.
+
+    Raises:
+        RuntimeError: numba cannot compile one; the text says where it stands and why.
+    """
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
     given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
-    *aims, run = kernels(bank)
-    for aim in aims:
-        aim.load(*given, rays, rays, none, no_hits(0))
-    run.load(*given, *((rays, none, no_hits(0)) if aims else ()))
+    hit = (rays, none, no_hits(0))
+    for loop, rest in (*((aim, (rays, *hit)) for aim in bank.aims), (bank.run, hit if bank.aims else ())):
+        try:
+            loop.made().load(*given, *rest)
+        except Exception as error:  # numba lets pass whatever its own code raises
+            code = loop.py_func.__code__
+            place = f"{code.co_filename}:{code.co_firstlineno}"
+            raise RuntimeError(f'{place}: numba cannot compile "{loop.__name__}" or what it calls: {error}') from error
 
 
 def read(

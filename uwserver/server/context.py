@@ -26,6 +26,7 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
+from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
@@ -39,6 +40,7 @@ LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
     Service("world/shutdown", "Shut the server down in an orderly way, with the recording intact."),
+    PROFILE,
 )
 
 
@@ -51,6 +53,7 @@ class Hub:
         shutdown: begins an orderly end of the server.
         status: the `world/status` answer.
         files: saved states.
+        profiling: where the time of ticks goes.
     """
 
     server: str
@@ -60,6 +63,7 @@ class Hub:
     shutdown: Callable[[str], None]
     status: Callable[[], dict[str, Json]]
     files: StateFiles
+    profiling: Profiling
     stats: dict[str, AdapterStats] = field(default_factory=dict)
     _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
 
@@ -212,6 +216,8 @@ class Context:
         if service in (SAVE.path, LOAD.path) and checked["name"]:
             self._hub.files.call(service, checked, source, on_reply)
             return _too_late
+        if service == PROFILE.path:
+            return self._hub.profiling.call(checked["seconds"], source, on_reply)  # type: ignore[arg-type]  # checked
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:

@@ -341,9 +341,18 @@ def answer(call: Callable[[], None]) -> None:
 
 def _together(readers: Sequence[object]) -> frozenset[str] | None:
     """What they want; None for all, as one wants who does not say."""
-    wanted: list[Collection[str] | None] = [getattr(reader, "wanted", None) for reader in readers]
+    wanted = [_wanted_by(reader) for reader in readers]
     some = [paths for paths in wanted if paths is not None]
     return frozenset().union(*some) if len(some) == len(wanted) else None
+
+
+def _wanted_by(reader: object) -> frozenset[str] | None:
+    try:
+        wanted: Collection[str] | None = getattr(reader, "wanted", None)
+        return None if wanted is None else frozenset(wanted)
+    except Exception:  # one reader's fault must not reach the others
+        log.exception("what a reader wants cannot be told; it gets all")
+        return None
 
 
 def _is_in(path: str, paths: Collection[str] | None) -> bool:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.kernel.caches import kernel_name
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.sensors import bank, truth
 from uwserver.sensors.bank import Bank, BankSensor
@@ -82,4 +81,7 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
 @cache
 def kernels_of(stage: str) -> tuple[str, ...]:
     """Names of the kernels of a stage, in the cache."""
+    # It needs numba, for which nobody waits who only reads a scenario.
+    from uwserver.physics.kernel.caches import kernel_name
+
     return tuple(kernel_name(kernel.py_func) for kernel in _KERNELS[stage]())

@@ -14,7 +14,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
-from uwserver.physics.rays.raycast import Geometry
+from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load, read
 from uwserver.sensors.surroundings import place_row, water_arrays
@@ -22,7 +22,7 @@ from uwserver.sensors.wiring import ELECTRIC, Wiring
 from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, STREAM
 from uwserver.world.vehicle import Vehicle
 
-_SLOTS = 64
+_SLOTS, _OPEN = 64, OpenWater()
 _NONE: FloatArray = np.zeros(0)
 
 
@@ -101,7 +101,7 @@ class Instruments:
             **water_arrays(self._water),
         }
         self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
-        self._make_room(0)
+        self._make_room(0, int(self.streams.rows["width"].max(initial=0)))
         self._tabulate()
 
     def _tabulate(self) -> None:
@@ -118,16 +118,15 @@ class Instruments:
         self._kept = rows
         self.table: IntArray = layout.addresses(FORMS, rows)
 
-    def _make_room(self, needed: int) -> None:
-        """Room for so many samples on their way or delivered, of the widest stream."""
-        have, width = self._values.shape
-        room = have if needed <= have else 2 * needed
-        wide = max(width, int(self.streams.rows["width"].max(initial=0)))
-        if (room, wide) == (have, width):
+    def _make_room(self, needed: int, width: int = 0) -> None:
+        """Room for so many samples on their way or delivered, of so many numbers."""
+        room, wide = self._values.shape
+        if needed <= room and width <= wide:
             return
-        self._pending, self._told = _grown(self._pending, room), _grown(self._told, room)
-        self._values, self._told_values = _grown(self._values, room, wide), _grown(self._told_values, room, wide)
-        self._free = np.concatenate([self._free, np.arange(have, room)])
+        more, wide = (room if needed <= room else 2 * needed), max(wide, width)
+        self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
+        self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
+        self._free = np.concatenate([self._free, np.arange(room, more)])
         self._tabulate()
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:
@@ -202,7 +201,8 @@ class Instruments:
     def read(self, bank: Bank, due: IntArray, t: float) -> None:
         """Let sensors of a kind (numbers of heads) read the world."""
         rows = self._banks[id(bank)].rows
-        read(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, t, self._around().solids)
+        solids = self._around().solids if bank.aims else _OPEN
+        read(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, t, solids)
 
     def deliver(self, due: IntArray, t_ns: int, begins: bool, most: int) -> int:
         """See `delivery.deliver`; `most`: so many samples can come of these readings. Returns how many samples of this tick somebody reads."""

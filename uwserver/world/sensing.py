@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Container, Mapping, Sequence, Set
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -11,10 +12,12 @@ from msgspec import Meta
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Sample, Value
 from uwserver.ports.checks import check_values
+from uwserver.sensors import Scope
 from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.world.components import Count, SensorStream
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
+from uwserver.world.profile import Timer, kind_of, untimed
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.streams import ENTRY, HEARD, READ
 
@@ -22,6 +25,8 @@ Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
 
 
+_PERIOD = 4096
+"""Ticks after which the same sensors are due again, for which it is noted down who they are."""
 _MOST = 65536
 _WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
 """A sample on its way in a state; `port` counts the ports of that state."""
@@ -45,15 +50,18 @@ class OnTheirWay(State, frozen=True):
     loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
 
 
+_Read = Callable[[Bank, IntArray, float], None]
+
+
 class _Due(NamedTuple):
     """Sensors that read together.
 
     Attributes:
         divisor: every so many ticks, of those that repeat others.
-        banks: of those whose readings compiled code makes, the numbers of heads by bank.
-        exactly: of those, who also tell what they would read without errors.
-        in_python: the others.
-        ready_made: those with errors that are written in Python.
+        banks: of those whose readings compiled code makes, what reads them, and the numbers of heads by bank.
+        exactly: of those, what reads who also tell what they would read without errors.
+        in_python: the others, and what reads each.
+        ready_made: what makes the errors of those whose errors are written in Python.
         wordy: those with values that are no numbers.
         heads: numbers of all.
         most: samples that can come of them.
@@ -61,27 +69,33 @@ class _Due(NamedTuple):
     """
 
     divisor: int
-    banks: tuple[tuple[Bank, IntArray], ...]
-    exactly: tuple[SensorSlot, ...]
-    in_python: tuple[SensorSlot, ...]
-    ready_made: tuple[SensorSlot, ...]
+    banks: tuple[tuple[_Read, Bank, IntArray], ...]
+    exactly: tuple[Callable[[float], None], ...]
+    in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
+    ready_made: tuple[Callable[[int], None], ...]
     wordy: tuple[SensorSlot, ...]
     heads: IntArray
     most: int
     needs_rates: bool
 
 
-def _due(slots: Sequence[SensorSlot], divisor: int) -> _Due:
-    banks: dict[int, tuple[Bank, list[int]]] = {}
+def _due(slots: Sequence[SensorSlot], divisor: int, read: _Read, timed: Timer) -> _Due:
+    banks: dict[int, tuple[BankSensor, list[int]]] = {}
     for slot in slots:
         if isinstance(slot.sensor, BankSensor):
-            banks.setdefault(id(slot.sensor.bank), (slot.sensor.bank, []))[1].append(slot.head)
+            banks.setdefault(id(slot.sensor.bank), (slot.sensor, []))[1].append(slot.head)
+    in_banks = [slot for slot in slots if isinstance(slot.sensor, BankSensor)]
+    in_python = [slot for slot in slots if not isinstance(slot.sensor, BankSensor)]
+    ready_made = [slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)]
     return _Due(
         divisor,
-        tuple((bank, np.array(heads)) for bank, heads in banks.values()),
-        tuple(slot for slot in slots if isinstance(slot.sensor, BankSensor) and slot.wants_exact),
-        tuple(slot for slot in slots if not isinstance(slot.sensor, BankSensor)),
-        tuple(slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)),
+        tuple(
+            (timed("sensors", kind_of(first), read, len(heads)), first.bank, np.array(heads))
+            for first, heads in banks.values()
+        ),
+        tuple(timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact),
+        tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
+        tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
         tuple(slot for slot in slots if slot.is_wordy),
         np.array([slot.head for slot in slots], np.int64),
         sum(len(slot.streams) for slot in slots),
@@ -118,6 +132,7 @@ class Sensing(Part):
         self._groups: list[tuple[int, list[SensorSlot]]] = []
         self._repeating: list[_Due] = []
         self._plans: dict[int, _Due] = {}
+        self._masks: tuple[int, ...] = ()
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
@@ -128,6 +143,17 @@ class Sensing(Part):
         self._streams: dict[int, SensorStream] = {}
         self._wordy: list[SensorStream] = []
         self.numbers: dict[str, int] = {}
+        self.watch(untimed)
+
+    def watch(self, timed: Timer) -> None:
+        """Call what a tick consists of through what `timed` makes of it; `schedule` follows."""
+        self._timed = timed
+        self._look = timed("sensors", "accelerations", self._instruments.look)
+        self._deliver = timed("delivery", "errors, delays", self._instruments.deliver)
+        self._give = timed("samples", "for who reads", self._tell)
+
+    def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> _Due:
+        return _due(slots, divisor, self._instruments.read, self._timed)
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
@@ -183,8 +209,18 @@ class Sensing(Part):
         self._listening = [slot for slot in self._slots.values() if slot.active and slot.sensor.listens]
         inorder = sorted(groups.items(), key=lambda group: group[0])
         self._groups = [(divisor, slots) for (repeats, divisor), slots in inorder if not repeats]
-        self._repeating = [_due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
-        self._plans = {0: _due((), 1)}
+        self._repeating = [self._due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
+        self._plans = {0: self._due(())}
+        period = math.lcm(*(divisor for divisor, _ in self._groups))
+        self._masks = tuple(map(self._mask_of, range(period))) if period <= _PERIOD else ()
+
+    def _mask_of(self, tick: int) -> int:
+        """The groups that are due in a tick, as bits."""
+        mask = 0
+        for k, (divisor, _) in enumerate(self._groups):
+            if tick % divisor == 0:
+                mask |= 1 << k
+        return mask
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """What is delivered in a tick. The order is part of the contract:
@@ -194,17 +230,15 @@ class Sensing(Part):
         3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
         4. those that repeat what the others have read.
         """
-        mask = told = 0
-        for k, (divisor, _) in enumerate(self._groups):
-            if tick % divisor == 0:
-                mask |= 1 << k
+        told, masks = 0, self._masks
+        mask = masks[tick % len(masks)] if masks else self._mask_of(tick)
         if not mask and not self._listening and not self._repeating and t_ns < self._instruments.next_ns:
             return
         now, begins = self._seconds(), True
         self._instruments.set_time(t_ns)
         called = [slot for slot in self._listening if slot.is_called(now)]
         if called:
-            told, begins = self._measure(_due(called, 1), now, t_ns, begins), False
+            told, begins = self._measure(self._due(called), now, t_ns, begins), False
         told = self._measure(self._plan(mask), now, t_ns, begins)
         for group in self._repeating:
             if tick % group.divisor == 0:
@@ -212,32 +246,31 @@ class Sensing(Part):
         if told and self._listen is not None:
             self._listen(*self._instruments.delivered, told, t_ns)
         if told and self._instruments.read_count:
-            self._tell(told, samples)
+            self._give(told, samples)
 
     def _plan(self, mask: int) -> _Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
         plan = self._plans.get(mask)
         if plan is None:
             slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
-            plan = self._plans[mask] = _due(slots, 1)
+            plan = self._plans[mask] = self._due(slots)
         return plan
 
     def _measure(self, due: _Due, now: float, t_ns: int, begins: bool) -> int:
         """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
-        instruments = self._instruments
         if due.needs_rates:
-            instruments.look(now)
-        for slot in due.exactly:
-            slot.read_exactly(now)
-        for bank, heads in due.banks:
-            instruments.read(bank, heads, now)
+            self._look(now)
+        for read_exactly in due.exactly:
+            read_exactly(now)
+        for read_all, bank, heads in due.banks:
+            read_all(bank, heads, now)
         if due.in_python:
-            scope_of = instruments.scopes(t_ns, due.needs_rates)
-            for slot in due.in_python:
-                slot.read(scope_of(slot.row, slot.wiring))
-        for slot in due.ready_made:
-            slot.disturb(t_ns)
-        told = instruments.deliver(due.heads, t_ns, begins, due.most)
+            scope_of = self._instruments.scopes(t_ns, due.needs_rates)
+            for slot, read in due.in_python:
+                read(scope_of(slot.row, slot.wiring))
+        for disturb in due.ready_made:
+            disturb(t_ns)
+        told = self._deliver(due.heads, t_ns, begins, due.most)
         for slot in due.wordy:
             slot.keep_loose()
         return told

@@ -7,6 +7,7 @@ import math
 import pytest
 from msgspec import structs
 
+from uwserver.autopilot.bank import Bank
 from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold
@@ -77,6 +78,46 @@ def test_one_that_goes_takes_its_rows_and_leaves_the_others_theirs():
     assert pilot_of(world, "rov").seat.read() != kept
     assert gone.seat.read() == before
     assert not (world.hydro.thrusters["command"] == flew).all()
+
+
+def test_one_that_went_changes_and_hears_for_itself_alone():
+    """Its number in the bank is now that of another one."""
+    world = flown(world_of("auv", "rov"), "auv", "rov")
+    gone, other = pilot_of(world, "auv"), pilot_of(world, "rov")
+    world.dismiss("auv")
+    assert gone.seat.k == other.seat.k == 0
+    kept, x = other.seat.read(), gone.seat.show(world.t_ns)
+    assert x[0][0] == pytest.approx(gone.estimate.p[0])
+    gone.hold()
+    gone.seat.hear("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
+    assert gone.estimate.attitude_ns == world.t_ns
+    assert gone.orders.depth == gone.estimate.p[2]
+    assert other.seat.read() == kept
+
+
+def test_each_place_in_a_bank_is_found_after_others_came_and_went():
+    """Devices, curves, sensors and beacons lie one after the other, of vehicles with different numbers of them."""
+    seats = {name: pilot_of(world_of(name), name).seat for name in STARTS}
+    bank, own = Bank(), {name: seat.read() for name, seat in seats.items()}
+    ports = [port for seat in seats.values() for port in seat.craft.hearing.ports]
+    streams = {port: 2 * k for k, port in enumerate(ports)}
+    for names in (("rov", "auv"), ("big", "rov", "pro"), ("pro",), (), tuple(STARTS)):
+        bank.gather([seats[name] for name in names], streams, 2 * len(streams))
+        assert {name: seat.read() for name, seat in seats.items()} == own
+        rows = bank._kept
+        for name in names:
+            seat = seats[name]
+            c, allocation, hearing = seat.row["c"], seat.craft.allocation, seat.craft.hearing
+            mine = rows["devices"][c["device_first"] : c["device_first"] + c["device_count"]]
+            assert (mine["row"] == allocation.devices["row"]).all()
+            if len(allocation.curves):
+                assert (
+                    rows["curves"][mine["curve_first"]] == allocation.curves[allocation.devices["curve_first"]]
+                ).all()
+            for n, port in enumerate(hearing.ports):
+                source = rows["sources"][rows["ears"][streams[port]]]
+                assert (source["pilot"], source["kind"], source["next"]) == (seat.k, hearing.rows["kind"][n], -1)
+    assert {seat.k for seat in seats.values()} == {0, 1, 2, 3}
 
 
 # -- rows as records -----------------------------------------------------------------------------------------------------------------------
