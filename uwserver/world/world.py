@@ -189,7 +189,8 @@ class World:
     def want(self, ports: Container[str] | None) -> None:
         """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all.
 
-        Sensors measure and count whether anybody reads them or not, and `read` gives the newest sample of any port.
+        Those that parts of the world hear (`Part.hears`) are there too. Sensors measure and count whether anybody reads them or not, and
+        `read` gives the newest sample of any port.
         """
         self._sensing.want(ports)
 
