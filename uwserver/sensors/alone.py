@@ -10,6 +10,7 @@ from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.team import ALONE
 from uwserver.sensors.base import Scope
 from uwserver.sensors.instant import FORMS, PLACE
 from uwserver.sensors.wiring import ELECTRIC
@@ -60,6 +61,7 @@ class Alone:
             "place": place_row(scope.water, scope.earth),
             "lambert": scope.lambert,
             **water_arrays(scope.water),
+            "team": ALONE,
         }
         self.arrays["place"]["t_ns"] = scope.t_ns
         self.table: IntArray = layout.addresses(FORMS, self.arrays)

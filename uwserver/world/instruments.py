@@ -96,6 +96,7 @@ class Instruments:
             "place": self._place,
             "lambert": around.lambert,
             **water_arrays(self._water),
+            "team": hydro.team,
         }
         self.now: IntArray = layout.addresses(instant.FORMS, self._seen)
         self._make_room(0)
@@ -111,6 +112,7 @@ class Instruments:
             "free": self._free,
             "told": self._told,
             "counts": self._counts,
+            "team": self._hydro.team,
         }
         self._kept = rows
         self.table: IntArray = layout.addresses(self._delivery.FORMS, rows)

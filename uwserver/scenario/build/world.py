@@ -41,6 +41,7 @@ def build(resolved: Resolved, seed: int | None = None) -> World:
     hydro.sea = None if water.sea is None else water.sea.rows
     prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
+    world.threads.want(scenario.world.threads)
     world.earth = _earth(resolved)
     world.lambert = lambert(resolved.materials)
     if resolved.is_solid:

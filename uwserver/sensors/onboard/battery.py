@@ -141,7 +141,7 @@ class Battery(BankSensor):
         Field("energy", "J", "delivered since the start"),
         Field("charge", "1", "part of the capacity that is left"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, run, acts=True)
     memory_type = BatteryMemory
     settings: BatterySettings
 
