@@ -356,10 +356,12 @@ def test_no_global_randomness():
             if isinstance(node, ast.Attribute):
                 dotted = ast.unparse(node)
                 drawn = re.fullmatch(r"(np|numpy)\.random\.(\w+)", dotted)
-                if drawn and drawn[2] not in ("Generator", "PCG64", "SeedSequence", "default_rng"):
+                if drawn and drawn[2] not in ("Generator", "PCG64", "Philox", "SeedSequence", "default_rng"):
                     wrong.append(at(module, node.lineno, dotted))
-            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng") and not node.args:
-                wrong.append(at(module, node.lineno, "default_rng() without a seed"))
+            if isinstance(node, ast.Call) and not node.args and not node.keywords:
+                unseeded = re.search(r"(default_rng|PCG64|Philox)$", ast.unparse(node.func))
+                if unseeded:
+                    wrong.append(at(module, node.lineno, f"{unseeded[1]}() without a seed"))
     assert not wrong, wrong
 
 
@@ -503,6 +505,7 @@ TESTED_WITH = {
     ),
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
+        "acoustic.janus": "sensors/acoustic/test_dvl",
         "wiring": "sensors/onboard/test_contact",
     },
     "table": {"": "scenario/files/test_convert"},
@@ -513,6 +516,7 @@ TESTED_WITH = {
     "world": {
         "faults.hull": "world/faults/test_faults", "faults.table": "world/faults/test_faults",
         "faults.targets": "world/faults/test_faults", "faults.timeline": "world/faults/test_faults",
+        "streams": "world/test_delivery",
     },
 }  # fmt: skip
 """Modules that a file named otherwise tests, most often together with their siblings."""

@@ -22,7 +22,7 @@ from uwserver.recording import recorder, replay
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import counts, scenario
 from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
-from uwserver.server import http, life_cycle, state_files
+from uwserver.server import http, life_cycle, profiling, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
 from uwserver.world import saving, services, snapshot
@@ -184,6 +184,7 @@ def _world() -> Iterator[Row]:
     size = f"{_bytes(turns.MAX_BYTES)} of a client, {_bytes(turns.MAX_BYTES_OF_ALL)} of all, but one request of each"
     yield "their bytes, decoded lists and maps fourfold", size, "`overload`"
     yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
+    yield "profiles that are measured at once", str(profiling.MAX_MEASUREMENTS), "`overload`"
     spent = f"{_ms(intake.REQUESTS_NS / NANOSECONDS)} for commands and calls, {_ms(thread.STEERING_NS / NANOSECONDS)} for the clock"
     yield "a tick in real time", spent, "the rest waits for the next tick"
     ahead = f"real time: {bus.MAX_TICKS} ticks; else {_ms(bus.AHEAD_NS / NANOSECONDS)} of their work"

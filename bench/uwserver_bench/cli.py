@@ -16,7 +16,20 @@ from uwserver_bench.processes import BenchFailed
 if TYPE_CHECKING:
     from uwserver_bench.rows import Row
 
-PARTS = ("physics", "solids", "contact", "sensors", "server", "start", "net", "moos", "mavlink", "sil", "hostile")
+PARTS = (
+    "physics",
+    "solids",
+    "contact",
+    "sensors",
+    "swarm",
+    "server",
+    "start",
+    "net",
+    "moos",
+    "mavlink",
+    "sil",
+    "hostile",
+)
 
 
 _MODULES = {"physics": ("physics", "remus")}
@@ -48,9 +61,9 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, server, start, net, moos, mavlink, sil and hostile (or one PART) on an idle machine.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil and hostile (or one PART) on an idle machine.
 
-    All of it takes twenty minutes.
+    All of it takes half an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install uwserver-bench; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,

@@ -27,7 +27,8 @@ from uwserver.scenario.load.scenario import load
 from uwserver.sensors import IdealSensor, Scope
 from uwserver.server.life_cycle import Options, Server
 from uwserver.simulation.clock import SystemTime
-from uwserver.world.components import SensorSlot
+from uwserver.world.components import SensorStream
+from uwserver.world.sensor_slot import SensorSlot
 
 if TYPE_CHECKING:
     from uwserver.world.world import World
@@ -120,8 +121,8 @@ def install_megabyte(world: World, vehicle: str) -> str:
     divisor = round(world.rate_hz / MEGABYTE_HZ)
     member = world.members[vehicle]
     sensor = Megabyte()
-    sensor.start(np.random.default_rng(0))
-    slot = SensorSlot(port, member.vehicle.row, sensor, (), world.rate_hz, divisor, 0)
+    sensor.start(0)
+    slot = SensorSlot(sensor, (SensorStream(port),), member.vehicle.row, world.rate_hz, divisor)
     carrier = replace(member, sensors=(*member.sensors, slot))
     world.set_members(carrier if other is member else other for other in world.members.values())
     return path

@@ -25,6 +25,7 @@ GROUPS = [
     "solids",
     "contact",
     "sensors",
+    "swarm",
     "server",
     "start",
     "net",
@@ -71,6 +72,13 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["DVL1000 sample, bottom and water track"] == 50.0
     assert bars["IMU sample, full error model"] == 10.0
     assert bars["BlueROV2 Heavy: imu 120, depth 48, dvl 8, gps 5, altimeter 10, sonar 20 Hz"] == 40.0
+    assert bars["1 vehicle, sensors and autopilot, one core"] == 400.0
+    assert bars["10 vehicles, sensors and autopilot, one core"] == 60.0
+    assert bars["100 vehicles, sensors and autopilot, one core"] == 6.0
+    assert bars["server of 10 vehicles: what the client leaves of the rate"] == 0.85
+    assert bars["white noise on a 3-vector, a sample"] == 0.3
+    assert bars["IMU sample with all errors, in a bank of 100"] == 0.7
+    assert bars["memory of a vehicle with sensors and autopilot"] == 200.0
     assert bars["what the clients add to it"] == 0.3
     assert bars["command, 10 connections: p99"] == 6.0
     assert bars["zenoh: command sent to its force, p99"] == 5.0

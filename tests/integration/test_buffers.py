@@ -36,7 +36,8 @@ from uwserver.sensors import IdealSensor
 from uwserver.simulation.clock import Timing
 from uwserver.testing import FakeContext
 from uwserver.world import snapshot
-from uwserver.world.components import ActuatorSlot, SensorSlot
+from uwserver.world.components import ActuatorSlot, SensorStream
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
 PICTURE = Field("picture", "1", "what it saw", type="buffer", buffer=Layout("float32", (-1, 4)))
@@ -360,7 +361,7 @@ class Camera(IdealSensor):
 def equipped(world: World) -> Modem:
     """Give a built world the modem and the camera."""
     modem, member = Modem(), world.members["rov"]
-    heard = SensorSlot(HEARD, member.vehicle.row, Camera(modem), (), world.rate_hz, 24, 20_000_000)
+    heard = SensorSlot(Camera(modem), (SensorStream(HEARD),), member.vehicle.row, world.rate_hz, 24, 20_000_000)
     slots = {
         "sensors": (*member.sensors, heard),
         "actuators": (*member.actuators, ActuatorSlot(MODEM, modem, world.rate_hz, 0)),

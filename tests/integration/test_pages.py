@@ -73,7 +73,8 @@ def test_own_components_are_checked_served_and_commanded(tmp_path):
     said = follow("docs/how-to/extend.md", tmp_path)
     assert printed(said, "echo rov/turbidity").count("turbidity=") == 5
     assert "50 commands applied" in printed(said, "send rov/jet")
-    assert "4 passed" in printed(said, "def test_jet")
+    assert printed(said, "echo rov/oxygen").count("oxygen=") == 5
+    assert "5 passed" in printed(said, "def test_jet")
 
 
 def test_a_dive_is_recorded_read_drawn_and_replayed(tmp_path):
@@ -103,6 +104,12 @@ def test_a_state_is_saved_and_loaded(tmp_path):
     assert "tick 480" in printed(said, "snapshot.to_bytes")
     assert "back at tick" in printed(said, "first = rov.call")
     assert [path.name for path in (tmp_path / "states").iterdir()] == ["calm.uwstate"]
+
+
+def test_where_the_time_goes_is_told(tmp_path):
+    said = follow("docs/how-to/profile.md", tmp_path)
+    assert "altimeter" in printed(said, "call world/profile")
+    assert printed(said, "profile.close").startswith("profile of 2400 ticks")
 
 
 def test_a_dive_over_mavlink(tmp_path):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 from uwserver.ports import Event, Progress, Reply
 from uwserver.scenario.build.world import build
+from uwserver.server.profiling import Profiling
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation
@@ -34,6 +35,10 @@ class Rig:
     @property
     def world(self):
         return self.simulation.world
+
+    def soon(self, work: Callable[[], None]) -> None:
+        """Let the loop do something."""
+        self._work.put(work)
 
     def put_samples(self, samples) -> None:
         self.samples += samples
@@ -91,3 +96,10 @@ def running(resolved, timing: Timing = FREE) -> Iterator[Rig]:
         yield rig
     finally:
         rig.end()
+
+
+def profiling_of(
+    rig: Rig, later: Callable[[float, Callable[[], None]], object] = lambda seconds, then: None
+) -> Profiling:
+    """Measurements of a rig; `later` decides when their seconds are over, at first never."""
+    return Profiling(rig.simulation, SystemTime().now_ns, rig.soon, later)

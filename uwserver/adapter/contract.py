@@ -72,7 +72,13 @@ class AdapterStats:
 
 
 class Subscriber(Protocol):
-    """Where an adapter takes in what the world says; called on the loop, once a tick; must not block."""
+    """Where an adapter takes in what the world says; called on the loop, once a tick; must not block.
+
+    It may have an attribute (or property) `wanted`: paths of the ports whose samples it reads, a collection, or None for all, which holds where
+    there is none. Samples are made of ports that somebody wants, and of no others; what others want comes too. It is looked at when the
+    subscriber is attached, after the ports have changed, when it has had the event of that, and at `AdapterContext.follow_wants`. Until then
+    samples of ports that just came are made in any case.
+    """
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """All samples delivered in one tick (truth only if the adapter may serve it)."""
@@ -99,6 +105,7 @@ class Driver(Protocol):
 
     It is called on the simulation thread, the only part of an adapter that is: the hand-over to the loop and back takes longer than a tick.
     So it has its own non-blocking or time-limited socket, touches nothing that the loop changes, and never takes longer than it is told.
+    It may have `wanted`, as a `Subscriber`, which is looked at on the loop.
     """
 
     def order(self, wait_s: float) -> Order | None:
@@ -144,10 +151,25 @@ class AdapterContext(Protocol):
         """Server name and version, scenario name: the common part of the answer to `hello`."""
 
     def last(self, port: str) -> Sample | None:
-        """The newest delivered sample of a port."""
+        """The newest delivered sample of a port that a subscriber of this adapter wants, since it does; None before the first."""
+
+    def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
+        """Ask for the newest delivered samples of some ports, which nobody needs to want.
+
+        Args:
+            ports: paths; those that are not there, or have said nothing yet, are left out.
+            on_samples: gets them on the loop, once.
+            source: as for `command`.
+
+        Raises:
+            Refused: `overload`; too much that was asked waits already.
+        """
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events; the returned function ends it."""
+
+    def follow_wants(self) -> None:
+        """What a subscriber or driver of this adapter wants has changed. A step that is asked for after this gives those samples."""
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""

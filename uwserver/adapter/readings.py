@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from uwserver.adapter.refusals import CannotServe
 from uwserver.adapter.roles import port_of
@@ -61,6 +61,11 @@ class Readings:
         self._ports = ports
         self._vehicle = vehicle
         self._wanted: dict[str, list[Reading]] = {}
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Paths of those ports."""
+        return self._wanted.keys()
 
     def want(self, role: str, name: str, choices: Sequence[Sequence[str]], keeps: bool = True) -> Reading:
         """Follow a port.

@@ -5,16 +5,34 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
+import msgspec
 import numpy as np
 from msgspec import structs
 
 from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.flight import SHOWN
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, SOURCE, Beside, Live
-from uwserver.autopilot.state import Estimate, Memory, Orders
+from uwserver.autopilot.mission import Item
+from uwserver.autopilot.rows import DEVICE, FORMS, ORDERS, PILOT, REMEMBERED, SOURCE, Beside, Live, record
+from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+
+
+def _bytes_of(first: str, end: str) -> slice:
+    """Of REMEMBERED: those of the orders from one on to before another."""
+    begin = _offset(REMEMBERED, "o")
+    return slice(begin + _offset(ORDERS, first), begin + _offset(ORDERS, end))
+
+
+def _offset(form: np.dtype[Any], name: str) -> int:
+    fields = form.fields
+    assert fields is not None
+    return int(fields[name][1])
+
+
+_GAINS, _STANCE = _bytes_of("gains", "mode"), _bytes_of("mode", "stick")
+"""The gains; mode, armed and waits."""
 
 
 class Seat:
@@ -28,15 +46,12 @@ class Seat:
 
     def __init__(self, craft: Craft) -> None:
         self.craft = craft
-        self.row: Any = np.zeros(1, PILOT)[0]
-        self.devices: Any = craft.allocation.devices.copy()
-        craft.fill(self.row["c"])
         self._gains = craft.gains
+        self._items: tuple[Item, ...] = ()
         self._shown: FloatArray = np.zeros(SHOWN)
         outputs = Beside(lambda: tuple(self.devices["part"].tolist()), self._set_outputs)
         gains = Beside(lambda: self._gains, self._set_gains)
-        mission: dict[str, Any] = {"items": ()}
-        items = Beside(lambda: mission["items"], lambda value: mission.update(items=value))
+        items = Beside(lambda: self._items, self._set_items)
         test = Beside(self._test, self._set_test)
         self._live = (
             Live(Estimate, {}),
@@ -44,16 +59,26 @@ class Seat:
             Live(Orders, {"gains": gains, "items": items, "test": test}),
         )
         self.estimate, self.memory, self.orders = cast("tuple[Estimate, Memory, Orders]", self._live)
-        self.bank, self.k = Bank(), 0
-        self.bank.gather([self], {}, 0)
+        self.lie(None, 0, np.zeros(1, PILOT), craft.allocation.devices.copy())
+        craft.fill(self.row["c"])
         self.write(craft.begin(), Memory(), Orders(gains=craft.gains, mode=craft.mode))
         self.switch()
 
-    def lie(self, bank: Bank, k: int, row: Any, devices: Any) -> None:
-        """These are its rows from now on, which hold all that it was."""
-        self.bank, self.k, self.row, self.devices = bank, k, row, devices
-        for record, name in zip(self._live, "emo", strict=True):
-            record.lie(row[name])
+    def lie(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
+        """Row k, and these of its devices, are its own from now on; they hold all that it was. `bank`: None for none."""
+        self._bank, self.k, self.row, self.devices = bank, k, pilots[k], devices
+        row = self.row
+        self._here = pilots[k : k + 1].view(np.uint8)[: REMEMBERED.itemsize]
+        for live, name in zip(self._live, "emo", strict=True):
+            live.lie(row[name])
+
+    @property
+    def bank(self) -> Bank:
+        """Where it lies; one of its own outside of a world."""
+        if self._bank is None:
+            Bank().gather([self], {}, 0)
+        assert self._bank is not None
+        return self._bank
 
     def read(self) -> tuple[Estimate, Memory, Orders]:
         """Copies of its records."""
@@ -62,8 +87,44 @@ class Seat:
 
     def write(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
         """Put others in their place."""
-        for record, value in zip(self._live, (estimate, memory, orders), strict=True):
-            record.write(value)
+        for live, value in zip(self._live, (estimate, memory, orders), strict=True):
+            live.write(value)
+
+    def save(self) -> Remembered:
+        """The same copies as they lie here."""
+        devices = self.devices
+        test = devices["test"].tobytes() if self.row["c"]["testing"] else b""
+        return Remembered(self._here.tobytes(), devices["part"].tobytes(), test, self._items)
+
+    def records(self, kept: Remembered) -> tuple[Estimate, Memory, Orders]:
+        """What was saved as typed records; changes nothing.
+
+        Raises:
+            ValueError: it is not of this vehicle, or cannot be.
+        """
+        wide = 8 * len(self.devices)
+        if len(kept.row) != REMEMBERED.itemsize or len(kept.outputs) != wide or len(kept.test) not in (0, wide):
+            raise ValueError(f'"{self.craft.path}" is made of other numbers, or commands other actuators')
+        row: Any = np.frombuffer(kept.row, REMEMBERED)[0]
+        outputs, test = (tuple(np.frombuffer(data).tolist()) for data in (kept.outputs, kept.test))
+        gains = msgspec.convert(dict(zip(Gains.__struct_fields__, row["o"]["gains"].tolist(), strict=True)), Gains)
+        return (
+            record(Estimate, row["e"], {}),
+            record(Memory, row["m"], {"outputs": outputs}),
+            record(Orders, row["o"], {"gains": gains, "items": kept.items, "test": test}),
+        )
+
+    def load(self, kept: Remembered) -> bool:
+        """Put back what was saved, and checked by `records`. Returns whether the mode, or who commands the actuators, is another one."""
+        before = self._here.tobytes()
+        self._here[:] = np.frombuffer(kept.row, np.uint8)
+        self.devices["part"] = np.frombuffer(kept.outputs)
+        self.devices["test"] = np.frombuffer(kept.test) if kept.test else 0.0
+        self.row["c"]["testing"] = bool(kept.test)
+        self._items = kept.items
+        if before[_GAINS] != kept.row[_GAINS]:
+            self._gains = Gains(**dict(zip(Gains.__struct_fields__, self.row["o"]["gains"].tolist(), strict=True)))
+        return bool(before[_STANCE] != kept.row[_STANCE])
 
     def forget(self) -> None:
         """What the controllers remember is that of the start."""
@@ -71,6 +132,9 @@ class Seat:
 
     def _set_gains(self, gains: Gains) -> None:
         self._gains, self.row["o"]["gains"] = gains, structs.astuple(gains)
+
+    def _set_items(self, items: tuple[Item, ...]) -> None:
+        self._items = items
 
     def _set_outputs(self, parts: Sequence[float]) -> None:
         self.devices["part"] = parts or 0.0
@@ -127,39 +191,42 @@ class Bank:
         """Let these, and no others, lie here.
 
         Args:
-            seats: they move in, and keep what they are.
+            seats: they move in, and keep what they are; so do those that move out.
             streams: numbers of the streams of samples that compiled code delivers, by port.
             count: of such numbers.
         """
-        self.seats = tuple(seats)
-        crafts = [seat.craft for seat in self.seats]
+        gone, self.seats = self.seats, tuple(seats)
+        hearings = [seat.craft.hearing for seat in self.seats]
+        allocations = [seat.craft.allocation for seat in self.seats]
         pilots: Any = np.zeros(len(self.seats), PILOT)
-        devices = _joined([seat.devices for seat in self.seats], np.zeros(0, DEVICE))
-        curves = _joined([craft.allocation.curves for craft in crafts], np.zeros((0, 2)))
-        sources = _joined([craft.hearing.rows for craft in crafts], np.zeros(0, SOURCE))
-        beacons = _joined([craft.hearing.beacons for craft in crafts], np.zeros((0, 3)))
+        devices = _records(DEVICE, [seat.devices for seat in self.seats])
+        sources = _records(SOURCE, [each.rows for each in hearings])
+        curves = np.concatenate([np.zeros((0, 2)), *[each.curves for each in allocations]])
+        beacons = np.concatenate([np.zeros((0, 3)), *[each.beacons for each in hearings]])
         ears = np.full(count, -1, np.int64)
-        self._first = []
+        self._first, firsts = [], []
         device = curve = source = beacon = 0
-        for k, seat in enumerate(self.seats):
-            allocation, hearing = seat.craft.allocation, seat.craft.hearing
-            rows = devices[device : device + len(seat.devices)]
+        for k, (seat, hearing, allocation) in enumerate(zip(self.seats, hearings, allocations, strict=True)):
+            rows, heard = devices[device : device + len(seat.devices)], sources[source : source + len(hearing.rows)]
             pilots[k] = seat.row
-            pilots[k]["c"]["device_first"], pilots[k]["c"]["device_count"] = device, len(rows)
             rows["curve_first"] = allocation.devices["curve_first"] + curve
-            heard = sources[source : source + len(hearing.rows)]
-            heard["pilot"], heard["beacon_first"] = k, beacon
+            heard["pilot"], heard["beacon_first"], heard["next"] = k, beacon, -1
             for n, port in enumerate(hearing.ports):
                 if port in streams and port not in hearing.in_words:
-                    ears[streams[port]] = source + n
+                    heard["next"][n], ears[streams[port]] = ears[streams[port]], source + n
             self._first.append(source)
-            seat.lie(self, k, pilots[k], rows)
+            firsts.append((device, len(rows)))
+            seat.lie(self, k, pilots, rows)
             device, curve = device + len(rows), curve + len(allocation.curves)
             source, beacon = source + len(heard), beacon + len(hearing.beacons)
+        pilots["c"]["device_first"], pilots["c"]["device_count"] = np.array(firsts, np.int64).reshape(-1, 2).T
         self._kept: Mapping[str, Any] = {
             "pilots": pilots, "devices": devices, "curves": curves, "sources": sources, "beacons": beacons, "ears": ears,
         }  # fmt: skip
         self.table: IntArray = layout.addresses(FORMS, self._kept)
+        for seat in set(gone).difference(self.seats):
+            # Its number is that of another one from now on.
+            seat.lie(None, 0, np.array([seat.row]), seat.devices.copy())
 
     def first_source(self, seat: Seat) -> int:
         """The row of the first sensor that one hears."""
@@ -177,5 +244,7 @@ class Bank:
         self.entries.hear_all(self.table, told, values, count, now_ns)
 
 
-def _joined(parts: Sequence[Any], nothing: Any) -> Any:
-    return np.concatenate([nothing, *parts])
+def _records(form: np.dtype[Any], parts: Sequence[Any]) -> Any:
+    """Records of one form, one after the other; as bytes, since numpy compares the fields of each two arrays of records that it joins."""
+    plain = f"V{form.itemsize}"
+    return np.concatenate([np.zeros(0, plain), *[part.view(plain) for part in parts]]).view(form)

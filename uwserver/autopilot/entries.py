@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from uwserver.autopilot import estimator, flight, sticks
@@ -85,10 +87,11 @@ def hear_all(table: Array, told: Array, values: Array, count: int, now_ns: int) 
     pilots, sources, beacons, ears = _pilots(table), _sources(table), _beacons(table), _ears(table)
     for i in range(count):
         sample = told[i]
-        ear = ears[sample.stream]
-        if ear >= 0 and sample.valid != 0:
+        ear = ears[sample.stream] if sample.valid != 0 else -1
+        while ear >= 0:
             source = sources[ear]
             _update(pilots[source.pilot], source, beacons, values[i], sample.t_ns, now_ns)
+            ear = source.next
 
 
 @entry
@@ -111,6 +114,10 @@ def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
     _show(_pilots(table)[k], t_ns, out)
 
 
+ENTRIES: tuple[Any, ...] = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
+"""All of them."""
+
+
 def load(told: Array) -> None:
     """Have all that stands here ready, compiled or from the cache, so that no tick waits for it.
 
@@ -118,13 +125,9 @@ def load(told: Array) -> None:
         told: records like those that `hear_all` gets.
     """
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
-    step_all.load(table, table, number, number)
-    step_on.load(table, table, number, number, number)
-    hear_all.load(table, told, np.empty((0, 0)), number, number)
-    hear_one.load(table, number, values, number, number)
-    stay_one.load(table, number)
-    show_one.load(table, number, number, values)
-
-
-ENTRIES = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
-"""All of them."""
+    given = (
+        (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
+        (table, number, values, number, number), (table, number), (table, number, number, values),
+    )  # fmt: skip
+    for kernel, like in zip(ENTRIES, given, strict=True):
+        kernel.load(*like)

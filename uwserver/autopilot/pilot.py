@@ -13,7 +13,7 @@ from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
-from uwserver.autopilot.state import NAN, Estimate, Memory, Mode, Orders, Reason
+from uwserver.autopilot.state import NAN, Mode, Reason, Remembered
 from uwserver.autopilot.sticks import enter
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.ports import Fault, Json, Refused
@@ -104,8 +104,10 @@ class Autopilot:
 
     def _follow_item(self) -> None:
         """Compiled code knows of the item under way when it is done."""
-        o, c = self.orders, self.seat.row["c"]
-        c["item"], c["lasts"] = route.kind_of(o.items[o.index]) if o.index >= 0 else (0, 0.0)
+        o = self.orders
+        if o.items and o.index >= 0:
+            c = self.seat.row["c"]
+            c["item"], c["lasts"] = route.kind_of(o.items[o.index])
 
     def _watch(self, now: Known) -> None:
         e, o, craft = self.estimate, self.orders, self.craft
@@ -316,39 +318,42 @@ class Autopilot:
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
-    def check(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
+    def check(self, kept: Remembered) -> None:
         """Refuse what it was in another place or time, if it cannot have been this vehicle's.
 
         Raises:
-            ValueError: attitudes without length, a mission that ends before its item, or parts of other actuators.
+            ValueError: attitudes without length, a mission that ends before its item, parts of other actuators, or numbers out of all range.
         """
+        estimate, memory, orders = self.seat.records(kept)
         for q in (estimate.q, orders.attitude or estimate.q):
             if not abs(math.hypot(*q) - 1.0) < 1e-3:
                 raise ValueError(f'"{self.craft.path}" has an attitude that is no rotation')
         if not -1 <= orders.index < len(orders.items) or not 0 <= orders.reached <= len(orders.items):
             raise ValueError(f'"{self.craft.path}" is at an item that its mission does not have')
-        if any(len(parts) not in (0, len(self.craft.names)) for parts in (memory.outputs, orders.test)):
-            raise ValueError(f'"{self.craft.path}" commands other actuators')
         limited = structs.replace(orders, turn_limit=0.0 if orders.turn_limit == math.inf else orders.turn_limit)
-        if not all(math.isnan(x) or abs(x) < 1e12 for part in (estimate, memory, limited) for x in _floats(part)):
+        if not all(_is_plausible(x) for part in (estimate, memory, limited) for x in _numbers(part)):
             raise ValueError(f'"{self.craft.path}" holds a number out of all range')
 
-    def load(self, estimate: Estimate, memory: Memory, orders: Orders) -> None:
+    def load(self, kept: Remembered) -> None:
         """Go on from there; a call that waits ends."""
         self.preempt("the world was reset or restored")
-        before = self.orders.mode, self.orders.armed, self.orders.waits
-        self.seat.write(estimate, memory, orders)
+        is_other = self.seat.load(kept)
         self._follow_item()
-        if before != (orders.mode, orders.armed, orders.waits):
+        if is_other:
             self._take_hold()
 
 
-def _floats(value: object) -> Iterator[float]:
-    """All numbers with a fraction in a record, however deep."""
-    if isinstance(value, float):
+def _is_plausible(x: float) -> bool:
+    """Times (ns) and counts are whole numbers whose differences can still be counted."""
+    return abs(x) < 2**62 if isinstance(x, int) else math.isnan(x) or abs(x) < 1e12
+
+
+def _numbers(value: object) -> Iterator[float]:
+    """All numbers in a record, however deep."""
+    if isinstance(value, float | int):
         yield value
     elif isinstance(value, tuple):
         for item in value:
-            yield from _floats(item)
+            yield from _numbers(item)
     elif isinstance(value, Struct):
-        yield from _floats(structs.astuple(value))
+        yield from _numbers(structs.astuple(value))

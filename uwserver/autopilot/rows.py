@@ -140,8 +140,11 @@ CRAFT = np.dtype(
 )
 """What an autopilot knows of its vehicle."""
 
-PILOT = np.dtype([("e", ESTIMATE), ("m", MEMORY), ("o", ORDERS), ("c", CRAFT)])
-"""One autopilot."""
+REMEMBERED = np.dtype([("e", ESTIMATE), ("m", MEMORY), ("o", ORDERS)])
+"""What of an autopilot changes as it flies, but for what compiled code is told of things that go on in Python."""
+
+PILOT = np.dtype([*((name, REMEMBERED[name]) for name in REMEMBERED.names or ()), ("c", CRAFT)])
+"""One autopilot: REMEMBERED, and its vehicle."""
 
 DEVICE = np.dtype(
     [
@@ -172,6 +175,7 @@ THRUSTER, FIN, SHAFT_SPEED, WRENCH = range(4)
 SOURCE = np.dtype(
     [
         ("pilot", "i8"),  # row
+        ("next", "i8"),  # row of another one that hears the same stream, or -1
         ("kind", "i8"),  # place in `sources.KINDS`
         ("place", "i8", (3,)),  # of its fields among the numbers of the stream
         ("p", "f8", (3,)),
@@ -194,7 +198,7 @@ FORMS: Forms = {
     "beacons": columns(np.float64, 3),
     "ears": columns(np.int64),
 }
-"""Of the table of a world's autopilots; `ears`: of each stream of a sensor the SOURCE that hears it, or -1."""
+"""Of the table of a world's autopilots; `ears`: of each stream of a sensor the first SOURCE that hears it, or -1."""
 
 
 rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
@@ -257,15 +261,23 @@ class Beside(NamedTuple):
     set: Callable[[Any], None]
 
 
-def _choice(choices: Sequence[str]) -> Form:
-    """One of some texts, as its place."""
-    return Form(lambda code: choices[code], choices.index)
+def _choice(choices: Sequence[Any]) -> Form:
+    """One of some values, as its place."""
+
+    def read(code: int) -> Any:
+        if not 0 <= code < len(choices):
+            raise ValueError(f"{code} is no code of {', '.join(map(repr, choices))}")
+        return choices[code]
+
+    return Form(read, choices.index)
 
 
 def _several(choices: Sequence[str]) -> Form:
     """Some of some texts, as bits."""
 
     def read(bits: int) -> tuple[str, ...]:
+        if not 0 <= bits < 1 << len(choices):
+            raise ValueError(f"{bits} are no bits of {', '.join(choices)}")
         return tuple([name for k, name in enumerate(choices) if bits >> k & 1])
 
     return Form(read, lambda names: sum(1 << choices.index(name) for name in names))
@@ -275,7 +287,7 @@ def _read_attitude(q: Quat) -> Quat | None:
     return None if math.isnan(q[0]) else q
 
 
-_TRUTH = Form(bool, int)
+_TRUTH = _choice((False, True))
 _FORMS: Mapping[str, Form] = {
     "mode": _choice(MODES),
     "pilot": _choice(PILOTS),
@@ -319,16 +331,22 @@ class Live:
 
     def read(self) -> Any:
         """A copy, as a record of its kind."""
-        plain = map(_value, self._row.dtype.names, self._row.tolist())
-        values = dict(zip(self._row.dtype.names, plain, strict=True))  # of which those beside it are overwritten
-        for name, other in self._beside.items():
-            values[name] = other.get()
-        return self._kind(**values)
+        return record(self._kind, self._row, {name: other.get() for name, other in self._beside.items()})
 
     def write(self, record: Struct) -> None:
         """Put another one in its place."""
         for name in self._kind.__struct_fields__:
             setattr(self, name, getattr(record, name))
+
+
+def record(kind: type[R], row: Any, beside: Mapping[str, Any]) -> R:
+    """What stands in a row, and beside it, as a typed record.
+
+    Raises:
+        ValueError: a number in it is the code of nothing.
+    """
+    plain = map(_value, row.dtype.names, row.tolist())
+    return kind(**{**dict(zip(row.dtype.names, plain, strict=True)), **beside})
 
 
 def _value(name: str, plain: Any) -> Any:

@@ -159,3 +159,18 @@ class Orders(Struct):
     waited: float = 0.0
     test: Parts = ()
     failsafe: Reason = ""
+
+
+class Remembered(Struct, frozen=True):
+    """All that an autopilot goes on with, as it lies in its rows: copied in a microsecond, and understood by `bank.Seat.records` alone.
+
+    Attributes:
+        row: `rows.REMEMBERED`.
+        outputs, test: float64 for each of its devices; `test` is empty where none is going on.
+        items: its mission.
+    """
+
+    row: bytes
+    outputs: bytes
+    test: bytes
+    items: Annotated[tuple[Item, ...], Meta(max_length=MAX_ITEMS)] = ()

@@ -39,6 +39,7 @@ class _Number(click.FloatRange):
 
 _SECONDS = _Number(0.0, 1e9)
 _FILE = click.Path(path_type=Path, dir_okay=False)
+_PROFILE = "Print what a tick takes, by stage and kind, every so many seconds of wall time, and at the end."
 _SAVE_AT = "Save the state at this simulation time; may be given several times."
 
 
@@ -61,6 +62,7 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 @click.option("--record", type=_FILE, help="Write an MCAP file (see `uwserver replay`).")
 @click.option("--from", "begin", type=_FILE, help="Begin at a saved state of this scenario.")
 @click.option("--save-at", type=(_SECONDS, _FILE), multiple=True, metavar="SECONDS FILE", help=_SAVE_AT)
+@click.option("--profile", type=_Number(0.01, 3600.0), metavar="SECONDS", help=_PROFILE)
 @click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
 @click.option("--log-json", is_flag=True, help="One JSON object a log line.")
 def run(
@@ -77,6 +79,7 @@ def run(
     record: Path | None,
     begin: Path | None,
     save_at: tuple[tuple[float, Path], ...],
+    profile: float | None,
     log_level: str,
     log_json: bool,
 ) -> None:
@@ -110,7 +113,7 @@ def run(
     try:
         state = None if begin is None else read_state(begin)
         announce = partial(_announce, resolved, log_json, token)
-        options = Options(seed, timing, record, until_s, state, save_at, announce)
+        options = Options(seed, timing, record, until_s, state, save_at, profile, announce, click.echo)
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
             status = _run_loop(resolved, options)

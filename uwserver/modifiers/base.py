@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, structs
 
-from uwserver.physics.kernel.random import SAMPLE
+from uwserver.physics.kernel.random import SAMPLE, TURN_ON
 from uwserver.ports import Field, Value
 from uwserver.table import Table
 from uwserver.units import NANOSECONDS
@@ -88,6 +88,7 @@ class Draws:
         self._bits = np.random.Philox(key=key)
         self._form = self._bits.state
         self.rng = np.random.Generator(self._bits)
+        self.seek(0, TURN_ON)
 
     def seek(self, number: int, purpose: int = SAMPLE) -> None:
         """Begin with what is drawn for a reading of this number."""

@@ -39,6 +39,10 @@ class Columns:
         self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
         self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
 
+    def loose_of(self, values: Sequence[Value]) -> tuple[Value, ...]:
+        """Those of a reading that have no place in a row."""
+        return tuple([values[k] for k in self.loose])
+
     def pack(self, values: Sequence[Value], row: Any) -> None:
         """Write a reading into a row (width) of float64."""
         whole = row.view(np.int64)

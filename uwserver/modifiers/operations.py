@@ -11,7 +11,7 @@ from msgspec import convert, structs
 from uwserver.modifiers.base import NOTHING, Measurement, Memory, Modifier, Stream
 from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.arrays import Array, FloatArray
-from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.deferred import Elsewhere, compiled
 
 PARAMETERS = 4
 OPERATION = np.dtype(
@@ -37,6 +37,10 @@ READING = np.dtype(
     ]
 )
 """What a reading is besides its values, as `base.Measurement`."""
+
+
+_DISTURB_ALONE = Elsewhere("uwserver.modifiers.chain", "disturb_alone")
+"""By its name: the chain knows all kinds, and these know this module."""
 
 
 @compiled
@@ -92,7 +96,7 @@ class Operation(Modifier):
         self._lengths = [len(v) if isinstance(v, tuple) else -1 for v in structs.astuple(memory)]
 
     @property
-    def memory(self) -> Memory:  # type: ignore[override]  # lies among the numbers
+    def memory(self) -> Memory:
         """What it remembers, as a record."""
         return self.record(self.numbers)
 
@@ -115,13 +119,11 @@ class Operation(Modifier):
 
     def apply(self, reading: Measurement) -> None:
         """Change a reading in place, outside a world."""
-        from uwserver.modifiers.chain import disturb_alone
-
         row, header = np.empty(max(1, self.columns.width)), np.zeros(1, READING)
         self.columns.pack(reading.values, row)
         for name in READING.names or ():
             header[name] = getattr(reading, name)
-        disturb_alone(self.rows, self.numbers, row, header, self.stream.dt)
+        _DISTURB_ALONE.made()(self.rows, self.numbers, row, header, self.stream.dt)
         loose = [reading.values[k] for k in self.columns.loose]
         reading.values[:] = self.columns.unpack(row[: self.columns.width], loose)
         told = header[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from types import ModuleType
 from typing import Any
@@ -45,15 +45,11 @@ def _sea_kernel() -> ModuleType:
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
-_FLAGS = {
-    "in_contact": 1,
-    "retired": 1,
-    "by_force": 1,
-    "fresh": 1,
-    "stuck": 2,
-    "frame": 1,
-    "harmonic": 1,
-} | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+_FLAGS = (
+    dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1)
+    | {"stuck": 2}
+    | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+)
 """Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
 
 Saved = dict[str, bytes]
@@ -86,6 +82,7 @@ class Hydrodynamics:
         self._lag_row = cache(partial(lag_row, dt=dt))
         self._loaded: tuple[bool, ...] = ()
         self.team, self._threads = ALONE, 1
+        self.watch(lambda stage, what, function: function)
         self.set_bodies(bodies)
 
     def _clear(self) -> None:
@@ -142,14 +139,8 @@ class Hydrodynamics:
         self._set_body(row, body_row(body))
 
     def _set_body(self, row: int, new: Records) -> None:
-        kept = (
-            "fitted",
-            "retired",
-            "external",
-            "acted",
-            *(name for name in layout.BODY.names or () if name.endswith(("_first", "_count"))),
-        )
-        for name in kept:
+        places = (name for name in layout.BODY.names or () if name.endswith(("_first", "_count")))
+        for name in ("fitted", "retired", "external", "acted", *places):
             new[name] = self.bodies[name][row]
         self.bodies[row] = new[0]
 
@@ -277,8 +268,7 @@ class Hydrodynamics:
 
     def set_team(self, team: IntArray, threads: int) -> None:
         """Let so many threads share the loops over bodies; `team`: the numbers of a `Team`."""
-        self.team, self._threads = team, threads
-        self.scratch = np.zeros(threads, layout.SCRATCH)
+        self.team, self._threads, self.scratch = team, threads, np.zeros(threads, layout.SCRATCH)
         self._gather()
 
     def _gather(self) -> None:
@@ -302,17 +292,25 @@ class Hydrodynamics:
         external: FloatArray = self.bodies["external"]
         return external
 
+    def watch(self, timed: Callable[[str, str, Callable[..., Any]], Callable[..., Any]]) -> None:
+        """Call what a tick consists of through what `timed` makes of it (stage, kind, function); at first, of the functions themselves."""
+        self._flow = timed("water", "at the bodies", self.fill_flows)
+        self._detect = timed("contact", "detection", lambda collider: collider.find_contacts(self.state, self.dt))
+        self._respond = timed("contact", "response", self._advance_touching)
+        self._move = timed("physics", "bodies", self._advance_free)
+
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        self.fill_flows(t, 0.5 * self.dt)
+        if self.sea is not None:
+            self._flow(t, 0.5 * self.dt)
         if self.collider is not None:
-            contacts = self.collider.find_contacts(self.state, self.dt)
+            contacts = self._detect(self.collider)
             if len(contacts.gap):
-                return self._advance_touching(contacts, t)
+                return int(self._respond(contacts, t))
             if len(self.touched.impulse):
                 self.touched = NO_IMPULSES
                 self.contact_nu_dot[:] = 0.0
-        return self._advance_free(t)
+        return int(self._move(t))
 
     def _advance_free(self, t: float) -> int:
         kernel = _kernel()
@@ -323,7 +321,7 @@ class Hydrodynamics:
         kernel, old = _contact_kernel(), self.touched
         strike = kernel.strike_fitted if self._fitted else kernel.strike
         struck = strike(self.table, contacts, old.contacts.key, old.impulse, t, self.dt)
-        diverged = self._advance_free(t)
+        diverged = int(self._move(t))
         if diverged < 0:
             self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
             kernel.settle(self.table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)

@@ -137,6 +137,7 @@ class _Run:
         if missing is not None:
             raise NotReplayable(f"{path}: its contacts cannot be found again here: {missing}")
         self._world: World = build(head.resolved, head.seed)
+        self._world.want(())
         self._batch: list[Request] = []
         self._next_index = 0
         self.ticks = self.requests = self.hashes = 0

@@ -6,34 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.environment.earth import Earth
-from uwserver.environment.water import Water
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.team import ALONE
 from uwserver.sensors.base import Scope
-from uwserver.sensors.instant import FORMS, PLACE
+from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC
-
-
-def water_arrays(water: Water) -> dict[str, Any]:
-    """Arrays of the water, by the names of `FORMS`."""
-    rows = water.sea.rows if water.sea is not None else None
-    nothing = np.zeros(7), np.zeros((0, layout.PROFILE_SIZE)), np.zeros((0, layout.WAVE_SIZE))
-    uniform, profiles, waves = (rows.uniform, rows.profiles, rows.waves) if rows is not None else nothing
-    return {"column": water.column.table, "uniform": uniform, "profiles": profiles, "waves": waves}
-
-
-def place_row(water: Water, earth: Earth) -> Any:
-    """The PLACE of a world."""
-    place = np.zeros(1, PLACE)
-    row = place[0]
-    row["gravity"], row["density"], row["atmosphere"] = water.gravity, water.density, water.atmospheric_pressure
-    row["current"], row["ph"] = water.current, water.column.ph
-    row["moves"] = water.sea is not None
-    row["latitude"], row["longitude"], row["epoch_ns"] = earth.latitude, earth.longitude, earth.epoch_ns
-    row["declination"], row["magnetic"] = earth.declination, earth.magnetic
-    return place
 
 
 class Alone:

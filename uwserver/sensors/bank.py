@@ -15,7 +15,7 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -66,31 +66,28 @@ HEAD = np.dtype(
 MISSING = np.nan
 """A number that a reading does not have."""
 
-_INSTANT = "uwserver.sensors.instant"
-rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
-    Elsewhere(_INSTANT, name) for name in ("rotate", "multiply", "conjugate", "quat_from_rpy", "rpy_from_quat")
-)
-p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = (
-    Elsewhere(_INSTANT, name) for name in ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
-)
-latitude_longitude = Elsewhere(_INSTANT, "latitude_longitude")
-velocity_of, specific_force = Elsewhere(_INSTANT, "velocity_of"), Elsewhere(_INSTANT, "specific_force")
-water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = (
-    Elsewhere(_INSTANT, name)
-    for name in ("water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence")
-)
-magnetic_field, nu_dot_at, tau_at = (
-    Elsewhere(_INSTANT, "magnetic_field"), Elsewhere(_INSTANT, "nu_dot_at"), Elsewhere(_INSTANT, "tau_at"),
-)  # fmt: skip
-sound_absorption, echo_of, meet_surface = (
-    Elsewhere(_INSTANT, "absorption"), Elsewhere(_INSTANT, "echo_of"), Elsewhere(_INSTANT, "meet_surface"),
-)  # fmt: skip
-shaft_speed, power, supply_voltage, supply = (
-    Elsewhere(_INSTANT, name) for name in ("shaft_speed", "power", "supply_voltage", "supply")
-)
+
+def _seen(*names: str) -> Iterator[Any]:
+    """Questions to the world by their names in `instant`, which needs numba to be imported."""
+    return (Elsewhere("uwserver.sensors.instant", name) for name in names)
 
 
-_team_at, _share = Elsewhere(_INSTANT, "team_at"), Elsewhere("uwserver.physics.kernel.sharing", "share")
+rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = _seen(
+    "rotate", "multiply", "conjugate", "quat_from_rpy", "rpy_from_quat"
+)
+p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = _seen(
+    "p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB"
+)
+latitude_longitude, velocity_of, specific_force = _seen("latitude_longitude", "velocity_of", "specific_force")
+water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = _seen(
+    "water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence"
+)
+magnetic_field, nu_dot_at, tau_at = _seen("magnetic_field", "nu_dot_at", "tau_at")
+sound_absorption, echo_of, meet_surface = _seen("absorption", "echo_of", "meet_surface")
+shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
+
+
+(_team_at,), _share = _seen("team_at"), Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16
 """Sensors that a thread reads at a time: some 5 us."""
 
@@ -142,11 +139,12 @@ def _loop(run: Deferred) -> Any:
     ) -> None:
         part(heads, rows, numbers, due[first:end], now, t)
 
-    @entry
     def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
         _share(_team_at(now), read_range, (heads, rows, numbers, due, now, t), len(due), _LEAST)
 
-    return read_all.made()
+    # In the cache it goes by the name of the kind's own loop.
+    read_all.__module__, read_all.__qualname__ = run.py_func.__module__, run.py_func.__qualname__
+    return entry(read_all).made()
 
 
 def _made(bank: Bank) -> Any:
@@ -159,13 +157,21 @@ def kernels(bank: Bank) -> tuple[Any, ...]:
 
 
 def load(bank: Bank) -> None:
-    """Have its loops ready, compiled or from the cache, so that no tick waits for them."""
+    """Have its loops ready, compiled or from the cache, so that no tick waits for them.
+
+    Raises:
+        RuntimeError: numba cannot compile one; the text says where it stands and why.
+    """
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
     given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
-    *aims, run = kernels(bank)
-    for aim in aims:
-        aim.load(*given, rays, rays, none, no_hits(0))
-    run.load(*given, *((rays, none, no_hits(0)) if aims else ()))
+    hit = (rays, none, no_hits(0))
+    for loop, rest in (*((aim, (rays, *hit)) for aim in bank.aims), (bank.run, hit if bank.aims else ())):
+        try:
+            (_made(bank) if loop is bank.run else loop.made()).load(*given, *rest)
+        except Exception as error:  # numba lets pass whatever its own code raises
+            code = loop.py_func.__code__
+            place = f"{code.co_filename}:{code.co_firstlineno}"
+            raise RuntimeError(f'{place}: numba cannot compile "{loop.__name__}" or what it calls: {error}') from error
 
 
 def read(
@@ -180,7 +186,7 @@ def read(
         bank: of the kind.
         heads, rows, numbers: arrays in which the sensors lie.
         due: (m) numbers of heads.
-        now: the world (`instant.FORMS`).
+        now: the world (`surroundings.FORMS`).
         t: time, s.
         solids: what rays can hit.
     """
@@ -261,7 +267,7 @@ class BankSensor(Sensor):
         return draw_normals(self.key or 0, count)
 
     @property
-    def memory(self) -> Memory:  # type: ignore[override]  # lies in the record
+    def memory(self) -> Memory:
         """What it remembers."""
         return self.memory_of(self.rows.rows[self.row]["m"])
 
@@ -306,11 +312,16 @@ class BankSensor(Sensor):
 def _plain(row: Any, kind: type[Struct]) -> dict[str, Any]:
     """Fields of a record of numpy as plain values, nested as those of a typed record."""
     plain: dict[str, Any] = {}
-    for field in structs.fields(kind):
-        value = row[field.name]
-        nested = isinstance(field.type, type) and issubclass(field.type, Struct)
-        plain[field.name] = _plain(value, field.type) if nested else value.tolist()
+    for name, inner in _fields(kind):
+        plain[name] = row[name].tolist() if inner is None else _plain(row[name], inner)
     return plain
+
+
+@cache
+def _fields(kind: type[Struct]) -> tuple[tuple[str, type[Struct] | None], ...]:
+    """Of a typed record by name, and the type of those that are records; found once, as msgspec reads the source of types each time."""
+    types = [(field.name, field.type) for field in structs.fields(kind)]
+    return tuple((name, t if isinstance(t, type) and issubclass(t, Struct) else None) for name, t in types)
 
 
 def _write(row: Any, record: Struct) -> None:

@@ -20,7 +20,6 @@ from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from
 from uwserver.modifiers import Measurement, ModifierConfig
 from uwserver.modifiers.base import NOTHING, Draws, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.random import TURN_ON
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.wiring import Wiring
@@ -258,7 +257,6 @@ class Sensor(ABC):
     def start(self, key: int) -> None:
         """Switch it on: with the random numbers of this key, of which it draws what is constant in a run."""
         self.draws = Draws(key)
-        self.draws.seek(0, TURN_ON)
         self.rng = self.draws.rng
         self.memory = self.turn_on()
 

@@ -1,6 +1,7 @@
 """What sensors in compiled code see of the world at one instant: the arrays of bodies and water, and questions to them.
 
-A kernel of a sensor gets `now`, a table of addresses of all arrays (`FORMS`), and its own `head`, which says on which body it sits and where.
+A kernel of a sensor gets `now`, a table of addresses of all arrays (`surroundings.FORMS`), and its own `head`, which says on which body it sits
+and where.
 """
 
 from __future__ import annotations
@@ -20,56 +21,10 @@ from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.handles import array_at
-from uwserver.physics.kernel.layout import (
-    BODY,
-    LAG,
-    PROFILE_SIZE,
-    STATE_SIZE,
-    THRUSTER,
-    WAVE_SIZE,
-    Forms,
-    SeaRows,
-    columns,
-)
+from uwserver.physics.kernel.layout import SeaRows
 from uwserver.physics.rays.echoes import Ground, returned
 from uwserver.physics.rays.raycast import SURFACE
-from uwserver.sensors.wiring import ELECTRIC
-
-PLACE = np.dtype(
-    [
-        ("gravity", "f8"),
-        ("density", "f8"),  # kg/m3, which forces act with
-        ("ph", "f8"),
-        ("atmosphere", "f8"),  # Pa at the surface
-        ("current", "f8", (3,)),  # steady part of the water's velocity in N, m/s
-        ("moves", "i8"),  # 1: there is a sea, with more than that
-        ("latitude", "f8"),  # of the origin of N, rad
-        ("longitude", "f8"),
-        ("declination", "f8"),  # magnetic, rad
-        ("magnetic", "f8", (4, 3)),  # field at the origin in N, and its change north, east and down (T, T/m)
-        ("epoch_ns", "i8"),  # UTC of t = 0
-        ("t_ns", "i8"),  # simulation time of this instant
-    ]
-)
-"""Where the world is, and its water but for its column."""
-
-FORMS: Forms = {
-    "state": columns(np.float64, STATE_SIZE),
-    "nu_dot": columns(np.float64, 6),
-    "tau": columns(np.float64, 6),
-    "bodies": BODY,
-    "thrusters": THRUSTER,
-    "electrics": ELECTRIC,
-    "lags": LAG,
-    "place": PLACE,
-    "lambert": columns(np.float64),
-    "column": columns(np.float64, 6),
-    "uniform": columns(np.float64),
-    "profiles": columns(np.float64, PROFILE_SIZE),
-    "waves": columns(np.float64, WAVE_SIZE),
-    "team": columns(np.int64),
-}
-"""Of the table `now`."""
+from uwserver.sensors.surroundings import FORMS
 
 state_at, nu_dot_at, tau_at = array_at(FORMS, "state"), array_at(FORMS, "nu_dot"), array_at(FORMS, "tau")
 _bodies_at, _electrics_at = array_at(FORMS, "bodies"), array_at(FORMS, "electrics")
@@ -187,7 +142,7 @@ def _interpolated(column: Array, key: int, k: int, x: float) -> float:
             low = middle + 1
     n = min(max(low, 1), len(column) - 1)
     x0, y0 = column[n - 1, key], column[n - 1, k]
-    return y0 + (column[n, k] - y0) * ((x - x0) / (column[n, key] - x0))
+    return float(y0 + (column[n, k] - y0) * ((x - x0) / (column[n, key] - x0)))
 
 
 @compiled

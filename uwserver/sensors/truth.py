@@ -46,6 +46,7 @@ def pose(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run_pose(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             pose(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
@@ -60,6 +61,7 @@ def velocity(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run_velocity(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             velocity(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
@@ -73,6 +75,7 @@ def acceleration(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run_acceleration(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             acceleration(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
@@ -86,6 +89,7 @@ def wrench(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run_wrench(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             wrench(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
@@ -99,6 +103,7 @@ def flow(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run_flow(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             flow(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -18,6 +18,7 @@ from uwserver.ports import (
     OnReply,
     Port,
     Progress,
+    Refused,
     Reply,
     Sample,
     Service,
@@ -25,6 +26,7 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
+from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
@@ -38,6 +40,7 @@ LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
     Service("world/shutdown", "Shut the server down in an orderly way, with the recording intact."),
+    PROFILE,
 )
 
 
@@ -50,6 +53,7 @@ class Hub:
         shutdown: begins an orderly end of the server.
         status: the `world/status` answer.
         files: saved states.
+        profiling: where the time of ticks goes.
     """
 
     server: str
@@ -59,6 +63,7 @@ class Hub:
     shutdown: Callable[[str], None]
     status: Callable[[], dict[str, Json]]
     files: StateFiles
+    profiling: Profiling
     stats: dict[str, AdapterStats] = field(default_factory=dict)
     _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
 
@@ -163,12 +168,22 @@ class Context:
         }
 
     def last(self, port: str) -> Sample | None:
-        """The newest delivered sample of a port."""
+        """See `uwserver.adapter.AdapterContext.last`."""
         return self._hub.bus.last.get(port) if port in self.ports else None
+
+    def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
+        """See `uwserver.adapter.AdapterContext.read`."""
+        there = self.ports
+        visible = [path for path in ports if path in there and there[path].direction == "sensor"]
+        self._hub.simulation.readers.read(visible, on_samples, f"{self.name}:{source}")
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events."""
-        return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber))
+        return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber, self))
+
+    def follow_wants(self) -> None:
+        """What somebody wants has changed."""
+        self._hub.bus.follow_wants()
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -201,6 +216,8 @@ class Context:
         if service in (SAVE.path, LOAD.path) and checked["name"]:
             self._hub.files.call(service, checked, source, on_reply)
             return _too_late
+        if service == PROFILE.path:
+            return self._hub.profiling.call(checked["seconds"], source, on_reply)  # type: ignore[arg-type]  # checked
         if service in CLOCK:
             return self._hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:
@@ -270,8 +287,19 @@ class Context:
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
         """See `uwserver.adapter.AdapterContext.drive`."""
         source = f"{self.name}:{client}"
-        visible = driver if self._truth else _DriverWithoutTruth(driver)
-        return self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
+        visible = driver if self._truth else _DriverWithoutTruth(driver, self)
+        forget = self._hub.bus.heed(visible)  # before its first tick
+        try:
+            leave = self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
+        except Refused:
+            forget()
+            raise
+
+        def end() -> None:
+            leave()
+            forget()
+
+        return end
 
 
 def _too_late() -> bool:
@@ -281,8 +309,12 @@ def _too_late() -> bool:
 class _WithoutTruth:
     """Keeps ground truth from an adapter that may not serve it."""
 
-    def __init__(self, subscriber: Subscriber) -> None:
-        self._subscriber = subscriber
+    def __init__(self, subscriber: Subscriber, context: Context) -> None:
+        self._subscriber, self._context = subscriber, context
+
+    @property
+    def wanted(self) -> Collection[str]:
+        return _visible_of(self._subscriber, self._context)
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         visible = _without_truth(samples)
@@ -296,8 +328,12 @@ class _WithoutTruth:
 class _DriverWithoutTruth:
     """The same for a driver."""
 
-    def __init__(self, driver: Driver) -> None:
-        self._driver = driver
+    def __init__(self, driver: Driver, context: Context) -> None:
+        self._driver, self._context = driver, context
+
+    @property
+    def wanted(self) -> Collection[str]:
+        return _visible_of(self._driver, self._context)
 
     def order(self, wait_s: float) -> Order | None:
         return self._driver.order(wait_s)
@@ -310,6 +346,12 @@ class _DriverWithoutTruth:
 
     def refuse(self, fault: Fault) -> None:
         self._driver.refuse(fault)
+
+
+def _visible_of(reader: Subscriber | Driver, context: Context) -> Collection[str]:
+    """What it wants; of who wants all, all that it may see."""
+    wanted: Collection[str] | None = getattr(reader, "wanted", None)
+    return context.ports.keys() if wanted is None else [path for path in wanted if "/truth/" not in path]
 
 
 def _without_truth(samples: Sequence[Sample]) -> list[Sample]:

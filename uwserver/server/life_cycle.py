@@ -24,6 +24,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
+from uwserver.server.profiling import Profiling
 from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles
 from uwserver.server.status import Metrics, Monitor
@@ -60,7 +61,9 @@ class Options:
         until_s: end the server when simulation time reaches this.
         begin: a saved state to start from.
         save_at: times (s) at which to save the state, and the files.
+        profile_s: tell every so many seconds of wall time, and at the end, what ticks take; None for never.
         announce: called once peers can connect, with the addresses by adapter name.
+        tell: takes the tables of `profile_s`.
     """
 
     seed: int | None = None
@@ -69,7 +72,9 @@ class Options:
     until_s: float | None = None
     begin: bytes | None = None
     save_at: tuple[tuple[float, Path], ...] = ()
+    profile_s: float | None = None
     announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
+    tell: Callable[[str], None] = print
 
 
 class StartFailed(Exception):
@@ -102,7 +107,8 @@ class Server:
         self._monitor = Monitor(lambda: self._hub, time.now_ns)
         name = resolved.scenario.server.name
         files = StateFiles(_state_folder(resolved), self._simulation, mailbox, self._call_soon)
-        self._hub = Hub(name, self._simulation, bus, mailbox, self.shutdown, self._status, files)
+        profiling = Profiling(self._simulation, time.now_ns, self._call_soon, self._loop.call_later)
+        self._hub = Hub(name, self._simulation, bus, mailbox, self.shutdown, self._status, files, profiling)
         self._recorder = Recorder(options.record, world, resolved) if options.record else None
 
     @property
@@ -145,6 +151,8 @@ class Server:
             self._options.announce({name: stats.address for name, stats in self._hub.stats.items()})
             if self._options.until_s is not None:
                 self._simulation.until_tick = self._simulation.world.ticks.at(self._options.until_s)
+            if self._options.profile_s is not None:
+                self._hub.profiling.tell_every(self._options.profile_s, self._options.tell)
             thread.start()
             # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
             stack.callback(self._join, thread)
@@ -154,6 +162,7 @@ class Server:
             event = Event("shutdown", world.tick, world.t_ns, self._reason or "the server ends")
             self._simulation.stop()
             await self._loop.run_in_executor(None, self._join, thread)
+            self._hub.profiling.finish()
             self._hub.bus.say(event)
             self._hub.bus.drain()
             await self._hub.files.finish()

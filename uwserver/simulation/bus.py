@@ -9,7 +9,8 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from functools import partial
 from typing import Protocol
 
 import msgspec
@@ -42,7 +43,7 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Something that takes in what the world says; called on the loop, must not block."""
+    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, as `uwserver.adapter.Subscriber`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """The samples delivered in one tick."""
@@ -120,12 +121,28 @@ def client_of(source: str) -> str:
     return source.partition(" ")[0]
 
 
+class Wanted:
+    """Ports of which samples are made: those that somebody reads, and those of which the readers have not heard yet.
+
+    So nothing of a body that just came is lost while they find out about it. Never changed: the simulation thread looks at it.
+    """
+
+    def __init__(self, paths: Collection[str], known: Container[str]) -> None:
+        """paths: of those that are read; known: all that the readers have heard of."""
+        self._paths, self._known = paths, known
+
+    def __contains__(self, path: object) -> bool:
+        return path in self._paths or path not in self._known
+
+
 class Bus:
     """Carries the output of ticks to the loop and hands it to the sinks.
 
     Attributes:
         dropped: samples that the loop was too slow to take.
-        last: newest delivered sample of each port. Loop thread.
+        last: newest delivered sample of each port that a sink wants. Loop thread.
+        wanted: what is to be made; None for all. Replaced on the loop, never changed; the simulation thread looks at it before each tick, so that
+            what was wanted before a step was asked for is made in this step.
         ports: of the newest delivered tick, which those of the world may be ahead of: whoever understands samples by them is never wrong. None
             before the first. Loop thread.
         ahead: ticks that may wait for the loop where nothing paces them: what it works off in `AHEAD_NS`, as measured.
@@ -144,19 +161,58 @@ class Bus:
         self._began: int | None = None
         self._delivered = 0
         self.ahead = MAX_TICKS // 2
-        self._crossing: deque[TickOutput | tuple[OnReply, Reply | Progress] | Event] = deque()
+        self._crossing: deque[TickOutput | Callable[[], None] | Event] = deque()
         self._waiting_ticks = 0
         self._awake = False
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
+        self._readers: list[object] = []
+        self._paths: Collection[str] | None = frozenset()
+        self._known: Mapping[str, Port] = {}
+        self.wanted: Container[str] | None = Wanted((), ())
         self.dropped = 0
         self.last: dict[str, Sample] = {}
         self.ports: Mapping[str, Port] | None = None
 
+    # -- readers --------------------------------------------------------------------------------------------------------------------
+
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
         self._sinks.append(sink)
-        return lambda: self._sinks.remove(sink)
+        end = self.heed(sink)
+
+        def detach() -> None:
+            self._sinks.remove(sink)
+            end()
+
+        return detach
+
+    def heed(self, reader: object) -> Callable[[], None]:
+        """Let what a reader wants be made, who may be no sink: a driver sees samples in their tick. The returned function ends it. Loop thread."""
+        self._readers.append(reader)
+        self.follow_wants()
+
+        def end() -> None:
+            self._readers.remove(reader)
+            self.follow_wants()
+
+        return end
+
+    def expect(self, ports: Mapping[str, Port]) -> None:
+        """The world has these ports before its first tick, and readers know them. Before the simulation runs."""
+        self._known = ports
+        self.follow_wants()
+
+    def follow_wants(self) -> None:
+        """What somebody wants has changed: it holds from the next tick on. Loop thread."""
+        before, paths = self._paths, _together(self._readers)
+        self._paths, self.wanted = paths, None if paths is None else Wanted(paths, self._known)
+        if paths != before:  # what was not wanted meanwhile is not the newest any more
+            self.last = {
+                path: sample for path, sample in self.last.items() if _is_in(path, paths) and _is_in(path, before)
+            }
+
+    # -- the crossing ---------------------------------------------------------------------------------------------------------------
 
     def publish(self, output: TickOutput, wake: bool = True) -> None:
         """Hand a tick over. Simulation thread; never waits for the loop. Samples alone may wait there for the next wake-up, or a `flush`."""
@@ -179,10 +235,14 @@ class Bus:
             if self._crossing:
                 self._wake()
 
-    def reply(self, on_reply: OnReply, answer: Reply | Progress) -> None:
+    def reply(self, on_reply: OnReply, reply: Reply | Progress) -> None:
         """Hand one answer over. Simulation thread."""
+        self.hand_over(partial(on_reply, reply))
+
+    def hand_over(self, call: Callable[[], None]) -> None:
+        """Let the loop do something after all that was published before. Simulation thread."""
         with self._lock:
-            self._crossing.append((on_reply, answer))
+            self._crossing.append(call)
             self._wake()
 
     def say(self, event: Event) -> None:
@@ -238,7 +298,7 @@ class Bus:
             elif isinstance(item, Event):
                 self._each(lambda sink, event=item: sink.put_event(event))  # type: ignore[misc]
             else:
-                answer(*item)
+                answer(item)
             is_over = end is not None and self._time.now_ns() >= end
 
     def _follow_ports(self, ports: Mapping[str, Port]) -> None:
@@ -247,14 +307,17 @@ class Bus:
             self.last = {path: sample for path, sample in self.last.items() if has_same_fields(path, before, ports)}
 
     def _deliver(self, output: TickOutput) -> None:
-        if output.ports is not None and output.ports is not self.ports:
+        changed = output.ports is not None and output.ports is not self.ports
+        if output.ports is not None and changed:
             self._follow_ports(output.ports)
         for event in output.events:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time
             self._each(lambda sink, event=event: sink.put_event(event))  # type: ignore[misc]
+        if output.ports is not None and changed:  # and all have heard of it
+            self.expect(output.ports)
         for on_reply, reply in output.replies:
-            answer(on_reply, reply)
+            answer(partial(on_reply, reply))
         if output.samples:
             for sample in output.samples:
                 self.last[sample.port] = sample
@@ -268,9 +331,29 @@ class Bus:
                 log.exception("a sink failed; it misses this tick")
 
 
-def answer(on_reply: OnReply, reply: Reply | Progress) -> None:
+def answer(call: Callable[[], None]) -> None:
     """Call back; a fault of the receiver is logged and stays with it."""
     try:
-        on_reply(reply)
+        call()
     except Exception:  # the asker's fault must not reach the others
         log.exception("the receiver of a reply failed")
+
+
+def _together(readers: Sequence[object]) -> frozenset[str] | None:
+    """What they want; None for all, as one wants who does not say."""
+    wanted = [_wanted_by(reader) for reader in readers]
+    some = [paths for paths in wanted if paths is not None]
+    return frozenset().union(*some) if len(some) == len(wanted) else None
+
+
+def _wanted_by(reader: object) -> frozenset[str] | None:
+    try:
+        wanted: Collection[str] | None = getattr(reader, "wanted", None)
+        return None if wanted is None else frozenset(wanted)
+    except Exception:  # one reader's fault must not reach the others
+        log.exception("what a reader wants cannot be told; it gets all")
+        return None
+
+
+def _is_in(path: str, paths: Collection[str] | None) -> bool:
+    return paths is None or path in paths

@@ -58,6 +58,11 @@ class Intake:
         self._observe(posted, self._world.tick)
         self._world.post(posted)
 
+    def ticked(self) -> None:
+        """Tell the observer that a tick is done."""
+        if self.observer is not None:
+            self.observer.ticked(self._world)
+
     def requests(self, is_paced: bool) -> Iterable[Posted]:
         """What the world carries out now, the next when the one before is done.
 

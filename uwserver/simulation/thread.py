@@ -18,8 +18,10 @@ from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.intake import Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
+from uwserver.simulation.readers import Readers
 from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
+from uwserver.world.profile import Profile, untimed
 from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
 
@@ -53,27 +55,23 @@ class Simulation:
     Attributes:
         world: touched by the simulation thread only, but for its immutable ports and services.
         failure: text of the fault that ended the run; "" while all is well.
+        readers: what of its samples is wanted.
         until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 
     def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
-        self.world = world
-        self.timing = timing
-        self.bus = bus
-        self.mailbox = mailbox
+        self.world, self.timing, self.bus, self.mailbox = world, timing, bus, mailbox
         self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
-        self.lateness = Lateness()
-        self.pace = Pace(time, timing.pace or timing.speed)
-        self.paused = timing.paused
-        self.failure = ""
+        self.lateness, self.pace = Lateness(), Pace(time, timing.pace or timing.speed)
+        self.paused, self.failure = timing.paused, ""
         self.until_tick: int | None = None
-        self._time = time
-        self._stop = threading.Event()
+        self._time, self._stop = time, threading.Event()
         self._steering = Steering(mailbox.wake)
+        self.readers = Readers(world, bus, self._steering)
         self._goals: list[Goal] = []
-        self._next_progress = 0
-        self._jumps = world.jumps
+        self._next_progress, self._jumps = 0, world.jumps
         self._intake = Intake(world, mailbox.posted, time, self._stop)
+        self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
@@ -87,9 +85,9 @@ class Simulation:
         """Let one observer follow the run. Before `run`."""
         self._intake.observer = observer
 
-    def steer(self, action: Callable[[], None]) -> None:
-        """Carry out an action of the clock between two ticks."""
-        self._steering.add(action)
+    def steer(self, action: Callable[[], None], source: str = "", *, always: bool = False) -> None:
+        """Carry out an action between two ticks; `source`, `always` and what it may raise as for `Steering.add`."""
+        self._steering.add(action, source, always=always)
 
     def appoint(self, tick: int, action: Callable[[], None]) -> None:
         """Let the simulation thread do something quick as soon as the world stands at a tick, or behind it. Before `run`."""
@@ -106,9 +104,9 @@ class Simulation:
         self._intake.batch += 1
         for on_reply, reply in output.replies:
             on_reply(reply)
+        self.bus.expect(self.world.ports)
         self._follow_jump()
-        faults = [reply.fault for reply in replies if isinstance(reply, Reply) and reply.fault is not None]
-        return faults[0].text if faults else ""
+        return next((reply.fault.text for reply in replies if isinstance(reply, Reply) and reply.fault is not None), "")
 
     def call(
         self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""
@@ -137,6 +135,13 @@ class Simulation:
         for older in self._steering.stop(lambda: self._acknowledge(action, on_reply), source, on_reply):
             self.bus.reply(older, Reply(self.world.tick, self.world.t_ns, fault=fault))
         return lambda: False
+
+    def watch(self, profile: Profile | None) -> None:
+        """Let a profile measure ticks from the next on; None for nobody. Simulation thread, between two ticks."""
+        timed = untimed if profile is None else profile.timed
+        self._publish = timed("publishing", "to the loop", self.bus.publish)
+        self._record = timed("recording", "states", self._intake.ticked)
+        self.world.watch(profile)
 
     # -- the thread -----------------------------------------------------------------------------------------------------------------
 
@@ -213,6 +218,7 @@ class Simulation:
         return self.timing.mode == "realtime" and not self._hurries()
 
     def _tick(self) -> None:
+        self.readers.begin()
         try:
             output = self.world.advance(self._intake.requests(self._is_paced()))
         except Diverged as error:
@@ -230,8 +236,8 @@ class Simulation:
         self.lateness.ticks += 1
         self.lockstep.ticked(output)
         if self._intake.observer is not None:
-            self._intake.observer.ticked(self.world)
-        self.bus.publish(output, wake=self.lockstep.wakes())
+            self._record()
+        self._publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
         self._keep_appointments()
         if self._goals:
@@ -251,12 +257,8 @@ class Simulation:
         self.bus.publish(output)
         self.bus.flush()
         self._follow_jump()
-        if (
-            not len(self._steering)
-            and not len(self.mailbox.posted)
-            and not self._stop.is_set()
-            and not self.lockstep.asks
-        ):
+        waiting = len(self._steering) or len(self.mailbox.posted)
+        if not (waiting or self._stop.is_set() or self.lockstep.asks):
             self.mailbox.wake.wait(_IDLE_S)
 
     def _follow_jump(self) -> None:

@@ -120,6 +120,7 @@ class FakeContext:
         joined: clients in the barrier.
         drivers: asked for orders now, each millisecond of wall time; a tick of an order is an `emit`.
         subscribers: attached now.
+        wanted: ports that they or the drivers want; no others are given.
         described: patterns for which `describe` was called.
         tick: grows with each `emit`.
     """
@@ -137,6 +138,7 @@ class FakeContext:
     joined: list[str] = field(default_factory=list)
     drivers: list[Driver] = field(default_factory=list)
     subscribers: list[Subscriber] = field(default_factory=list)
+    wanted: frozenset[str] = frozenset()
     described: list[str] = field(default_factory=list)
     tick: int = 0
     _seq: dict[str, int] = field(default_factory=dict)
@@ -170,10 +172,27 @@ class FakeContext:
         known = self.ports.get(port)
         return sample_of(known) if known is not None and known.direction == "sensor" else None
 
+    def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
+        """A sample of each sensor among the ports, with the next turn of the loop."""
+        samples = [sample for path in ports if (sample := self.last(path)) is not None]
+        asyncio.get_running_loop().call_soon(on_samples, samples)
+
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver."""
         self.subscribers.append(subscriber)
-        return lambda: self.subscribers.remove(subscriber)
+        self.follow_wants()
+
+        def detach() -> None:
+            self.subscribers.remove(subscriber)
+            self.follow_wants()
+
+        return detach
+
+    def follow_wants(self) -> None:
+        """Ask subscribers and drivers what they want."""
+        readers = [*self.subscribers, *self.drivers]
+        wanted = [self.ports.keys() if (some := getattr(r, "wanted", None)) is None else some for r in readers]
+        self.wanted = frozenset().union(*wanted)
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -226,9 +245,11 @@ class FakeContext:
         """Ask a driver from now on."""
         pump = _Pump(self, client, driver, on_reply)
         self.drivers.append(driver)
+        self.follow_wants()
 
         def end() -> None:
             self.drivers.remove(driver)
+            self.follow_wants()
             pump.end()
 
         return end
@@ -261,7 +282,8 @@ class FakeContext:
         return samples
 
     def put(self, samples: Sequence[Sample]) -> None:
-        """These samples, as one tick, to every subscriber."""
+        """Those of these samples that somebody wants, as one tick, to every subscriber."""
+        samples = [sample for sample in samples if sample.port in self.wanted]
         for driver in list(self.drivers):
             driver.see(self.tick * TICK_NS, samples)
         for subscriber in list(self.subscribers):
@@ -276,6 +298,7 @@ class FakeContext:
         """Other ports from now on; every subscriber is told."""
         self.ports = {port.path: port for port in ports}
         self.say(Event("ports_changed", self.tick, self.tick * TICK_NS, "the test changed the ports"))
+        self.follow_wants()
 
 
 class _Pump:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.kernel.caches import kernel_name
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.sensors import bank, truth
 from uwserver.sensors.bank import Bank, BankSensor
@@ -62,7 +61,7 @@ def _autopilots() -> Iterable[Any]:
 def load_autopilots() -> None:
     """Have those of autopilots ready, compiled or from the cache."""
     from uwserver.autopilot import entries
-    from uwserver.world.delivery import ENTRY
+    from uwserver.world.streams import ENTRY
 
     entries.load(np.zeros(0, ENTRY))
 
@@ -82,4 +81,7 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
 @cache
 def kernels_of(stage: str) -> tuple[str, ...]:
     """Names of the kernels of a stage, in the cache."""
+    # It needs numba, for which nobody waits who only reads a scenario.
+    from uwserver.physics.kernel.caches import kernel_name
+
     return tuple(kernel_name(kernel.py_func) for kernel in _KERNELS[stage]())

@@ -29,42 +29,41 @@ Count = Annotated[int, Meta(ge=0, le=2**62)]
 class SensorStream:
     """A stream of samples: the sensor's own, or one more, with errors of its own; `ideal`: of what the device would read without any.
 
+    Texts, pictures and other values that are no numbers are loose: they have no place in the arrays.
+
     Attributes:
         port: where its samples come out.
         modifiers: its errors.
         columns: which numbers of a row are which of its values.
-        loose: values of the last reading that are no numbers, and of those on their way, by sequence number.
+        operations: its errors, where compiled code carries out all of them.
+        is_ready_made: its readings are made in Python.
+        fresh: loose values of the present reading.
+        loose: of the last one that was not lost; empty before the first.
+        coming: of those that are not delivered yet, by sequence number.
+        newest: of the newest delivered sample.
     """
 
     port: Port
     modifiers: tuple[Modifier, ...] = ()
     ideal: bool = False
     columns: Columns = field(init=False)
+    operations: tuple[Operation, ...] = field(init=False)
+    is_ready_made: bool = field(init=False)
+    fresh: tuple[Value, ...] = ()
     loose: tuple[Value, ...] = ()
     coming: dict[int, tuple[Value, ...]] = field(default_factory=dict)
+    newest: tuple[Value, ...] = ()
 
     def __post_init__(self) -> None:
         self.columns = Columns(self.port.fields)
-        self.loose = (None,) * len(self.columns.loose)
+        operations = tuple([m for m in self.modifiers if isinstance(m, Operation)])
+        self.is_ready_made = len(operations) < len(self.modifiers)
+        self.operations = () if self.is_ready_made else operations
 
     @property
-    def operations(self) -> tuple[Operation, ...]:
-        """Its errors, where compiled code can carry out all of them."""
-        found = tuple([m for m in self.modifiers if isinstance(m, Operation)])
-        return found if len(found) == len(self.modifiers) else ()
-
-    @property
-    def is_ready_made(self) -> bool:
-        """Whether its readings are made in Python."""
-        return len(self.operations) < len(self.modifiers)
-
-
-class StreamState(Struct, frozen=True):
-    """What one stream remembers: its last reading with the time of it (ns), and the memory of its modifiers, of those that have any."""
-
-    held: Held
-    held_ns: Count
-    memories: tuple[bytes, ...]
+    def kept(self) -> int:
+        """How many numbers are kept of it: the last reading, and what its operations remember."""
+        return self.columns.width + sum([len(operation.numbers) for operation in self.operations])
 
 
 class SensorState(State, frozen=True):
@@ -74,7 +73,10 @@ class SensorState(State, frozen=True):
         number: readings made; with it the random numbers go on.
         active, divisor: of the slot.
         settings, memory: of the sensor; empty where it has none.
-        streams: its own first.
+        held: HELD of each stream (`uwserver.world.streams`), its own first.
+        numbers: float64, of each stream the last reading, and what its operations remember.
+        loose: of each stream the values of the last reading that are no numbers; empty where it has none.
+        modifiers: memories of those modifiers whose streams are made in Python.
     """
 
     number: Count
@@ -82,7 +84,10 @@ class SensorState(State, frozen=True):
     divisor: Annotated[int, Meta(ge=1, le=2**32)]
     settings: bytes
     memory: bytes
-    streams: tuple[StreamState, ...]
+    held: bytes
+    numbers: bytes
+    loose: tuple[tuple[Value, ...], ...]
+    modifiers: tuple[bytes, ...]
 
 
 class Sources(Struct, frozen=True):

@@ -7,75 +7,13 @@ from typing import Any
 import numpy as np
 
 from uwserver.modifiers import chain
-from uwserver.modifiers.operations import OPERATION, READING
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at
-from uwserver.physics.kernel.layout import Forms, columns
 from uwserver.physics.kernel.sharing import share
-from uwserver.sensors.bank import HEAD
-
-STREAM = np.dtype(
-    [
-        ("first", "i8"),  # place of its last reading, errors included, among the numbers
-        ("width", "i8"),
-        ("source", "i8"),  # place of what the sensor has read
-        ("exact", "i8"),  # 1: that is what an ideal one would have read
-        ("ready_made", "i8"),  # 1: the reading of this instant, with its errors, was put there by others
-        ("operation_first", "i8"),
-        ("operation_count", "i8"),
-        ("newest_first", "i8"),  # place of the newest delivered sample among those
-        ("dt", "f8"),
-        ("frozen", "i8"),  # 1: a fault makes it repeat itself
-        ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does
-        ("reading", READING),
-        ("held", "i8"),  # 1: there was a reading
-        ("held_valid", "i8"),
-        ("held_ns", "i8"),  # when the last one that was not lost was true
-        ("newest", "i8"),  # 1: there is a newest sample, with what follows
-        ("seq", "i8"),
-        ("t_ns", "i8"),
-        ("t_sent_ns", "i8"),
-        ("valid", "i8"),
-    ]
-)
-"""A stream of samples: the sensor's own, or one beside it."""
-
-ENTRY = np.dtype(
-    [
-        ("t_sent_ns", "i8"),
-        ("order", "i8"),  # among those of one time
-        ("stream", "i8"),
-        ("seq", "i8"),
-        ("t_ns", "i8"),
-        ("valid", "i8"),
-        ("slot", "i8"),  # row of its values
-    ]
-)
-"""A sample on its way, or delivered."""
-
-COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8"), ("read", "i8")])
-"""How many samples are on their way and were delivered to somebody, how many were on their way before, when the next one arrives, and how many of
-those delivered are read."""
-
-READ, HEARD = 1, 2
+from uwserver.world.streams import FORMS, NEVER, READ
 
 _LEAST = 16  # sensors whose errors a thread makes at a time: some 5 us
-
-NEVER = np.iinfo(np.int64).max
-
-FORMS: Forms = {
-    "heads": HEAD,
-    "streams": STREAM,
-    "operations": OPERATION,
-    "numbers": columns(np.float64),
-    "pending": ENTRY,
-    "free": columns(np.int64),
-    "told": ENTRY,
-    "counts": COUNTS,
-    "team": columns(np.int64),
-}
-"""Of the table of a world's sensors."""
 
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
@@ -171,7 +109,7 @@ def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_n
     reading = stream.reading
     stamp, sent = max(0, reading.t_ns + reading.stamp_ns), reading.t_ns + reading.delay_ns
     if sent <= t_ns:
-        _tell(table, numbers, told_values, k, seq, stamp, sent, stream.held_valid, stream.first)
+        _tell(table, numbers, told_values, k, seq, stamp, sent, stream.held.valid, stream.first)
         return
     n = counts.pending
     slot = _free(table)[n]
@@ -180,7 +118,7 @@ def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_n
     counts.order += 1
     on = _pending(table)[n]
     on.t_sent_ns, on.order, on.stream, on.seq, on.t_ns = sent, counts.order, k, seq, stamp
-    on.valid, on.slot = stream.held_valid, slot
+    on.valid, on.slot = stream.held.valid, slot
     counts.pending = n + 1
     _rise(_pending(table), n)
 
@@ -202,11 +140,12 @@ def _disturb(table: Array, head: Any, k: int, t_ns: int, work: Array) -> None:
             _carry_out(operations[n], numbers, work, reading, stream.dt)
     if reading.dropped != 0:
         return
-    stream.held_ns = reading.t_ns
-    if stream.frozen == 0 or stream.held == 0:
+    held = stream.held
+    held.t_ns = reading.t_ns
+    if stream.frozen == 0 or held.there == 0:
         for i in range(stream.width):
             numbers[stream.first + i] = work[i]
-        stream.held, stream.held_valid = 1, reading.valid
+        held.there, held.valid = 1, reading.valid
 
 
 @compiled
@@ -254,5 +193,6 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
 
 def load() -> None:
     """Have it ready, compiled or from the cache, so that no tick waits for it."""
+    kernel: Any = deliver
     values = np.empty((0, 1))
-    deliver.load(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), 0, True, values, values)
+    kernel.load(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), 0, True, values, values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,17 +14,22 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
-from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.alone import place_row, water_arrays
+from uwserver.physics.rays.raycast import Geometry, OpenWater
+from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load, read
+from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
+from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, STREAM
+from uwserver.world.vehicle import Vehicle
 
-_SLOTS = 64
+_SLOTS, _OPEN = 64, OpenWater()
+_NONE: FloatArray = np.zeros(0)
 
 
 class Around(NamedTuple):
-    """What sensors see besides bodies and water: where N lies, solid things, and the backscatter of their materials."""
+    """What sensors see besides water: bodies by name, where N lies, solid things, and the backscatter of their materials."""
 
+    vehicles: Mapping[str, Vehicle]
     earth: Earth
     solids: Geometry
     lambert: FloatArray
@@ -45,7 +50,7 @@ class Instruments:
     """Sensors as rows. Who is here is decided elsewhere; here it is known where they lie.
 
     Attributes:
-        heads, streams, operations, numbers: of all sensors (`sensors.bank`, `world.delivery`, `modifiers.operations`).
+        heads, streams, operations, numbers: of all sensors (`sensors.bank`, `world.streams`, `modifiers.operations`).
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
         read_count: how many of the samples of this tick somebody reads in Python.
@@ -55,17 +60,17 @@ class Instruments:
         """Of a world with these bodies and this water; `around` tells what else there is."""
         from uwserver.world import delivery
 
-        self._delivery = delivery
+        self._deliver = delivery.deliver
         delivery.load()
         self._hydro, self._water, self._around = hydro, water, around
         self.heads, self.streams, self.operations, self.numbers = (
-            Pool(HEAD), Pool(delivery.STREAM), Pool(OPERATION), Pool(np.float64),
+            Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
         self._banks: dict[int, Pool] = {}
-        self._pending, self._told = np.zeros(_SLOTS, delivery.ENTRY), np.zeros(_SLOTS, delivery.ENTRY)
-        self._free, self._counts = np.arange(_SLOTS), np.zeros(1, delivery.COUNTS)
+        self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
+        self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
         self._values, self._told_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
-        self.next_ns, self.read_count, self._counted = delivery.NEVER, 0, (0, 0)
+        self.next_ns, self.read_count, self._counted = NEVER, 0, (0, 0)
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
@@ -83,8 +88,6 @@ class Instruments:
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
-        from uwserver.sensors import instant
-
         self._seen = {
             "state": hydro.state,
             "nu_dot": self.nu_dot,
@@ -98,8 +101,8 @@ class Instruments:
             **water_arrays(self._water),
             "team": hydro.team,
         }
-        self.now: IntArray = layout.addresses(instant.FORMS, self._seen)
-        self._make_room(0)
+        self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
+        self._make_room(0, int(self.streams.rows["width"].max(initial=0)))
         self._tabulate()
 
     def _tabulate(self) -> None:
@@ -115,39 +118,43 @@ class Instruments:
             "team": self._hydro.team,
         }
         self._kept = rows
-        self.table: IntArray = layout.addresses(self._delivery.FORMS, rows)
+        self.table: IntArray = layout.addresses(FORMS, rows)
 
-    def _make_room(self, needed: int) -> None:
-        """Room for so many samples on their way or delivered, of the widest stream."""
-        have, width = self._values.shape
-        room = have if needed <= have else 2 * needed
-        wide = max(width, int(self.streams.rows["width"].max(initial=0)))
-        if (room, wide) == (have, width):
+    def _make_room(self, needed: int, width: int = 0) -> None:
+        """Room for so many samples on their way or delivered, of so many numbers."""
+        room, wide = self._values.shape
+        if needed <= room and width <= wide:
             return
-        self._pending, self._told = _grown(self._pending, room), _grown(self._told, room)
-        self._values, self._told_values = _grown(self._values, room, wide), _grown(self._told_values, room, wide)
-        self._free = np.concatenate([self._free, np.arange(have, room)])
+        more, wide = (room if needed <= room else 2 * needed), max(wide, width)
+        self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
+        self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
+        self._free = np.concatenate([self._free, np.arange(room, more)])
         self._tabulate()
 
-    def on_their_way(self) -> tuple[int, list[tuple[int, int, int, int, int, bool, FloatArray]]]:
-        """How many were on their way before, and those that are: time of delivery, order, stream, seq, t_ns, valid, numbers; sorted."""
-        entries = []
-        for t_sent, n, k, seq, t_ns, valid, slot in sorted(self._pending[: self._counted[0]].tolist()):
-            entries.append((t_sent, n, k, seq, t_ns, valid != 0, self._values[slot].copy()))
-        return int(self._counts["order"][0]), entries
+    def on_their_way(self) -> tuple[int, Any, FloatArray]:
+        """How many were on their way before; ENTRY of each that is, as they will be delivered; and their numbers, one after the other."""
+        entries = self._pending[: self._counted[0]]
+        if not len(entries):
+            return int(self._counts["order"][0]), entries, _NONE
+        entries = entries[np.lexsort((entries["order"], entries["t_sent_ns"]))]
+        values = self._values[entries["slot"]]
+        return int(self._counts["order"][0]), entries, values[self._used(entries, values.shape[1])]
 
-    def send_on_their_way(
-        self, order: int, entries: Sequence[tuple[int, int, int, int, int, bool, FloatArray]]
-    ) -> None:
-        """Put these on their way, and no others; sorted."""
-        self._make_room(len(entries))
+    def _used(self, entries: Any, width: int) -> Any:
+        """(n, width) which numbers of rows that wide belong to each of n entries."""
+        return np.arange(width) < self.streams.rows["width"][entries["stream"]][:, None]
+
+    def send_on_their_way(self, order: int, entries: Any, numbers: FloatArray) -> None:
+        """Put these on their way, and no others; as `on_their_way` gives them."""
+        n = len(entries)
+        self._make_room(n)
         self._free[:] = np.arange(len(self._free))
-        for slot, (t_sent, n, k, seq, t_ns, valid, numbers) in enumerate(entries):
-            self._pending[slot] = t_sent, n, k, seq, t_ns, valid, slot
-            self._values[slot, : len(numbers)] = numbers
-        self._counted = len(entries), 0
-        self._counts["pending"], self._counts["told"], self._counts["order"] = len(entries), 0, order
-        self.next_ns = entries[0][0] if entries else self._delivery.NEVER
+        self._pending[:n] = entries
+        self._pending["slot"][:n] = np.arange(n)
+        self._values[:n][self._used(entries, self._values.shape[1])] = numbers
+        self._counted = n, 0
+        self._counts["pending"], self._counts["told"], self._counts["order"] = n, 0, order
+        self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
 
     def newest(self, stream: int) -> Delivered | None:
         """The newest delivered sample of a stream."""
@@ -173,16 +180,37 @@ class Instruments:
         """Fill in `nu_dot` and `tau` at the present state."""
         self._hydro.rates_into(t, self.nu_dot, self.tau)
 
+    def scopes(self, t_ns: int, with_rates: bool) -> Callable[[int, Wiring | None], Scope]:
+        """What sensors in Python see at this instant, by the row of their body and its inside; made once a body. With rates: after `look`."""
+        seen: dict[int, Scope] = {}
+        state, water, around = self._hydro.state, self._water, self._around()
+
+        def scope_of(row: int, wiring: Wiring | None) -> Scope:
+            scope = seen.get(row)
+            if scope is None:
+                x = state[row].tolist()
+                scope = seen[row] = Scope(
+                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), water,
+                    geometry=around.solids, vehicles=around.vehicles, earth=around.earth, wiring=wiring,
+                    lambert=around.lambert,
+                )  # fmt: skip
+                if with_rates:
+                    scope.nu_dot, scope.tau = tuple(self.nu_dot[row].tolist()), tuple(self.tau[row].tolist())
+            return scope
+
+        return scope_of
+
     def read(self, bank: Bank, due: IntArray, t: float) -> None:
         """Let sensors of a kind (numbers of heads) read the world."""
         rows = self._banks[id(bank)].rows
-        read(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, t, self._around().solids)
+        solids = self._around().solids if bank.aims else _OPEN
+        read(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, t, solids)
 
     def deliver(self, due: IntArray, t_ns: int, begins: bool, most: int) -> int:
         """See `delivery.deliver`; `most`: so many samples can come of these readings. Returns how many samples of this tick somebody reads."""
         on_their_way, told = self._counted
         self._make_room(on_their_way + most + (0 if begins else told))
-        self._delivery.deliver(self.table, due, t_ns, begins, self._values, self._told_values)
+        self._deliver(self.table, due, t_ns, begins, self._values, self._told_values)
         on_their_way, told, _, self.next_ns, self.read_count = self._counts.tolist()[0]
         self._counted = on_their_way, told
         return int(told)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
@@ -14,6 +14,9 @@ from uwserver.world.components import ActuatorSlot
 from uwserver.world.part import Carry, Part, is_awake
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from uwserver.physics.scene import Scene
 
 
 class ByPath(NamedTuple):
@@ -63,6 +66,22 @@ class Member:
     def parts(self) -> tuple[Part, ...]:
         """All that comes and goes with the body."""
         return (*self.sensors, *self.actuators, *self.others)
+
+
+def place_solids(scene: Scene, placed: dict[Member, int], members: Collection[Member]) -> None:
+    """Let the solid ones of some bodies, and no others, stand in a scene.
+
+    Args:
+        scene: of the world.
+        placed: those that stand there, with their ids; follows.
+        members: the bodies.
+    """
+    there = set(members)
+    for member in [member for member in placed if member not in there]:
+        scene.remove(placed.pop(member))
+    for member in members:
+        if member.solid is not None and member not in placed:
+            placed[member] = scene.add_moving(member.solid, member.vehicle.row)
 
 
 class Population(Part):

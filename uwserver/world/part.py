@@ -15,6 +15,7 @@ from msgspec import Struct, msgpack
 
 from uwserver.ports import Json, Sample, Service
 from uwserver.ports.crossing import Later
+from uwserver.world.profile import Timer, kind_of, untimed
 
 Carry = Callable[[Mapping[str, Json]], Json | Later]
 """What a service does; runs at the start of a tick. A long-running one gives its answers later."""
@@ -29,6 +30,11 @@ class Stage(IntEnum):
     FORCES = 5
     WATER = 7
     SENSORS = 8
+
+    @property
+    def title(self) -> str:
+        """As in a profile."""
+        return "autopilots" if self == Stage.PILOTS else self.name.lower()
 
 
 class State(Struct, frozen=True):
@@ -108,27 +114,40 @@ def is_awake(part: Part) -> bool:
     return any(takes_part(type(part))) or bool(part.hears)
 
 
+Before = Callable[[int, int], None]
+After = Callable[[int, int, list[Sample]], None]
+Hear = Callable[[Sample, int], None]
+
+
 class Turns(NamedTuple):
-    """Who acts in a tick, in its order: before what was posted is carried out, before the bodies move, and after; and who hears each port."""
+    """What parts do in a tick, in its order: before what was posted is carried out, before the bodies move, and after; and who hears each port."""
 
-    first: list[Part]
-    before: list[Part]
-    after: list[Part]
-    ears: dict[str, list[Part]]
+    first: list[tuple[Part, Before]]
+    before: list[tuple[Part, Before]]
+    after: list[After]
+    ears: dict[str, list[Hear]]
 
 
-def in_turn(awake: Iterable[Part]) -> Turns:
-    """The order of a tick of parts that do something in it."""
+def _what(part: Part) -> str:
+    """What it is called in a profile: its name, where there is one in the world, else its kind."""
+    place, _, name = part.path.rpartition("/")
+    return name if place == "world" else kind_of(part)
+
+
+def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
+    """The order of a tick of parts that do something in it, each called through what `timed` makes of it."""
     everybody = sorted(awake, key=lambda part: (part.stage, part.order, part.path))
     acting = [part for part in everybody if takes_part(type(part))[0]]
-    ears: dict[str, list[Part]] = {}
+    ears: dict[str, list[Hear]] = {}
     for part in everybody:
+        hear = timed("listening", _what(part), part.hear)
         for port in part.hears:
-            ears.setdefault(port, []).append(part)
+            ears.setdefault(port, []).append(hear)
+    before = [(part, timed(part.stage.title, _what(part), part.before)) for part in acting]
     return Turns(
-        [part for part in acting if part.stage == Stage.FAULTS],
-        [part for part in acting if part.stage > Stage.FAULTS],
-        [part for part in everybody if takes_part(type(part))[1]],
+        [turn for turn in before if turn[0].stage == Stage.FAULTS],
+        [turn for turn in before if turn[0].stage > Stage.FAULTS],
+        [timed(part.stage.title, _what(part), part.after) for part in everybody if takes_part(type(part))[1]],
         ears,
     )
 

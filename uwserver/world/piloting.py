@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 from uwserver.autopilot.bank import Bank, Seat
 from uwserver.autopilot.craft import Held
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.state import Estimate, Memory, Orders
+from uwserver.autopilot.state import Remembered
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample
@@ -17,11 +17,9 @@ from uwserver.world.part import Part, Stage, State
 
 
 class PilotState(State, frozen=True):
-    """What an autopilot believes, remembers, and was told; nobody changes these copies."""
+    """What an autopilot believes, remembers, and was told."""
 
-    estimate: Estimate
-    memory: Memory
-    orders: Orders
+    pilot: Remembered
 
 
 class Piloting(Part):
@@ -49,15 +47,15 @@ class Piloting(Part):
 
     def save(self) -> PilotState:
         """All that it remembers; the call that waits is not part of it."""
-        return PilotState(*self.pilot.seat.read())
+        return PilotState(self.pilot.seat.save())
 
     def check(self, state: Any) -> None:
-        """They are of this vehicle."""
-        self.pilot.check(state.estimate, state.memory, state.orders)
+        """It is of this vehicle."""
+        self.pilot.check(state.pilot)
 
     def load(self, state: PilotState) -> None:
         """Go on from there."""
-        self.pilot.load(state.estimate, state.memory, state.orders)
+        self.pilot.load(state.pilot)
 
 
 class _Switch(NamedTuple):

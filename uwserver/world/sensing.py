@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+import math
+from collections.abc import Callable, Collection, Container, Mapping, Sequence, Set
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -16,22 +17,40 @@ from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.world.components import Count, SensorStream
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
+from uwserver.world.profile import Timer, kind_of, untimed
 from uwserver.world.sensor_slot import SensorSlot
-
-_READ, _HEARD = 1, 2
-"""As in `delivery`, for which numba would be imported."""
+from uwserver.world.streams import ENTRY, HEARD, READ
 
 Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
 
 
+_PERIOD = 4096
+"""Ticks after which the same sensors are due again, for which it is noted down who they are."""
+_MOST = 65536
+_WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
+"""A sample on its way in a state; `port` counts the ports of that state."""
+
+
 class OnTheirWay(State, frozen=True):
-    """Samples that are measured and not delivered yet: time of delivery (ns), order, port, seq, t_ns, valid and values of each."""
+    """Samples that are measured and not delivered yet.
+
+    Attributes:
+        order: how many were on their way before.
+        ports: that have one on its way.
+        entries: a record of int64 each, in the order of their delivery: when (ns), order, port by its place in `ports`, seq, t_ns, valid.
+        numbers: of one after the other, float64.
+        loose: of those of ports with such fields, the values that are no numbers.
+    """
 
     order: Count
-    samples: Annotated[
-        tuple[tuple[Count, Count, str, Count, Count, bool, tuple[Value, ...]], ...], Meta(max_length=65536)
-    ]
+    ports: Annotated[tuple[str, ...], Meta(max_length=_MOST)]
+    entries: Annotated[bytes, Meta(max_length=_MOST * _WAY.itemsize)]
+    numbers: bytes
+    loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
+
+
+_Read = Callable[[Bank, IntArray, float], None]
 
 
 class _Due(NamedTuple):
@@ -39,36 +58,45 @@ class _Due(NamedTuple):
 
     Attributes:
         divisor: every so many ticks, of those that repeat others.
-        banks: of those whose readings compiled code makes, the numbers of heads by bank.
-        exactly: of those, who also tell what they would read without errors.
-        in_python: the others.
-        ready_made: those with errors that are written in Python.
+        banks: of those whose readings compiled code makes, what reads them, and the numbers of heads by bank.
+        exactly: of those, what reads who also tell what they would read without errors.
+        in_python: the others, and what reads each.
+        ready_made: what makes the errors of those whose errors are written in Python.
+        wordy: those with values that are no numbers.
         heads: numbers of all.
         most: samples that can come of them.
         needs_rates: whether one of them does.
     """
 
     divisor: int
-    banks: tuple[tuple[Bank, IntArray], ...]
-    exactly: tuple[SensorSlot, ...]
-    in_python: tuple[SensorSlot, ...]
-    ready_made: tuple[SensorSlot, ...]
+    banks: tuple[tuple[_Read, Bank, IntArray], ...]
+    exactly: tuple[Callable[[float], None], ...]
+    in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
+    ready_made: tuple[Callable[[int], None], ...]
+    wordy: tuple[SensorSlot, ...]
     heads: IntArray
     most: int
     needs_rates: bool
 
 
-def _due(slots: Sequence[SensorSlot], divisor: int) -> _Due:
-    banks: dict[int, tuple[Bank, list[int]]] = {}
+def _due(slots: Sequence[SensorSlot], divisor: int, read: _Read, timed: Timer) -> _Due:
+    banks: dict[int, tuple[BankSensor, list[int]]] = {}
     for slot in slots:
         if isinstance(slot.sensor, BankSensor):
-            banks.setdefault(id(slot.sensor.bank), (slot.sensor.bank, []))[1].append(slot.head)
+            banks.setdefault(id(slot.sensor.bank), (slot.sensor, []))[1].append(slot.head)
+    in_banks = [slot for slot in slots if isinstance(slot.sensor, BankSensor)]
+    in_python = [slot for slot in slots if not isinstance(slot.sensor, BankSensor)]
+    ready_made = [slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)]
     return _Due(
         divisor,
-        tuple((bank, np.array(heads)) for bank, heads in banks.values()),
-        tuple(slot for slot in slots if isinstance(slot.sensor, BankSensor) and slot.wants_exact),
-        tuple(slot for slot in slots if not isinstance(slot.sensor, BankSensor)),
-        tuple(slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)),
+        tuple(
+            (timed("sensors", kind_of(first), read, len(heads)), first.bank, np.array(heads))
+            for first, heads in banks.values()
+        ),
+        tuple(timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact),
+        tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
+        tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
+        tuple(slot for slot in slots if slot.is_wordy),
         np.array([slot.head for slot in slots], np.int64),
         sum(len(slot.streams) for slot in slots),
         any(slot.sensor.needs_rates for slot in slots),
@@ -76,7 +104,11 @@ def _due(slots: Sequence[SensorSlot], divisor: int) -> _Due:
 
 
 class Sensing(Part):
-    """A part that stands for all sensors: it lets those read that are due, and delivers what is delayed."""
+    """A part that stands for all sensors: it lets those read that are due, and delivers what is delayed.
+
+    Attributes:
+        numbers: of the streams, by port.
+    """
 
     path = "world/samples"
     state_type = OnTheirWay
@@ -87,7 +119,6 @@ class Sensing(Part):
         slots: Mapping[str, SensorSlot],
         instruments: Instruments,
         seconds: Callable[[], float],
-        scopes: Callable[[bool], Callable[[SensorSlot], Scope]],
     ) -> None:
         """Of a world that is still being built.
 
@@ -95,43 +126,58 @@ class Sensing(Part):
             slots: the sensors by path; may change before each `schedule`.
             instruments: where they lie.
             seconds: time of the world.
-            scopes: gives what sensors in Python see of the world as it is now, for one after the other, with accelerations or without.
         """
         self._slots, self._instruments = slots, instruments
-        self._seconds, self._scopes = seconds, scopes
+        self._seconds = seconds
         self._groups: list[tuple[int, list[SensorSlot]]] = []
         self._repeating: list[_Due] = []
         self._plans: dict[int, _Due] = {}
+        self._masks: tuple[int, ...] = ()
         self._listening: list[SensorSlot] = []
-        self._there: set[SensorSlot] = set()
-        self._wanted: Collection[str] | None = None
+        self._there: dict[SensorSlot, None] = {}
+        self._wanted: Container[str] | None = None
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
         self._unread: Set[int] = frozenset()
         self._streams: dict[int, SensorStream] = {}
+        self._wordy: list[SensorStream] = []
+        self.numbers: dict[str, int] = {}
+        self.watch(untimed)
+
+    def watch(self, timed: Timer) -> None:
+        """Call what a tick consists of through what `timed` makes of it; `schedule` follows."""
+        self._timed = timed
+        self._look = timed("sensors", "accelerations", self._instruments.look)
+        self._deliver = timed("delivery", "errors, delays", self._instruments.deliver)
+        self._give = timed("samples", "for who reads", self._tell)
+
+    def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> _Due:
+        return _due(slots, divisor, self._instruments.read, self._timed)
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
-        there = set(self._slots.values())
+        slots = self._slots
+        there = dict.fromkeys(slots.values())
         gone = [slot for slot in self._there if slot not in there]
-        self._lose({k for slot in gone for k in slot.stream_numbers})
-        for slot in gone:
-            slot.move_out()
-        for slot in self._slots.values():
-            if slot not in self._there:
-                slot.enter(self._instruments)
-        self._there = there
-        numbered = (
-            (k, s) for slot in self._slots.values() for k, s in zip(slot.stream_numbers, slot.streams, strict=True)
-        )
-        self._streams = dict(numbered)
-        self._mark()
-        self._instruments.gather(
-            {id(s.wiring): s.wiring for s in self._slots.values() if s.wiring is not None}.values()
-        )
+        streams = dict(self._streams)
+        if gone:
+            lost = {k for slot in gone for k in slot.stream_numbers}
+            self._lose(lost)
+            for k in lost:
+                del streams[k]
+            for slot in gone:
+                slot.move_out()
+        new = [slot for slot in slots.values() if slot not in self._there]
+        for slot in new:
+            slot.enter(self._instruments)
+            streams |= zip(slot.stream_numbers, slot.streams, strict=True)
+        self._there, self._streams = there, streams
+        self.numbers = {stream.port.path: k for k, stream in streams.items()}
+        self._wordy = [stream for stream in streams.values() if stream.columns.loose]
+        self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
-    def want(self, ports: Collection[str] | None) -> None:
+    def want(self, ports: Container[str] | None) -> None:
         """Only samples of these ports are made; None for all. Those that parts of the world hear are always made."""
         self._wanted = ports
         self._mark()
@@ -141,22 +187,18 @@ class Sensing(Part):
         self._heard, self._overheard, self._listen = ports, overheard, listen
         self._mark()
 
-    @property
-    def numbers(self) -> dict[str, int]:
-        """Numbers of the streams, by port."""
-        return {stream.port.path: k for k, stream in self._streams.items()}
-
     def _mark(self) -> None:
-        rows, wanted, unread = self._instruments.streams.rows["wanted"], self._wanted, set()
-        for k, stream in self._streams.items():
-            path = stream.port.path
-            if wanted is None or path in wanted or path in self._heard:
-                rows[k] = _READ
-                continue
-            unread.add(k)
-            # Values that are no numbers wait in Python for the sample that they belong to.
-            rows[k] = _READ if stream.columns.loose else _HEARD if path in self._overheard else 0
-        self._unread = unread
+        rows, streams, wanted = self._instruments.streams.rows["wanted"], self._streams, self._wanted
+        rows[:] = 0
+        self._unread = set()
+        if wanted is None:
+            rows[list(streams)] = READ
+            return
+        read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
+        self._unread = streams.keys() - read
+        rows[[self.numbers[path] for path in self._overheard]] = HEARD
+        # Values that are no numbers wait in Python for the sample that they belong to.
+        rows[[k for k, stream in streams.items() if k in read or stream.columns.loose]] = READ
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
@@ -167,8 +209,18 @@ class Sensing(Part):
         self._listening = [slot for slot in self._slots.values() if slot.active and slot.sensor.listens]
         inorder = sorted(groups.items(), key=lambda group: group[0])
         self._groups = [(divisor, slots) for (repeats, divisor), slots in inorder if not repeats]
-        self._repeating = [_due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
-        self._plans = {0: _due((), 1)}
+        self._repeating = [self._due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
+        self._plans = {0: self._due(())}
+        period = math.lcm(*(divisor for divisor, _ in self._groups))
+        self._masks = tuple(map(self._mask_of, range(period))) if period <= _PERIOD else ()
+
+    def _mask_of(self, tick: int) -> int:
+        """The groups that are due in a tick, as bits."""
+        mask = 0
+        for k, (divisor, _) in enumerate(self._groups):
+            if tick % divisor == 0:
+                mask |= 1 << k
+        return mask
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """What is delivered in a tick. The order is part of the contract:
@@ -178,17 +230,15 @@ class Sensing(Part):
         3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
         4. those that repeat what the others have read.
         """
-        mask = told = 0
-        for k, (divisor, _) in enumerate(self._groups):
-            if tick % divisor == 0:
-                mask |= 1 << k
+        told, masks = 0, self._masks
+        mask = masks[tick % len(masks)] if masks else self._mask_of(tick)
         if not mask and not self._listening and not self._repeating and t_ns < self._instruments.next_ns:
             return
         now, begins = self._seconds(), True
         self._instruments.set_time(t_ns)
         called = [slot for slot in self._listening if slot.is_called(now)]
         if called:
-            told, begins = self._measure(_due(called, 1), now, t_ns, begins), False
+            told, begins = self._measure(self._due(called), now, t_ns, begins), False
         told = self._measure(self._plan(mask), now, t_ns, begins)
         for group in self._repeating:
             if tick % group.divisor == 0:
@@ -196,91 +246,129 @@ class Sensing(Part):
         if told and self._listen is not None:
             self._listen(*self._instruments.delivered, told, t_ns)
         if told and self._instruments.read_count:
-            self._tell(told, samples)
+            self._give(told, samples)
 
     def _plan(self, mask: int) -> _Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
         plan = self._plans.get(mask)
         if plan is None:
             slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
-            plan = self._plans[mask] = _due(slots, 1)
+            plan = self._plans[mask] = self._due(slots)
         return plan
 
     def _measure(self, due: _Due, now: float, t_ns: int, begins: bool) -> int:
         """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
-        instruments = self._instruments
         if due.needs_rates:
-            instruments.look(now)
-        for slot in due.exactly:
-            slot.read_exactly(now)
-        for bank, heads in due.banks:
-            instruments.read(bank, heads, now)
+            self._look(now)
+        for read_exactly in due.exactly:
+            read_exactly(now)
+        for read_all, bank, heads in due.banks:
+            read_all(bank, heads, now)
         if due.in_python:
-            scope_of = self._scopes(due.needs_rates)
-            for slot in due.in_python:
-                slot.read(scope_of(slot))
-        for slot in due.ready_made:
-            slot.disturb(t_ns)
-        return instruments.deliver(due.heads, t_ns, begins, due.most)
+            scope_of = self._instruments.scopes(t_ns, due.needs_rates)
+            for slot, read in due.in_python:
+                read(scope_of(slot.row, slot.wiring))
+        for disturb in due.ready_made:
+            disturb(t_ns)
+        told = self._deliver(due.heads, t_ns, begins, due.most)
+        for slot in due.wordy:
+            slot.keep_loose()
+        return told
 
     def _tell(self, told: int, samples: list[Sample]) -> None:
         for k, seq, t_ns, t_sent_ns, valid, numbers in self._instruments.told(0, told):
             stream = self._streams[k]
-            loose = stream.coming.pop(seq, ()) if stream.columns.loose else ()
+            if stream.columns.loose:
+                # A state from outside may have two of one number on their way.
+                stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
             if k in self._unread:
                 continue
-            values = stream.columns.unpack(numbers[: stream.columns.width], loose)
+            values = stream.columns.unpack(numbers[: stream.columns.width], stream.newest)
             samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid, values))
 
     def newest(self, path: str) -> Sample | None:
         """The newest delivered sample of a port; None before the first, or after the time was set."""
-        k = next((k for k, stream in self._streams.items() if stream.port.path == path), None)
+        k = self.numbers.get(path)
         newest = None if k is None else self._instruments.newest(k)
         if k is None or newest is None:
             return None
         stream = self._streams[k]
-        values = stream.columns.unpack(newest.values, stream.loose)
+        values = stream.columns.unpack(newest.values, stream.newest)
         return Sample(path, newest.seq, newest.t_ns, newest.t_sent_ns, newest.valid, values)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
     def save(self) -> OnTheirWay:
         """The samples on their way, in their order."""
-        order, entries = self._instruments.on_their_way()
-        told = []
-        for t_sent_ns, n, k, seq, t_ns, valid, numbers in entries:
-            stream = self._streams[k]
-            values = stream.columns.unpack(numbers[: stream.columns.width], stream.coming.get(seq, ()))
-            told.append((t_sent_ns, n, stream.port.path, seq, t_ns, valid, values))
-        return OnTheirWay(order, tuple(told))
+        order, pending, numbers = self._instruments.on_their_way()
+        if not len(pending):
+            return OnTheirWay(order, (), b"", b"", ())
+        ports: dict[int, int] = {}
+        places = [ports.setdefault(k, len(ports)) for k in pending["stream"].tolist()]
+        entries = np.empty(len(pending), _WAY)
+        for name in ("t_sent_ns", "order", "seq", "t_ns", "valid"):
+            entries[name] = pending[name]
+        entries["port"] = places
+        streams = [self._streams[k] for k in ports]
+        loose: tuple[tuple[Value, ...], ...] = ()
+        if self._wordy:
+            known = zip([streams[place] for place in places], entries["seq"].tolist(), strict=True)
+            loose = tuple([stream.coming.get(seq, stream.loose) for stream, seq in known if stream.columns.loose])
+        return OnTheirWay(
+            order, tuple([stream.port.path for stream in streams]), entries.tobytes(), numbers.tobytes(), loose
+        )
 
     def check(self, state: Any) -> None:
         """Each sample is of a sensor, and fits its fields."""
-        ports = {stream.port.path: stream.port for stream in self._streams.values()}
-        for _, order, path, seq, t_ns, _, values in state.samples:
-            if path not in ports or order > state.order or seq < 0 or t_ns < 0:
-                raise ValueError(f'a sample on its way from "{path[:80]}" that cannot be')
-            check_values(ports[path].fields, values)
+        unknown = [path for path in state.ports if path not in self.numbers]
+        if unknown:
+            raise ValueError(f'a sample on its way from "{unknown[0][:80]}", which is no sensor')
+        if len(state.entries) % _WAY.itemsize:
+            raise ValueError("samples on their way that end within one")
+        entries = np.frombuffer(state.entries, _WAY)
+        limits = {
+            "t_sent_ns": 2**62,
+            "order": state.order,
+            "port": len(state.ports) - 1,
+            "seq": 2**62,
+            "t_ns": 2**62,
+            "valid": 1,
+        }
+        if any(((entries[name] < 0) | (entries[name] > most)).any() for name, most in limits.items()):
+            raise ValueError("a sample on its way that cannot be")
+        if (np.lexsort((entries["order"], entries["t_sent_ns"])) != np.arange(len(entries))).any():
+            raise ValueError("samples on their way that are not in the order of their delivery")
+        streams = [self._streams[self.numbers[path]] for path in state.ports]
+        width = sum([streams[place].columns.width for place in entries["port"].tolist()])
+        if len(state.numbers) != 8 * width:
+            raise ValueError(f"samples on their way with other fields: {len(state.numbers)} bytes, not {8 * width}")
+        wordy = [streams[place] for place in entries["port"].tolist() if streams[place].columns.loose]
+        if len(state.loose) != len(wordy):
+            raise ValueError("samples on their way with other fields")
+        for stream, values in zip(wordy, state.loose, strict=True):
+            check_values(stream.columns.loose_of(stream.port.fields), values)
 
     def load(self, state: OnTheirWay) -> None:
         """Put them on their way again."""
-        numbers = self.numbers
-        for stream in self._streams.values():
+        for stream in self._wordy:
             stream.coming.clear()
-        entries = []
-        for t_sent_ns, n, path, seq, t_ns, valid, values in state.samples:
-            k = numbers[path]
-            stream = self._streams[k]
-            row = np.zeros(stream.columns.width)
-            stream.columns.pack(values, row)
-            if stream.columns.loose:
-                stream.coming[seq] = tuple([values[i] for i in stream.columns.loose])
-            entries.append((t_sent_ns, n, k, seq, t_ns, valid, row))
-        self._instruments.send_on_their_way(state.order, entries)
+        given = np.frombuffer(state.entries, _WAY)
+        entries = np.zeros(len(given), ENTRY)
+        for name in ("t_sent_ns", "order", "seq", "t_ns", "valid"):
+            entries[name] = given[name]
+        numbers = np.array([self.numbers[path] for path in state.ports], np.int64)
+        entries["stream"] = numbers[given["port"]]
+        if state.loose:
+            known = zip(entries["stream"].tolist(), given["seq"].tolist(), strict=True)
+            wordy = [(self._streams[k], seq) for k, seq in known if self._streams[k].columns.loose]
+            for (stream, seq), values in zip(wordy, state.loose, strict=True):
+                stream.coming[seq] = values
+        self._instruments.send_on_their_way(state.order, entries, np.frombuffer(state.numbers))
 
-    def _lose(self, streams: Set[int]) -> None:
-        """Samples of sensors that go are lost on their way."""
-        order, entries = self._instruments.on_their_way()
-        others = [entry for entry in entries if entry[2] not in streams]
-        if len(others) < len(entries):
-            self._instruments.send_on_their_way(order, others)
+    def _lose(self, gone: Collection[int]) -> None:
+        """Samples of these streams, which go, are lost on their way. While they are still there."""
+        order, entries, numbers = self._instruments.on_their_way()
+        stays = np.array([k not in gone for k in entries["stream"].tolist()], bool)
+        if not stays.all():
+            widths = self._instruments.streams.rows["width"][entries["stream"]]
+            self._instruments.send_on_their_way(order, entries[stays], numbers[np.repeat(stays, widths)])

@@ -18,7 +18,7 @@ MAX_BYTES = 16 * 2**20
 """Of a state as a file."""
 MAX_PARTS = 2**17
 """More would not fit into a file."""
-FORMAT = "uwserver-state-1"
+FORMAT = "uwserver-state-2"
 _DIGEST_SIZE = 32
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -14,15 +14,15 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
-from uwserver.sensors import Scope
 from uwserver.sensors.base import SEDIMENT
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.instruments import Around, Instruments
-from uwserver.world.members import Member, Population
+from uwserver.world.members import Member, Population, place_solids
 from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
+from uwserver.world.profile import Profile, Timer, untimed
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
@@ -35,7 +35,6 @@ from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
-
 
 __all__ = ["Diverged", "World"]
 
@@ -93,15 +92,20 @@ class World:
         self.identity: Callable[[], str] = str
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
-        self.instruments = Instruments(hydro, water, lambda: Around(self.earth, self.geometry, self.lambert))
-        self._sensing = Sensing(self.sensors, self.instruments, self._seconds, self._scopes)
+        self.instruments = Instruments(
+            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert)
+        )
+        self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._pilots = Pilots(hydro)
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
+        self._profile: Profile | None = None
+        self._timed: Timer = untimed
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(
             self._commands, self._carry, lambda: (self._tick, self.t_ns),
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
+        self._carry_out = self.requests.carry_out
         water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
         for part in (*water_parts, self._commands, self._pilots, self._sensing):
             self.add(part)
@@ -131,7 +135,8 @@ class World:
         begun, new = bool(self._settled or "world/reset" in self.services), list(members)
         if new != list(self.members.values()):
             self.bind(new)
-        self._set_solids()
+        if self.scene is not None:
+            place_solids(self.scene, self._solids, new)
         there = set(new)
         for part in [part for member in self._settled if member not in there for part in member.parts]:
             if self.parts.get(part.path) is not part:
@@ -179,27 +184,26 @@ class World:
         self.parts = {path: self.parts[path] for path in (Bodies.path, *sorted(self.parts.keys() - {Bodies.path}))}
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
-        self._first, self._before, self._after, self._ears = in_turn(awake)
+        self._first, self._before, self._after, self._ears = in_turn(awake, self._timed)
         self._pilots.settle(self.parts.values(), self._sensing.numbers)
-        self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listen)
+        listen = self._timed("listening", "autopilots", self._pilots.listen)
+        self._sensing.set_listeners(self._ears, self._pilots.ports, listen)
         self._sensing.schedule()
 
-    def want(self, ports: Collection[str] | None) -> None:
+    def want(self, ports: Container[str] | None) -> None:
         """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all.
 
         Sensors measure and count whether anybody reads them or not, and `read` gives the newest sample of any port.
         """
         self._sensing.want(ports)
 
-    def _set_solids(self) -> None:
-        if self.scene is None:
-            return
-        there = set(self.members.values())
-        for member in [member for member in self._solids if member not in there]:
-            self.scene.remove(self._solids.pop(member))
-        for member in self.members.values():
-            if member.solid is not None and member not in self._solids:
-                self._solids[member] = self.scene.add_moving(member.solid, member.vehicle.row)
+    def watch(self, profile: Profile | None) -> None:
+        """Let a profile measure each stage of a tick, from the next on; None for nobody. Between two ticks."""
+        self._profile, self._timed = profile, untimed if profile is None else profile.timed
+        self._carry_out = self._timed("requests", "requests", self.requests.carry_out)
+        self.hydro.watch(self._timed)
+        self._sensing.watch(self._timed)
+        self._line_up()
 
     def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
         """Let a sensor measure every `divisor` ticks, from now on."""
@@ -346,15 +350,17 @@ class World:
         if trial is not None:
             trial.begin_tick()
         output = TickOutput(tick, self.t_ns, [])
-        for part in self._first:
+        if self._profile is not None:
+            self._profile.begin()
+        for part, before in self._first:
             if part.next_tick is not None and tick >= part.next_tick:
-                part.before(tick, self.t_ns)
+                before(tick, self.t_ns)
         if self.requests.posted or more:
-            self.requests.carry_out(output, more)
+            self._carry_out(output, more)
             tick = self._tick  # a restore or reset may have been among it
-        for part in self._before:
+        for part, before in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
-                part.before(tick, self.t_ns)
+                before(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self.tick = tick = tick + 1
         samples, t_ns = output.samples, self.t_ns
@@ -362,12 +368,14 @@ class World:
             self._end_tick(output)
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
             raise Diverged(report(tick, t_ns, lost, self._commands), output)
-        for part in self._after:
-            part.after(tick, t_ns, samples)
+        for after in self._after:
+            after(tick, t_ns, samples)
         for sample in samples:
-            for part in self._ears.get(sample.port, ()):
-                part.hear(sample, t_ns)
+            for hear in self._ears.get(sample.port, ()):
+                hear(sample, t_ns)
         self._end_tick(output)
+        if self._profile is not None:
+            self._profile.end()
         if trial is not None and trial.end_tick():
             self.threads.trial = None
         return output
@@ -399,24 +407,3 @@ class World:
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
         self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
-
-    def _scopes(self, with_rates: bool) -> Callable[[SensorSlot], Scope]:
-        """What sensors see of each body at this instant; made once a body."""
-        seen: dict[int, Scope] = {}
-        state, t_ns = self.hydro.state, self.t_ns
-        rates = (self.instruments.nu_dot, self.instruments.tau) if with_rates else None
-
-        def scope_of(slot: SensorSlot) -> Scope:
-            scope = seen.get(slot.row)
-            if scope is None:
-                x = state[slot.row].tolist()
-                scope = seen[slot.row] = Scope(
-                    t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), self.water,
-                    geometry=self.geometry, vehicles=self.vehicles, earth=self.earth, wiring=slot.wiring,
-                    lambert=self.lambert,
-                )  # fmt: skip
-                if rates is not None:
-                    scope.nu_dot, scope.tau = (tuple(rate[slot.row].tolist()) for rate in rates)
-            return scope
-
-        return scope_of

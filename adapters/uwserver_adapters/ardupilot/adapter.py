@@ -142,7 +142,7 @@ class ArduPilotAdapter:
             if movement is not None:
                 movement.see(t_ns)
 
-        return ArduPilotDriver(
+        driver = ArduPilotDriver(
             endpoint,
             Outputs(config.outputs, ports, vehicle),
             wire.Scale(config.low_us, config.neutral_us, config.high_us),
@@ -154,6 +154,8 @@ class ArduPilotAdapter:
             context.stats,
             context.tell_conflict,
         )
+        driver.wanted = readings.wanted
+        return driver
 
 
 def _soon(loop: asyncio.AbstractEventLoop, send: Callable[[bytes], None], data: bytes) -> None:

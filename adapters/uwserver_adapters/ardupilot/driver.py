@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import select
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterStats, Order, Reading, Refusals, address_text
@@ -92,6 +92,9 @@ class ArduPilotDriver:
         steady: wall time, s.
         stats: of the adapter; `COUNTS` and `frame_rate_hz` in its details.
         tell_conflict: tells all clients of a second autopilot.
+
+    Attributes:
+        wanted: ports that `see` reads; None for all.
     """
 
     def __init__(
@@ -120,6 +123,7 @@ class ArduPilotDriver:
         self._last = -1
         self._reply: bytes | None = None
         self._odd_frames = 0
+        self.wanted: Collection[str] | None = None
 
     # -- uwserver.adapter.Driver ----------------------------------------------------------------------------------------------------
 

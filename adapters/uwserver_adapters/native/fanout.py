@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Protocol
 
 import msgspec
@@ -160,10 +160,20 @@ class Fanout:
         """A client is gone."""
         self.sessions.pop(session, None)
         for subscription in session.subscriptions.values():
-            self.remove(session, subscription)
+            self._remove(session, subscription)
+        self.context.follow_wants()
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that anybody subscribes to."""
+        return self._ports.keys()
 
     def add(self, session: Subscriber, subscription: Subscription) -> None:
         """Route the samples of a subscription; sets its paths."""
+        self._add(session, subscription)
+        self.context.follow_wants()
+
+    def _add(self, session: Subscriber, subscription: Subscription) -> None:
         subscription.paths = self._served(subscription)
         key = (session.codec.encoding.name, subscription.fields)
         for path in subscription.paths:
@@ -179,6 +189,10 @@ class Fanout:
 
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
         """End what `add` began."""
+        self._remove(session, subscription)
+        self.context.follow_wants()
+
+    def _remove(self, session: Subscriber, subscription: Subscription) -> None:
         key = (session.codec.encoding.name, subscription.fields)
         for path in subscription.paths:
             selections = self._ports[path]
@@ -234,9 +248,9 @@ class Fanout:
         held = [(session, subscription) for session in self.sessions for subscription in session.subscriptions.values()]
         # All are removed before the first is added: a port may have come back with other fields.
         for session, subscription in held:
-            self.remove(session, subscription)
+            self._remove(session, subscription)
         for session, subscription in held:
-            self.add(session, subscription)
+            self._add(session, subscription)
 
     # -- what the world says --------------------------------------------------------------------------------------------------------
 

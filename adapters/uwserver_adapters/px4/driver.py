@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import select
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterStats, Order, Refusals
@@ -72,6 +72,11 @@ class Px4Driver:
             if link is not None and not link.unsent:
                 again = min(end, link.patience_end if link.is_locked else self._due)
             self._wait(again - now)
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that are read."""
+        return self._senses.wanted
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
         """Keep what will be sent."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.adapter import Reading, Readings
@@ -61,6 +61,11 @@ class Senses:
     def told_ns(self) -> int:
         """Time of the newest messages, as the autopilot was told."""
         return self._last_ns
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that are read."""
+        return self._readings.wanted
 
     def see(self, samples: Sequence[Sample]) -> None:
         """The samples of a tick."""

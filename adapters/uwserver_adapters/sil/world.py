@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterContext, CannotServe, Driver, address_text, serving
@@ -19,6 +19,8 @@ GRAVITY_MPS2 = 9.80665
 
 class Deaf:
     """A `Subscriber` of an adapter whose driver sees the samples in their tick: the loop has nothing to do with them."""
+
+    wanted: Collection[str] = ()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Nothing."""

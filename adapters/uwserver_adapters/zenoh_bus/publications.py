@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -33,13 +35,27 @@ def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
 class _Outlet:
     """One sensor's way out."""
 
-    __slots__ = ("form", "is_busy", "is_heard", "is_large", "listener", "number", "port", "publisher", "token")
+    __slots__ = (
+        "changed",
+        "form",
+        "is_busy",
+        "is_heard",
+        "is_large",
+        "listener",
+        "number",
+        "port",
+        "publisher",
+        "token",
+    )
 
-    def __init__(self, port: Port, publisher: Publisher | None, token: LivelinessToken) -> None:
+    def __init__(
+        self, port: Port, publisher: Publisher | None, token: LivelinessToken, changed: Callable[[], None]
+    ) -> None:
         self.port = port
         self.form = SampleForm(port)
         self.publisher = publisher
         self.token = token
+        self.changed = changed
         self.number = 0
         self.is_large = False
         self.is_busy = False
@@ -51,6 +67,7 @@ class _Outlet:
     def _matches(self, status: MatchingStatus) -> None:
         """Somebody subscribes, or nobody any more. A zenoh thread."""
         self.is_heard = status.matching
+        self.changed()
 
     def look(self) -> None:
         """Ask whether somebody subscribes. Never unlearns what the listener says meanwhile."""
@@ -64,7 +81,7 @@ class Publications:
     """The adapter's `Subscriber`. Loop thread.
 
     Attributes:
-        tokens: keys of the liveliness tokens declared now.
+        wanted: ports that anybody subscribes to.
     """
 
     def __init__(
@@ -77,6 +94,9 @@ class Publications:
         self._sender = sender
         self._outlets: dict[str, _Outlet] = {}
         self._vehicles: dict[str, LivelinessToken] = {}
+        self._loop = asyncio.get_running_loop()
+        self._is_following = False
+        self.wanted: frozenset[str] = frozenset()
 
     def open(self) -> None:
         """Declare publishers and tokens of all ports; again after they changed."""
@@ -91,18 +111,34 @@ class Publications:
         for path, port in ports.items():
             if path not in self._outlets:
                 token = liveliness.declare_token(self._keys.alive(path))
-                self._outlets[path] = _Outlet(port, self._publisher(port), token)
+                self._outlets[path] = _Outlet(port, self._publisher(port), token, self._changed)
         vehicles = {path.split("/")[0] for path in ports}
         for name in self._vehicles.keys() - vehicles:
             self._vehicles.pop(name).undeclare()
         for name in vehicles - self._vehicles.keys():
             self._vehicles[name] = liveliness.declare_token(self._keys.alive(name))
+        self._follow()
 
     def look(self) -> None:
         """Find subscribers of whom zenoh has not said anything yet: its listeners are told a little later than its tables."""
         for outlet in self._outlets.values():
             if not outlet.is_heard:
                 outlet.look()
+        self._follow()
+
+    def _changed(self) -> None:
+        """Let the loop follow, once for many. A zenoh thread."""
+        if not self._is_following:
+            self._is_following = True
+            with contextlib.suppress(RuntimeError):  # the server has ended
+                self._loop.call_soon_threadsafe(self._follow)
+
+    def _follow(self) -> None:
+        self._is_following = False  # before the look: what changes during it is followed again
+        wanted = frozenset(path for path, outlet in self._outlets.items() if outlet.is_heard)
+        if wanted != self.wanted:
+            self.wanted = wanted
+            self._context.follow_wants()
 
     def _publisher(self, port: Port) -> Publisher | None:
         from zenoh import CongestionControl, Locality, Priority

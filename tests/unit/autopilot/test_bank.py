@@ -7,8 +7,10 @@ import math
 import pytest
 from msgspec import structs
 
+from uwserver.autopilot.bank import Bank
 from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
 from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.mission import Hold
 from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Orders
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
@@ -78,6 +80,46 @@ def test_one_that_goes_takes_its_rows_and_leaves_the_others_theirs():
     assert not (world.hydro.thrusters["command"] == flew).all()
 
 
+def test_one_that_went_changes_and_hears_for_itself_alone():
+    """Its number in the bank is now that of another one."""
+    world = flown(world_of("auv", "rov"), "auv", "rov")
+    gone, other = pilot_of(world, "auv"), pilot_of(world, "rov")
+    world.dismiss("auv")
+    assert gone.seat.k == other.seat.k == 0
+    kept, x = other.seat.read(), gone.seat.show(world.t_ns)
+    assert x[0][0] == pytest.approx(gone.estimate.p[0])
+    gone.hold()
+    gone.seat.hear("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
+    assert gone.estimate.attitude_ns == world.t_ns
+    assert gone.orders.depth == gone.estimate.p[2]
+    assert other.seat.read() == kept
+
+
+def test_each_place_in_a_bank_is_found_after_others_came_and_went():
+    """Devices, curves, sensors and beacons lie one after the other, of vehicles with different numbers of them."""
+    seats = {name: pilot_of(world_of(name), name).seat for name in STARTS}
+    bank, own = Bank(), {name: seat.read() for name, seat in seats.items()}
+    ports = [port for seat in seats.values() for port in seat.craft.hearing.ports]
+    streams = {port: 2 * k for k, port in enumerate(ports)}
+    for names in (("rov", "auv"), ("big", "rov", "pro"), ("pro",), (), tuple(STARTS)):
+        bank.gather([seats[name] for name in names], streams, 2 * len(streams))
+        assert {name: seat.read() for name, seat in seats.items()} == own
+        rows = bank._kept
+        for name in names:
+            seat = seats[name]
+            c, allocation, hearing = seat.row["c"], seat.craft.allocation, seat.craft.hearing
+            mine = rows["devices"][c["device_first"] : c["device_first"] + c["device_count"]]
+            assert (mine["row"] == allocation.devices["row"]).all()
+            if len(allocation.curves):
+                assert (
+                    rows["curves"][mine["curve_first"]] == allocation.curves[allocation.devices["curve_first"]]
+                ).all()
+            for n, port in enumerate(hearing.ports):
+                source = rows["sources"][rows["ears"][streams[port]]]
+                assert (source["pilot"], source["kind"], source["next"]) == (seat.k, hearing.rows["kind"][n], -1)
+    assert {seat.k for seat in seats.values()} == {0, 1, 2, 3}
+
+
 # -- rows as records -----------------------------------------------------------------------------------------------------------------------
 
 
@@ -102,6 +144,24 @@ def test_records_come_out_of_a_row_as_they_went_in(seat):
     assert seat.orders.place is not NOWHERE
     assert seat.orders.place == NOWHERE
     assert seat.orders.speed is NAN
+
+
+def test_what_it_is_can_be_copied_read_and_put_back(seat):
+    estimate, memory = Estimate(p=(1.0, math.nan, 3.0), leak=True), Memory(tau=(1.0,) * 6, outputs=(0.25,) * 8)
+    orders = Orders(gains=Gains(depth_p=0.7), mode="mission", items=(Hold(time_s=5.0),), index=0, test=(0.5,) * 8)
+    seat.write(estimate, memory, orders)
+    kept, written = seat.save(), seat.read()
+    assert seat.records(kept) == written
+    assert seat.load(kept) is False
+    seat.write(Estimate(), Memory(), Orders(gains=Gains(), mode="mission"))
+    assert seat.read() != written
+    assert seat.records(kept) == written
+    assert seat.load(kept) is False  # neither the mode nor who commands the actuators is another one
+    assert seat.read() == written
+    assert seat.save() == kept
+    seat.orders.armed = True
+    assert seat.load(kept) is True
+    assert not seat.orders.armed
 
 
 def test_a_field_that_a_record_has_not_is_no_attribute(seat):

@@ -333,6 +333,17 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     assert second.estimate.depth_ns == 6
 
 
+def test_several_may_hear_one_stream():
+    seats = [seat(Surroundings(start=(0.0, 0.0, z)), depth=source("pressure")) for z in (0.0, 4.0, 8.0)]
+    bank = Bank()
+    bank.gather(seats, {"rov/depth": 1}, 2)
+    bank.hear(np.array([(1, 5, 1)], TOLD), np.array([[2.0, 8.0]]), 1, 10)
+    assert [each.estimate.depth_ns for each in seats] == [5, 5, 5]
+    bank.gather(seats[1:], {"rov/depth": 0}, 2)
+    bank.hear(np.array([(0, 6, 1)], TOLD), np.array([[2.0, 8.0]]), 1, 10)
+    assert [each.estimate.depth_ns for each in seats] == [5, 6, 6]
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e12])
 def test_a_sample_that_no_sensor_gives_tells_nothing(value):
     bench = Bench(

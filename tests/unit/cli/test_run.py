@@ -17,7 +17,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.world import builds
 
 
-@pytest.mark.parametrize("option", ["--until", "--speed"])
+@pytest.mark.parametrize("option", ["--until", "--speed", "--profile"])
 @pytest.mark.parametrize("value", ["nan", "inf", "-1", "soon"])
 def test_times_and_speeds_that_are_none_are_refused(option, value):
     result = CliRunner().invoke(run, [option, value])

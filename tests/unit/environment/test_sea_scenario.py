@@ -111,7 +111,7 @@ def test_a_uniform_current_by_either_name_is_the_same_to_the_bit():
 def test_sensors_ask_the_moving_water():
     world = make(z=(2.0, -0.3))
     world.step(100)
-    t = world.t_ns / 1e9
+    t = world.tick / float(world.rate_hz)  # t_ns is rounded to whole nanoseconds, in which a wave goes on
     for name in ("rov0", "rov1"):
         vehicle = world.vehicles[name]
         x, y, z = vehicle.p_NB

@@ -24,6 +24,7 @@ from uwserver.modifiers import (
     Reorder,
     Saturate,
     Scale,
+    Stream,
     WhiteNoise,
 )
 
@@ -142,3 +143,25 @@ def test_errors_do_not_depend_on_the_value(bench, config):
     low = np.array([values[1] for values, *_ in run(bench(config), 10, (0.0,) * 3)])
     high = np.array([values[1] for values, *_ in run(bench(config), 10, (1000.0,) * 3)])
     assert high - low == pytest.approx(np.full((10, 3), 1000.0))
+
+
+def test_what_one_in_python_draws_once_a_run_is_drawn_at_no_reading():
+    """Or its constant error would be its noise of the first reading."""
+    stream = Stream((), 0.01, 7)
+    once = stream.rng.standard_normal(3).tolist()
+    assert Stream((), 0.01, 7).rng.standard_normal(3).tolist() == once
+    for number in range(3):
+        stream.draws.seek(number)
+        assert not set(stream.rng.standard_normal(3).tolist()) & set(once)
+
+
+def test_what_one_in_python_draws_at_a_reading_is_that_of_the_reading_alone():
+    one, other = Stream((), 0.01, 7), Stream((), 0.01, 7)
+    for number in range(5):
+        one.draws.seek(number)
+        one.rng.uniform(size=number)
+        one.rng.integers(10)  # leaves half a word over
+    for stream in (one, other):
+        stream.draws.seek(5)
+    assert one.rng.integers(1 << 30, size=3).tolist() == other.rng.integers(1 << 30, size=3).tolist()
+    assert one.rng.standard_normal(3).tolist() == other.rng.standard_normal(3).tolist()

@@ -20,7 +20,7 @@ from uwserver.recording.replay import NotReplayable, Replayed, replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.simulation.clock import Timing
-from uwserver.world import snapshot
+from uwserver.world import sensing, snapshot
 
 PUSH = Command("rov/thrusters", ((0.5,) * 8,), "me")
 SEED = 5
@@ -63,6 +63,14 @@ def test_the_same_run_gives_the_same_states(resolved, tmp_path: Path):
     done = replay(recorded(tmp_path / "run.mcap", resolved, entries(resolved)))
     assert (done.ticks, done.requests, done.hashes) == (20, 3, 2)
     assert (done.difference, done.truncated, done.changed_versions) == (None, False, {})
+
+
+def test_what_nobody_reads_is_not_made(resolved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = recorded(tmp_path / "run.mcap", resolved, entries(resolved))
+    made: list[str] = []
+    monkeypatch.setattr(sensing, "Sample", lambda port, *_: made.append(port))
+    assert replay(path).difference is None
+    assert made == []
 
 
 def test_a_recording_without_an_end_is_followed_as_far_as_it_goes(resolved, tmp_path: Path):

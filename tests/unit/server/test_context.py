@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from msgspec.structs import replace
-from simulation_rig import PATIENCE_S, Rig, running
+from simulation_rig import PATIENCE_S, Rig, profiling_of, running
 
 from uwserver.adapter import AdapterStats, Conversation, installed_adapters
 from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
@@ -28,7 +28,16 @@ GOTO = {"position_ned_m": [90.0, 0.0, 3.0], "radius_m": 0.5}
 def hub_of(rig: Rig) -> Hub:
     files = StateFiles(None, rig.simulation, rig.mailbox, lambda function: function())
     ended: list[str] = []
-    return Hub("pool", rig.simulation, rig.bus, rig.mailbox, ended.append, lambda: {"ended": list(ended)}, files)
+    return Hub(
+        "pool",
+        rig.simulation,
+        rig.bus,
+        rig.mailbox,
+        ended.append,
+        lambda: {"ended": list(ended)},
+        files,
+        profiling_of(rig),
+    )
 
 
 class Heard:
@@ -101,6 +110,55 @@ def test_ground_truth_is_only_for_who_may_tell_it(still: Rig) -> None:
     still.call("world/step", n=24)
     still.call("world/step", n=1)
     assert len(robots.samples) == before
+
+
+def test_ground_truth_is_not_even_made_for_who_may_not_tell_it(still: Rig) -> None:
+    still.wanted = ()
+    context, other = Context(hub_of(still), "robot", False), Context(hub_of(still), "tool", True)
+    heard = Heard()
+    leave = context.attach(heard)  # it does not say what it wants, so it wants all that it may see
+    wanted = [path in still.bus.wanted for path in still.world.ports if "/truth/" not in path]
+    truth = [path for path in still.world.ports if "/truth/" in path]
+    assert all(wanted)
+    assert truth
+    assert not any(path in still.bus.wanted for path in truth)
+    heard.wanted = ("rov/imu", truth[0])
+    context.follow_wants()
+    assert [path for path in still.world.ports if path in still.bus.wanted] == ["rov/imu"]
+    leave()
+    other.attach(heard)
+    assert {path for path in still.world.ports if path in still.bus.wanted} == set(heard.wanted)
+
+
+def test_what_nobody_reads_can_be_asked_for_and_no_truth_of_who_may_not_tell_it(still: Rig) -> None:
+    still.wanted = ()
+    hub = hub_of(still)
+    still.bus.follow_wants()
+    still.call("world/step", n=48)
+    told: queue.Queue[list[Sample]] = queue.Queue()
+    for truth, ports in ((False, {"rov/depth"}), (True, {"rov/depth", "rov/truth/pose"})):
+        context = Context(hub, "robot", truth)
+        context.read(["rov/depth", "rov/truth/pose", "rov/thrusters", "no/port"], told.put)
+        samples = told.get(timeout=PATIENCE_S)
+        assert {sample.port for sample in samples} == ports
+        assert all(sample == still.world.read(sample.port) for sample in samples)
+        assert context.last("rov/depth") is None, "it is not kept"
+
+
+def test_a_driver_is_heard_from_its_first_tick_until_it_leaves(resolved: Resolved) -> None:
+    class Mute:
+        wanted = ("rov/depth", "rov/truth/pose")
+
+    with running(resolved, Timing(mode="lockstep", lockstep_clients=("fcu",))) as rig:
+        rig.wanted = ()
+        context = Context(hub_of(rig), "fcu", False)
+        end = context.drive("fcu", Mute(), lambda reply: None)
+        assert "rov/depth" in rig.bus.wanted
+        assert "rov/truth/pose" not in rig.bus.wanted
+        with pytest.raises(Refused):
+            context.drive("fcu", Mute(), lambda reply: None)
+        end()
+        assert "rov/depth" not in rig.bus.wanted
 
 
 def test_ports_are_those_of_the_samples_that_come(still: Rig) -> None:

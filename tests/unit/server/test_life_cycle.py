@@ -312,3 +312,15 @@ def test_a_server_that_is_told_to_end_while_it_starts_ends(resolved):
         await until(lambda: TestAdapter.instances)
 
     assert serve(with_adapter(resolved, hang=True), script) == 0
+
+
+def test_a_run_tells_what_its_ticks_take_meanwhile_and_at_the_end(resolved):
+    told: list[str] = []
+
+    async def script(server):
+        await until(lambda: len(told) >= 2)
+
+    assert serve(resolved, script, Options(profile_s=0.02, tell=told.append)) == 0
+    assert all(table.startswith("profile") for table in told[:-1])
+    assert told[-1].startswith("the whole run: profile of ")
+    assert "\nphysics " in told[-1]

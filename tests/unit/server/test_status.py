@@ -8,7 +8,7 @@ import json
 
 import numpy as np
 from prometheus_client.parser import text_string_to_metric_families
-from simulation_rig import Rig, running
+from simulation_rig import Rig, profiling_of, running
 
 from uwserver.server.context import Context, Hub
 from uwserver.server.state_files import StateFiles
@@ -18,7 +18,7 @@ from uwserver.simulation.clock import Timing
 
 def watched(rig: Rig) -> tuple[Hub, Monitor]:
     files = StateFiles(None, rig.simulation, rig.mailbox, lambda function: function())
-    hub = Hub("pool", rig.simulation, rig.bus, rig.mailbox, print, dict, files)
+    hub = Hub("pool", rig.simulation, rig.bus, rig.mailbox, print, dict, files, profiling_of(rig))
     return hub, Monitor(lambda: hub, lambda: 0)
 
 

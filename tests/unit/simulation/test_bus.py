@@ -54,6 +54,86 @@ def test_an_empty_tick_wakes_nobody():
     assert wakes == []
 
 
+class Wanting(Notes):
+    def __init__(self, *paths: str) -> None:
+        super().__init__()
+        self.wanted = paths
+
+
+PORTS = {path: Port(path, "sensor", "x", (Field("x", "1", "x"),), "x", 10.0) for path in ("a", "b", "c")}
+
+
+def made(bus: Bus) -> str:
+    return "".join(path for path in PORTS if bus.wanted is None or path in bus.wanted)
+
+
+def test_what_is_wanted_is_what_all_readers_want_together():
+    bus = Bus(lambda _: None)
+    bus.expect(PORTS)
+    assert made(bus) == ""
+    one, two = Wanting("a"), Wanting("a", "b")
+    leave_one, leave_two = bus.attach(one), bus.attach(two)
+    assert made(bus) == "ab"
+    two.wanted = ("c",)
+    assert made(bus) == "ab"
+    bus.follow_wants()
+    assert made(bus) == "ac"
+    leave_all = bus.attach(Notes())
+    assert made(bus) == "abc"
+    leave_all()
+    leave_one()
+    assert made(bus) == "c"
+    leave_two()
+    assert made(bus) == ""
+
+
+def test_what_readers_have_not_heard_of_is_wanted_until_they_have():
+    bus, heard = Bus(lambda _: None), Wanting("a")
+    assert made(bus) == "abc"
+    bus.attach(heard)
+    assert made(bus) == "abc"
+    bus.expect({path: PORTS[path] for path in "ab"})
+    assert made(bus) == "ac"
+    seen: list[str] = []
+    heard.put_event = lambda event: seen.append(made(bus))
+    bus.publish(TickOutput(1, 1, [], ports=PORTS, events=[Event("ports_changed", 1, 1, "")]))
+    bus.drain()
+    assert seen == ["ac"]
+    assert made(bus) == "a"
+
+
+def test_what_was_not_wanted_meanwhile_is_not_the_newest():
+    bus, reader = Bus(lambda _: None), Wanting("a", "b")
+    bus.attach(reader)
+    both = [Sample(path, 1, 1, 1, True, (1.0,)) for path in "ab"]
+    bus.publish(TickOutput(1, 1, both, ports=PORTS))
+    bus.drain()
+    assert sorted(bus.last) == ["a", "b"]
+    for wanted in (("a",), ("a", "b")):
+        reader.wanted = wanted
+        bus.follow_wants()
+        assert sorted(bus.last) == ["a"]
+        if wanted == ("a",):
+            bus.publish(TickOutput(2, 2, both, ports=PORTS))  # it was under way
+            bus.drain()
+
+
+def test_a_reader_that_cannot_say_what_it_wants_harms_no_other(caplog: pytest.LogCaptureFixture):
+    class Confused(Notes):
+        @property
+        def wanted(self):
+            raise ValueError("confused")
+
+    bus, notes = Bus(lambda _: None), Wanting("a")
+    bus.attach(notes)
+    leave = bus.attach(Confused())
+    bus.expect(PORTS)
+    assert made(bus) == "abc"
+    assert "it gets all" in caplog.text
+    leave()
+    assert made(bus) == "a"
+
+
 def test_ports_are_those_of_what_is_delivered():
     """The world may have taken a vehicle out, and put another kind under its name, while samples of the old one still wait."""
     old = Port("rov/imu", "sensor", "imu", (Field("f", "1", "x"),), "x", 10.0)

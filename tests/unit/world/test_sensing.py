@@ -2,70 +2,41 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from msgspec import structs
+from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker, slot_of, stream
 
-from uwserver.ports import Field, Port, Sample
-from uwserver.world.sensing import OnTheirWay, Sensing
-
-FIELDS = (Field("x", "m", "a number"),)
-
-
-class Slot:
-    """A sensor that reads the time in ticks, and delivers it `late` ns later."""
-
-    def __init__(
-        self, path: str, divisor: int = 1, late: int = 0, repeats: bool = False, listens: bool = False
-    ) -> None:
-        self.port = Port(path, "sensor", "x", FIELDS, "")
-        self.divisor, self.late, self.active, self.fault = divisor, late, True, ""
-        self.sensor = SimpleNamespace(repeats=repeats, listens=listens, needs_rates=False)
-        self.called, self.seq = False, 0
-
-    def is_called(self, now: float) -> bool:
-        return self.called
-
-    def streams(self) -> list[Any]:
-        return [self]
-
-    def samples(self, t_ns: Any) -> list[Sample]:
-        self.seq += 1
-        return [Sample(self.port.path, self.seq, t_ns, t_ns + self.late, True, (float(t_ns),))]
+from uwserver.sensors import Sensor
+from uwserver.world.sensing import _WAY, OnTheirWay
+from uwserver.world.sensor_slot import SensorSlot
 
 
-class Rig:
-    def __init__(self, *slots: Slot) -> None:
-        self.slots: Any = {slot.port.path: slot for slot in slots}
-        self.t = 0
-        self.sensing = Sensing(self.slots, lambda: self.t / 1e9, lambda _: lambda _: self.t)  # type: ignore[arg-type, return-value]
-        self.sensing.schedule()
-
-    def tick(self, n: int) -> list[tuple[str, int]]:
-        self.t, samples = 10 * n, list[Sample]()
-        self.sensing.after(n, self.t, samples)
-        return [(sample.port, sample.t_ns) for sample in samples]
+def slot(path: str, divisor: int = 1, late: int = 0, kind: type[Counter] = Counter) -> SensorSlot:
+    """A sensor that delivers `late` ns after it has measured, and 3 more."""
+    return slot_of(path=path, divisor=divisor, kind=kind, latency_ns=late - 3)
 
 
 def test_each_is_due_every_divisor_ticks() -> None:
-    rig = Rig(Slot("a", 2), Slot("b", 3))
+    rig = Rig(slot("a", 2), slot("b", 3))
     assert [[port for port, _ in rig.tick(n)] for n in (1, 2, 3, 6)] == [[], ["a"], ["b"], ["a", "b"]]
 
 
 def test_one_that_repeats_others_reads_after_them() -> None:
-    assert [port for port, _ in Rig(Slot("a", 4, repeats=True), Slot("b", 4)).tick(4)] == ["b", "a"]
+    assert [port for port, _ in Rig(slot("a", 4, kind=Repeater), slot("b", 4)).tick(4)] == ["b", "a"]
 
 
 def test_the_inactive_and_the_silent_do_not_measure() -> None:
-    off, silent = Slot("off"), Slot("silent")
+    off, silent = slot("off"), slot("silent")
     off.active, silent.fault = False, "silent"
     assert Rig(off, silent).tick(1) == []
-    assert (off.seq, silent.seq) == (0, 0)
+    assert (off.number, silent.number) == (0, 0)
 
 
 def test_the_delayed_come_first_oldest_first_and_never_early() -> None:
-    rig = Rig(Slot("slow", 2, late=25), Slot("now", 4))
+    rig = Rig(slot("slow", 2, late=25), slot("now", 4))
     assert rig.tick(2) == []
     assert rig.tick(4) == [("now", 40)]
     assert rig.tick(5) == [("slow", 20)]
@@ -73,41 +44,158 @@ def test_the_delayed_come_first_oldest_first_and_never_early() -> None:
 
 
 def test_one_that_is_called_measures_before_those_that_are_due() -> None:
-    listener = Slot("ear", 100, listens=True)
-    rig = Rig(Slot("due"), listener)
+    listener = slot("ear", 100, kind=Listener)
+    rig = Rig(slot("due"), listener)
     assert rig.tick(1) == [("due", 10)]
-    listener.called = True
+    listener.sensor.called = True  # type: ignore[attr-defined]
     assert rig.tick(2) == [("ear", 20), ("due", 20)]
 
 
 def test_samples_of_what_went_are_lost() -> None:
-    rig = Rig(Slot("a", late=25), Slot("b", late=25))
+    rig = Rig(slot("a", late=25), slot("b", late=25), slot("c", late=15, kind=Speaker))
     rig.tick(1)
-    rig.sensing.keep({"b": rig.slots["b"].port})
-    rig.slots.clear()
+    del rig.slots["a"]
+    rig.settle()
+    for each in rig.slots.values():
+        each.active = False
     rig.sensing.schedule()
-    assert rig.tick(4) == [("b", 10)]
+    assert rig.sensing.save().ports == ("c", "b")
+    assert [(s.port, s.value) for s in rig.samples(4)] == [("c", (1.0, "reading 1")), ("b", (1.0,))]
 
 
 def test_samples_on_their_way_go_on_in_their_order() -> None:
-    rig, other = (Rig(Slot("a", late=25), Slot("b", late=15)) for _ in range(2))
+    rig, other = (Rig(slot("a", late=25), slot("b", late=15), slot("c", late=35, kind=Speaker)) for _ in range(2))
+    other.tick(1)  # other numbers, other rows
     for n in (1, 2):
         rig.tick(n)
     state = rig.sensing.save()
     other.sensing.check(state)
     other.sensing.load(state)
-    assert [other.tick(n) for n in (3, 4, 5)] == [rig.tick(n) for n in (3, 4, 5)]
+    for each in rig.slots.values():
+        kept = each.save()
+        other.slots[each.path].load(kept)
+    assert other.sensing.save() == state
+    assert [other.samples(n) for n in (3, 4, 5)] == [rig.samples(n) for n in (3, 4, 5)]
+
+
+def test_a_state_holds_nothing_of_where_others_have_been() -> None:
+    """Rows that were used before, and wider ones, leave no trace in it."""
+    used, fresh = Rig(slot("a", late=25)), Rig(slot("a", late=25))
+    used.slots |= {"wide": slot("wide", late=25, kind=Speaker)}
+    used.settle()
+    used.tick(1)
+    del used.slots["wide"]
+    used.settle()
+    start = fresh.sensing.save(), fresh.slots["a"].save()
+    for rig in (used, fresh):
+        rig.sensing.load(start[0])
+        rig.slots["a"].load(start[1])
+        rig.tick(1)
+    assert used.sensing.save() == fresh.sensing.save()
+    assert used.slots["a"].save() == fresh.slots["a"].save()
+
+
+def way(*entry: int, ports: tuple[str, ...] = ("a",), numbers: Any = (1.0,), loose: Any = ()) -> OnTheirWay:
+    entries = np.array([entry[k : k + 6] for k in range(0, len(entry), 6)]).astype(np.int64)
+    return OnTheirWay(5, ports, entries.tobytes(), np.array(numbers, float).tobytes(), loose)
 
 
 @pytest.mark.parametrize(
-    ("entry", "text"),
+    ("state", "text"),
     [
-        ((1, 1, "none", 0, 0, True, (1.0,)), "none"),
-        ((1, 9, "a", 0, 0, True, (1.0,)), "cannot be"),
-        ((1, 1, "a", 0, 0, True, (1.0, 2.0)), "fields"),
-        ((1, 1, "a", 0, 0, True, ("x",)), "another type"),
+        (way(1, 1, 0, 0, 0, 1, ports=("none",)), "none"),
+        (way(1, 9, 0, 0, 0, 1), "cannot be"),
+        (way(1, 1, 1, 0, 0, 1), "cannot be"),
+        (way(1, 1, -1, 0, 0, 1), "cannot be"),
+        (way(1, 1, 0, -1, 0, 1), "cannot be"),
+        (way(1, 1, 0, 0, 2**62 + 1, 1), "cannot be"),
+        (way(1, 1, 0, 0, 0, 2), "cannot be"),
+        (way(2, 1, 0, 0, 0, 1, 1, 2, 0, 1, 0, 1, numbers=(1.0, 2.0)), "order"),
+        (way(1, 1, 0, 0, 0, 1, numbers=(1.0, 2.0)), "fields"),
+        (way(1, 1, 0, 0, 0, 1, loose=(("x",),)), "fields"),
+        (way(1, 1, 0, 0, 0, 1, ports=("words",)), "fields"),
+        (way(1, 1, 0, 0, 0, 1, ports=("words",), loose=((3,),)), "another type"),
+        (structs.replace(way(1, 1, 0, 0, 0, 1), entries=bytes(7)), "within one"),
     ],
 )
-def test_samples_that_cannot_be_are_refused(entry: Any, text: str) -> None:
+def test_samples_that_cannot_be_are_refused(state: OnTheirWay, text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        Rig(Slot("a")).sensing.check(OnTheirWay(5, (entry,)))
+        Rig(slot("a"), slot("words", kind=Speaker)).sensing.check(state)
+
+
+def test_two_of_one_number_on_their_way_do_no_harm() -> None:
+    """No sensor sends them, but a state from outside can hold them."""
+    rig = Rig(slot("words", kind=Speaker))
+    state = way(1, 1, 0, 7, 0, 1, 2, 2, 0, 7, 0, 1, ports=("words",), numbers=(1.0, 2.0), loose=(("x",), ("y",)))
+    rig.sensing.check(state)
+    rig.sensing.load(state)
+    assert len(rig.sensing.save().loose) == 2
+    assert [sample.value[0] for sample in rig.samples(1)][:2] == [1.0, 2.0]
+    assert _WAY.itemsize * 2 == len(state.entries)
+
+
+# -- on demand -----------------------------------------------------------------------------------------------------------------------------
+
+
+def test_nobody_is_told_what_nobody_wants() -> None:
+    rig = Rig(slot("a"), slot("b", late=15))
+    rig.sensing.want(("b",))
+    assert [rig.tick(n) for n in (1, 2, 3)] == [[], [], [("b", 10)]]
+    assert rig.slots["a"].number == 3
+    newest = rig.sensing.newest("a")
+    assert newest is not None
+    assert (newest.seq, newest.t_ns, newest.value) == (2, 30, (3.0,))
+
+
+def test_words_are_there_for_who_comes_later() -> None:
+    rig, all_of_it = (Rig(slot("words", late=15, kind=Speaker)) for _ in range(2))
+    rig.sensing.want(())
+    everything = [all_of_it.samples(n) for n in range(1, 9)]
+    for n in (1, 2, 3, 4):
+        assert rig.samples(n) == []
+        assert rig.sensing.newest("words") == next(iter(everything[n - 1]), rig.sensing.newest("words"))
+    rig.sensing.want(("words",))
+    assert [rig.samples(n) for n in range(5, 9)] == everything[4:]
+    assert len(rig.slots["words"].streams[0].coming) == len(rig.sensing.save().loose), "what was lost is not kept"
+
+
+def test_the_newest_is_the_one_that_was_delivered_not_the_last_that_was_read() -> None:
+    rig = Rig(slot("words", late=15, kind=Speaker))
+    for n in (1, 2, 3):
+        rig.tick(n)
+    newest = rig.sensing.newest("words")
+    assert newest is not None
+    assert (newest.seq, newest.value) == (0, (1.0, "reading 1"))
+
+
+def test_words_of_what_is_dropped_are_not_kept_nor_held() -> None:
+    drops = Adds(stream())
+    words = slot_of(drops, path="words", kind=Speaker)
+    rig = Rig(words)
+    rig.tick(1)
+    drops.drops = True
+    rig.tick(2)
+    assert words.held == (True, (101.0, "reading 1"))
+    assert words.streams[0].coming == {}
+    words.fault, drops.drops = "frozen", False
+    rig.tick(3)
+    rig.samples(4)
+    assert words.held == (True, (101.0, "reading 1"))
+
+
+def test_a_modifier_in_python_may_change_words() -> None:
+    rig = Rig(slot_of(Shouts(stream()), kind=Speaker, latency_ns=-3))
+    assert [sample.value for sample in rig.samples(1)] == [(1.0, "READING 1")]
+
+
+def test_a_kind_in_python_draws_the_same_whoever_reads() -> None:
+    def values(wanted: Any) -> list[Any]:
+        noisy = slot_of(path="a", noisy=True, latency_ns=-3)
+        rig = Rig(noisy, slot("b"))
+        rig.sensing.want(wanted)
+        for n in range(1, 6):
+            rig.tick(n)
+        assert isinstance(noisy.sensor, Sensor)
+        return [rig.sensing.newest("a"), noisy.save(), rig.sensing.save()]
+
+    assert values(None) == values(()) == values(("b",))

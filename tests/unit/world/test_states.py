@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import re
 import subprocess
 import sys
@@ -324,6 +325,12 @@ def test_those_of_another_scenario_or_seed_are_refused(make_world: Callable[...,
     assert "(seed 6, here 5)" in refusal(world, saved(make_world(seed=6)))
 
 
+def on_its_way(port: str, t_sent_ns: int, *numbers: float) -> dict[str, Any]:
+    """One sample, in a state."""
+    entry = np.array([t_sent_ns, 1, 0, 0, 0, 1]).tobytes()
+    return {"order": 1, "ports": [port], "entries": entry, "numbers": np.array(numbers, float).tobytes(), "loose": []}
+
+
 def _bodies(change: Callable[[np.ndarray[Any, Any]], None]) -> Callable[[Any], None]:
     def applied(raw: Any) -> None:
         arrays = raw["parts"]["world/bodies"]["arrays"]
@@ -344,14 +351,17 @@ def _bodies(change: Callable[[np.ndarray[Any, Any]], None]) -> Callable[[Any], N
         (lambda raw: raw["parts"].pop("rov/imu"), "rov/imu"),
         (lambda raw: raw["parts"].update({"rov/more": {}}), "rov/more"),
         (lambda raw: raw.update(tick=-1), "tick -1"),
-        (lambda raw: raw["parts"]["rov/imu"].update(seq="x"), "int"),
+        (lambda raw: raw["parts"]["rov/imu"].update(number="x"), "int"),
         (lambda raw: raw["parts"]["rov/imu"].update(divisor=0), ">= 1"),
-        (lambda raw: raw["parts"]["rov/pressure"].update(records=[]), "modifiers"),
-        (lambda raw: raw["parts"]["rov/pressure"].update(draws=[bytes(16)]), "modifiers"),
-        (lambda raw: raw["parts"]["rov/imu"].update(held=[True, [1.0]]), "fields"),
+        (lambda raw: raw["parts"]["rov/pressure"].update(numbers=b""), "modifiers"),
+        (lambda raw: raw["parts"]["rov/pressure"].update(modifiers=[bytes(16)]), "modifiers"),
+        (lambda raw: raw["parts"]["rov/imu"].update(numbers=bytes(8)), "readings"),
+        (lambda raw: raw["parts"]["rov/imu"].update(held=bytes(16)), "streams"),
+        (lambda raw: raw["parts"]["rov/imu"].update(memory=bytes(3)), "bytes of memory"),
         (lambda raw: raw["parts"]["rov/thrusters"].update(last_value=[[9.0] * 8]), "at most"),
         (lambda raw: raw["parts"]["world/water"].update(current=[1e9, 0.0, 0.0]), "current"),
-        (lambda raw: raw["parts"]["world/samples"].update(samples=[[1, 0, "rov/none", 0, 0, True, []]]), "rov/none"),
+        (lambda raw: raw["parts"]["world/samples"].update(on_its_way("rov/none", 1)), "rov/none"),
+        (lambda raw: raw["parts"]["world/samples"].update(on_its_way("rov/imu", 1, 0.0)), "other fields"),
         (lambda raw: raw["parts"]["world/population"].update(born=[{"like": "/etc/passwd", "name": "x"}]), "/etc/passwd"),
         (lambda raw: raw["parts"]["world/population"].update(born=[{"like": "rov", "name": "a/b"}]), "cannot be a name"),
     ],
@@ -407,7 +417,9 @@ def test_nobody_is_made_for_a_state_that_has_not_what_belongs_to_them(
         (lambda raw: raw["parts"]["world/bodies"]["arrays"].update({str(k): b"" for k in range(100)}), "length"),
         (lambda raw: raw["parts"]["world/water"].update(drifts=[[b"", [0.0] * 7]]), "length"),
         (lambda raw: raw["parts"]["world/faults"].update(entries=[None] * 257), "length"),
-        (lambda raw: raw["parts"]["world/samples"].update(samples=[None] * 65537), "length"),
+        (lambda raw: raw["parts"]["world/samples"].update(entries=bytes(48 * 65537)), "length"),
+        (lambda raw: raw["parts"]["world/samples"].update(ports=["rov/imu"] * 65537), "length"),
+        (lambda raw: raw["parts"]["world/samples"].update(loose=[[]] * 65537), "length"),
         (lambda raw: raw["parts"]["rov/thrusters"].update(memory=b"x"), "has none"),
         (lambda raw: raw["parts"]["rov/thrusters"]["sources"].update(source="x" * 5000), "length"),
     ],
@@ -434,7 +446,7 @@ def test_nothing_named_in_it_is_opened(make_world: Callable[..., World], tmp_pat
         lambda raw: raw["parts"]["world/population"].update(born=[{"like": evil, "name": "x"}]),
         lambda raw: raw["parts"]["world/population"].update(scenario=[evil]),
         lambda raw: raw["parts"]["world/faults"].update(entries=[fault]),
-        lambda raw: raw["parts"]["world/samples"].update(samples=[[1, 0, evil, 0, 0, True, []]]),
+        lambda raw: raw["parts"]["world/samples"].update(on_its_way(evil, 1)),
         lambda raw: raw["parts"].update({evil: {}}),
         lambda raw: raw.update(scenario=evil),
     ]
@@ -508,15 +520,10 @@ def test_faults_in_any_order_can_be_saved(world: World) -> None:
 def test_samples_that_no_sensor_gives_do_not_stop_the_autopilot(port: str) -> None:
     world = uwserver.load("rov_autopilot")
     world.step(300)
-    fields = world.ports[port].fields
-    blank: list[Any] = [[None] * field.size if field.shape else None for field in fields]
-    full: list[Any] = [[0.0] * field.size if field.shape else 1e308 for field in fields]
-    full = [value if field.type == "float" else empty for value, field, empty in zip(full, fields, blank, strict=True)]
-    for values in (blank, full):
-        sample = [world.t_ns + 1, 1, port, 0, 0, True, values]
-        data = forged(
-            world, lambda raw, sample=sample: raw["parts"]["world/samples"].update(order=1, samples=[sample]) and None
-        )
+    width = sum(field.size for field in world.ports[port].fields)
+    for number in (math.nan, 1e308, math.inf, 0.0):
+        sample = on_its_way(port, world.t_ns + 1, *[number] * width)
+        data = forged(world, lambda raw, sample=sample: raw["parts"]["world/samples"].update(sample) and None)
         snapshot.from_bytes(world, data)
         with contextlib.suppress(Diverged):
             world.step(3)
@@ -526,7 +533,7 @@ def test_samples_that_no_sensor_gives_do_not_stop_the_autopilot(port: str) -> No
     ("change", "text"),
     [
         (lambda raw: raw.update(tick=2**53), "cannot be"),
-        (lambda raw: raw["parts"]["rov/imu"].update(seq=2**64 - 1), "<="),
+        (lambda raw: raw["parts"]["rov/imu"].update(number=2**64 - 1), "<="),
         (lambda raw: raw["parts"]["world/samples"].update(order=2**64 - 1), "<="),
     ],
 )
@@ -540,18 +547,9 @@ def test_numbers_that_could_not_be_saved_again_are_refused(
 
 def test_a_mission_without_items_is_not_under_way() -> None:
     world = uwserver.load("rov_autopilot")
-    world.step(300)
-
-    def change(raw: Any) -> None:
-        raw["parts"]["rov/autopilot"]["orders"] |= {
-            "mode": "mission",
-            "armed": True,
-            "waits": False,
-            "items": [],
-            "index": 0,
-        }
-
-    assert "its mission does not have" in refusal(world, forged(world, change))
+    fly(world)
+    data = forged(world, lambda raw: raw["parts"]["rov/autopilot"]["pilot"].update(items=[]))
+    assert "its mission does not have" in refusal(world, data)
 
 
 SPELT = """

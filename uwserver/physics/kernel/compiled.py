@@ -183,7 +183,10 @@ def separate(function: F) -> F:
 def entry(function: F) -> F:
     """As `compiled`, for what Python calls and no kernel: one piece of machine code with all that it calls (`linking`)."""
     kernel, state = Entry(function), cache_state
-    # Of physics the folder's name tells the sources, and a kernel's name tells nothing of what a closure holds.
-    if not (function.__module__.startswith(PHYSICS) and "<locals>" in function.__qualname__):
+    module = function.__module__ or ""
+    # Of physics the folder's name tells the sources, and a kernel's name tells nothing of what a closure holds. Tests leave nothing behind.
+    if module.startswith(("uwserver.", "uwserver_")) and not (
+        module.startswith(PHYSICS) and "<locals>" in function.__qualname__
+    ):
         kernel._cache = EntryCache(function, state.packaged, state.folder, kept=not state.reason)  # noqa: SLF001
     return cast("F", kernel)

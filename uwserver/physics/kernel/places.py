@@ -10,7 +10,8 @@ JOB, STOP, CLAIM, DONE, WAITING, FAILED, ASLEEP = 0, 1, 8, 16, 17, 18, 24
 CODE, DATA, COUNT, CHUNK, THREADS, SPIN = 32, 33, 34, 35, 40, 41
 """Places in the array of a team, on cache lines by who writes them: number of the loop that is shared, and whether the threads shall end; the
 ranges of it that nobody has begun; how many the others have done, whether somebody sleeps until they are, and whether one failed; how many
-threads sleep; code and arguments of the loop, its rows and those of a range; how many threads share, and how often they turn round before they sleep."""
+threads sleep; code and arguments of the loop, its rows and those of a range; how many threads share, and how often they turn round before they
+sleep."""
 
 SIZE = 48
 _MACHINE = platform.machine() if sys.platform == "linux" else ""

@@ -20,6 +20,9 @@ SAMPLE, TURN_ON, EVENT = 0, 1, 2
 LANES = 1 << 24
 """Blocks of four words that one purpose may draw at a time."""
 
+Word = np.uint64
+"""32 bits of a counter, a key or a random number, in 64 as products need them."""
+
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
@@ -33,8 +36,8 @@ def key_of(seed: int, path: str) -> int:
 
 
 @compiled
-def philox(a: int, b: int, c: int, d: int, k: int, m: int) -> tuple[int, int, int, int]:
-    """Four random words of 32 bits, for a counter of four such words and a key of two; all as unsigned numbers of 64 bits."""
+def philox(a: Word, b: Word, c: Word, d: Word, k: Word, m: Word) -> tuple[Word, Word, Word, Word]:
+    """Four random words, for a counter of four and a key of two."""
     for _ in range(10):
         p, q = _M0 * a, _M1 * c
         a, b, c, d = (q >> _HALF) ^ b ^ k, q & _LOW, (p >> _HALF) ^ d ^ m, p & _LOW

@@ -77,7 +77,7 @@ def returned(direction: Array, normal: Array, body: int, material: int, ground: 
     """The same of one ray."""
     sine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
     sine = max(abs(sine), _LEAST_GRAZING)
-    return _mu(body, material, ground) * sine * sine
+    return float(_mu(body, material, ground) * sine * sine)
 
 
 @compiled

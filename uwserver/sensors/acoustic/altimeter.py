@@ -231,7 +231,8 @@ def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: A
     if math.atan2(across, z) > row.half:
         side = math.sin(row.half) / max(across, 1e-12)
         x, y, z = x * side, y * side, math.cos(row.half)
-    return rotate(q, (x, y, z))
+    direction: Vec3 = rotate(q, (x, y, z))
+    return direction
 
 
 @entry
@@ -291,6 +292,7 @@ def _taken(head: Any, row: Any, reach: float, excess: float) -> tuple[float, flo
 def run(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
 ) -> None:  # fmt: skip
+    """Readings of those that are due, from what their rays hit."""
     for n, k in enumerate(due):
         head = heads[k]
         if head.ready == 0:

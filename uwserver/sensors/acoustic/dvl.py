@@ -9,15 +9,16 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.environment.column import SOUND_SPEED
-from uwserver.frames import Vec3, matrix
+from uwserver.frames import matrix
 from uwserver.modifiers.base import Memory, Number, Time
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import Elsewhere, compiled, entry
+from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
 from uwserver.physics.rays.raycast import NOTHING, SURFACE
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT
+from uwserver.sensors.acoustic.janus import ALTITUDE, BEAMS, MOST_BEAMS, along, solve_bottom, track_water
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
@@ -43,13 +44,9 @@ from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSp
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import rad
 
-solve = Elsewhere("uwserver.physics.kernel.linear", "solve")
-
-MOST_BEAMS, MOST_MODES = 12, 8
-ALTITUDE, MERIT, COVARIANCE, BEAMS = 3, 4, 5, 14
-"""Places in a reading of n beams; velocities, ranges and locks of the beams follow each other, and then the velocity relative to the water."""
-_WATER, _MISTAKES = 16, 32
-"""Lanes of random numbers: of the water track, and of wrong echoes; each beam's own noise begins at 0."""
+MOST_MODES = 8
+_MISTAKES = 32
+"""First lane of random numbers for wrong echoes; each beam's own noise begins at 0, and that of the water track at `janus.WATER`."""
 THRESHOLD = 4.0
 """Signal over noise (ratio of intensities) at which a beam has lock: 6 dB."""
 _CLEAR = 0.8
@@ -178,6 +175,7 @@ def _pings(head: Any, row: Any, now: Array, t: float) -> bool:
 def aim(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
+    """The beams of those that ping."""
     count, reach = 0, 0.0
     for n, k in enumerate(due):
         head = heads[k]
@@ -231,83 +229,6 @@ def _snr(head: Any, row: Any, now: Array, decay: float, direction: Array, k: int
 
 
 @compiled
-def _spread(row: Any, out: Array, locks: int) -> Array:
-    """(3, 3) inverse of B^T B of the beams in lock, or of all where `locks` is 0; B has their directions as rows."""
-    total, inverse = np.zeros((3, 3)), np.eye(3)
-    for i in range(row.beams):
-        if locks == 0 or out[locks + i] != 0.0:
-            for a in range(3):
-                for b in range(3):
-                    total[a, b] += row.believed[i, a] * row.believed[i, b]
-    solve(total, inverse)
-    return inverse
-
-
-@compiled
-def _projected(row: Any, spread: Array, i: int, a: int) -> float:
-    """Row a, column i of the least squares' matrix from beams to a vector."""
-    beam = row.believed[i]
-    return float(spread[a, 0] * beam[0] + spread[a, 1] * beam[1] + spread[a, 2] * beam[2])
-
-
-@compiled
-def _solve_bottom(head: Any, row: Any, out: Array) -> bool:
-    """Velocity, altitude and what the device expects of them, from at least three beams in lock."""
-    n = row.beams
-    velocities, ranges, locks = BEAMS, BEAMS + n, BEAMS + 2 * n
-    used = 0
-    for i in range(n):
-        used += 1 if out[locks + i] != 0.0 else 0
-    if used < 3:
-        return False
-    spread = _spread(row, out, locks)
-    # 1 / r_i = n . u_i on a plane n . x = 1: the same least squares give its distance along the axis.
-    normal = 0.0
-    v = (0.0, 0.0, 0.0)
-    for i in range(n):
-        if out[locks + i] != 0.0:
-            normal += _projected(row, spread, i, 2) / max(out[ranges + i], 1e-9)
-            s = out[velocities + i]
-            v = (
-                v[0] + _projected(row, spread, i, 0) * s,
-                v[1] + _projected(row, spread, i, 1) * s,
-                v[2] + _projected(row, spread, i, 2) * s,
-            )
-    if normal <= 0.0:
-        return False
-    out[0], out[1], out[2] = v
-    out[ALTITUDE] = 1.0 / normal
-    sigma = 0.0 if head.exact != 0 else row.beam_sigma
-    trace = 0.0
-    for a in range(3):
-        trace += spread[a, a]
-        for b in range(3):
-            out[COVARIANCE + 3 * a + b] = sigma * sigma * spread[a, b]
-    out[MERIT] = sigma * math.sqrt(trace)
-    return True
-
-
-@compiled
-def _track_water(head: Any, row: Any, out: Array, gain: float, v: Vec3) -> None:
-    """Velocity relative to a layer of water, by all beams."""
-    spread = _spread(row, out, 0)
-    first, sigma = BEAMS + 3 * row.beams, 0.0 if head.exact != 0 else row.water_sigma
-    out[first] = out[first + 1] = out[first + 2] = 0.0
-    for i in range(row.beams):
-        noise, _ = normals(head.key, head.number, SAMPLE, _WATER + i)
-        drawn = gain * _along(head, row, i, v) + sigma * noise
-        for a in range(3):
-            out[first + a] += _projected(row, spread, i, a) * drawn
-
-
-@compiled
-def _along(head: Any, row: Any, i: int, v: Vec3) -> float:
-    """Part of a velocity in S along a beam as it really points."""
-    beam = row.believed[i] if head.exact != 0 else row.real[i]
-    return float(beam[0] * v[0] + beam[1] * v[1] + beam[2] * v[2])
-
-
-@compiled
 def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, first: int, hits: Any) -> float:
     """Fill in a reading; returns the longest range (m) of a beam that hits something."""
     p, exact = p_NS(head, now), head.exact != 0
@@ -331,7 +252,7 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
         nearest, longest = min(nearest, r), max(longest, r) if r < math.inf else longest
         if row.bottom == 0:
             continue
-        speed = _along(head, row, i, v_water if hits.body[k] == SURFACE else v_S)
+        speed = along(head, row, i, v_water if hits.body[k] == SURFACE else v_S)
         snr = _snr(head, row, now, decay, direction, k, hits)
         lock = low <= r * row.cosine <= high and abs(speed) <= row.speed and snr >= THRESHOLD
         out[BEAMS + 2 * n + i] = 1.0 if lock else 0.0
@@ -351,9 +272,9 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
                 speed += row.mistake_sigma * wrong
         out[BEAMS + i], out[BEAMS + n + i] = speed, seen
     if row.bottom != 0:
-        head.valid = 1 if _solve_bottom(head, row, out) else 0
+        head.valid = 1 if solve_bottom(head, row, out) else 0
     if row.water != 0 and row.far <= _CLEAR * nearest * row.cosine:
-        _track_water(head, row, out, gain, v_water)
+        track_water(head, row, out, gain, v_water)
     return longest
 
 
@@ -361,6 +282,7 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
 def run(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
 ) -> None:  # fmt: skip
+    """Readings of those that are due, from what their rays hit."""
     for n, k in enumerate(due):
         head = heads[k]
         if head.ready == 0:

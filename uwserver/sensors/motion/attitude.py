@@ -101,7 +101,8 @@ def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
     heading = m.heading + m.turn_on + row.noise * d
     if row.secant != 0:
         heading /= math.cos(place_of(now).latitude)
-    return multiply(quat_from_rpy(m.tilt_x + row.noise * e, m.tilt_y + row.noise * f, heading), q)
+    disturbed: Quat = multiply(quat_from_rpy(m.tilt_x + row.noise * e, m.tilt_y + row.noise * f, heading), q)
+    return disturbed
 
 
 @compiled
@@ -120,6 +121,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))

@@ -62,6 +62,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 @entry
 def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
     for k in due:
         if begins(heads[k]):
             measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))

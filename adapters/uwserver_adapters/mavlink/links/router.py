@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 from uwserver.adapter import AdapterContext, Refusals, TurnTimes
 from uwserver.ports import Event, Json, Sample
@@ -247,6 +247,11 @@ class Router:
                 continue
             channel.allowance -= 1
             self.send(*part, channel)
+
+    @property
+    def wanted(self) -> Collection[str] | None:
+        """See `Readings.wanted`."""
+        return self.vehicle.bridge.readings.wanted
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Simulation time went on: whatever is due goes out."""

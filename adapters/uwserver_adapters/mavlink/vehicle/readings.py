@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from msgspec import Struct, structs
 
@@ -12,6 +12,10 @@ from uwserver.ports import Value
 from uwserver_adapters.mavlink.wire.codec import finite, turns, vec3, vector, wrapped
 
 Reading = Mapping[str, Value]
+KINDS = frozenset({
+    "altimeter", "attitude", "autopilot", "battery", "depth", "dvl", "gps", "imu", "leak", "magnetometer", "pressure",
+})  # fmt: skip
+"""Of which something is told to ground stations."""
 _ASSUMED_NS = 2_000_000_000
 """An autopilot that says nothing for so long is not believed to have done anything."""
 
@@ -90,8 +94,13 @@ class Readings:
             if port.direction == "sensor" and path.startswith(f"{self._vehicle}/") and not port.is_truth:
                 names = tuple(field.name for field in port.fields)
                 kind = "depth" if port.kind == "pressure" and "depth" in names else port.kind
-                if kind != "autopilot" or path == f"{self._vehicle}/autopilot/state":
+                if kind in KINDS and (kind != "autopilot" or path == f"{self._vehicle}/autopilot/state"):
                     self._ports.setdefault(kind, (path, names))
+
+    @property
+    def wanted(self) -> Collection[str] | None:
+        """Their ports; None, which is all, where the vehicle has no such instrument: the telemetry needs some that tell the time."""
+        return frozenset(path for path, _ in self._ports.values()) or None
 
     def has(self, kind: str) -> bool:
         """Whether the vehicle has such an instrument: a sensor's kind, or `depth` for a pressure sensor that tells it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import msgspec
 
@@ -162,6 +162,8 @@ class Bridge:
 
         def on_status(answer: Reply | Progress) -> None:
             said = answer.result if isinstance(answer, Reply) else None
+            if not self.wanted:  # no sample tells the time
+                self._t_s = seconds(answer.t_ns)
             pairs = self._pace.observe(said, wall_s, self._context.name) if isinstance(said, dict) else []
             if pairs:
                 self._post(pairs)
@@ -183,6 +185,11 @@ class Bridge:
         return lines
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that become variables."""
+        return self._outlets.keys() | (frozenset() if self._nav is None else self._nav.wanted)
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """All variables of a tick, together."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -91,6 +91,11 @@ class Navigation:
             except CannotServe as error:
                 missing = missing or str(error)
         return missing
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that are read."""
+        return self._sources.keys() | (frozenset() if self._truth is None else self._truth.wanted)
 
     def _find(self, entry: str, given: str | None, key: str) -> None:
         if given:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Coroutine, Sequence
+from collections.abc import Collection, Coroutine, Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterContext, serving
@@ -39,6 +39,11 @@ class Community:
         self._alog: Alog | None = None
         self.bridge = Bridge(table, context, self._post, self._listen, name, asyncio.get_running_loop().time)
         self.address = f"{table.host}:{table.port}"
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """What the bridge does, while somebody is there."""
+        return () if self._link is None else self.bridge.wanted
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Publish them, if somebody is there."""
@@ -122,6 +127,7 @@ class Community:
                 stats.last_error = f"the clock of the MOOSDB at {self.address} differs by {gap}"
                 log.warning("%s: %s", self._context.name, stats.last_error)
             self._link = link
+            self._context.follow_wants()
             stats.peers += 1
             try:
                 log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
@@ -131,6 +137,7 @@ class Community:
                 await link.stay(self._timeout_s, self.bridge.attend)
             finally:
                 self._link = None
+                self._context.follow_wants()
                 stats.peers -= 1
         finally:
             link.abort()
@@ -192,6 +199,10 @@ class _Several:
 
     def __init__(self, members: Sequence[Community]) -> None:
         self._members = members
+
+    @property
+    def wanted(self) -> Collection[str]:
+        return frozenset().union(*(member.wanted for member in self._members))
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         for member in self._members:

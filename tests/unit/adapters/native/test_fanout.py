@@ -244,6 +244,31 @@ def test_a_client_that_leaves_leaves_no_route(stage: Callable[..., Any]) -> None
     asyncio.run(scene())
 
 
+def test_the_world_is_told_what_clients_subscribe_to(stage: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        theatre = stage()
+        context = theatre.context
+        one, two = theatre.talker(), theatre.talker("msgpack")
+        assert context.wanted == frozenset()
+        await one.result("subscribe", {"pattern": "rov/imu"})
+        assert context.wanted == {"rov/imu"}
+        await two.result("subscribe", {"pattern": "rov/*"})
+        assert context.wanted == {"rov/imu", "rov/depth"}
+        await two.result("unsubscribe", {"pattern": "rov/*"})
+        assert context.wanted == {"rov/imu"}
+        await two.result("subscribe", {"pattern": "rov/d*h"})
+        await two.result("subscribe", {"pattern": "*/depth"})
+        assert context.wanted == {"rov/imu", "rov/depth"}
+        new = msgspec.structs.replace(DEPTH, path="rov2/depth")
+        context.set_ports([IMU, DEPTH, new, THRUSTERS])
+        assert context.wanted == {"rov/imu", "rov/depth", "rov2/depth"}
+        two.transport.die()
+        await asyncio.sleep(0)
+        assert context.wanted == {"rov/imu"}
+
+    asyncio.run(scene())
+
+
 def _far_and_wide() -> tuple[fanout.Fanout, Any]:
     """A client with 200 subscriptions to everything, in a world with 300 sensors."""
     ports = {f"v{n}/depth": msgspec.structs.replace(DEPTH, path=f"v{n}/depth") for n in range(300)}

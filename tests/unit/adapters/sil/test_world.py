@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
 import pytest
 from msgspec.structs import replace
@@ -10,10 +11,18 @@ from uwserver_adapters.ardupilot import ArduPilotAdapter
 from uwserver_adapters.px4 import Px4Adapter
 
 from uwserver.adapter import CannotServe
+from uwserver.ports import Field, Port
 from uwserver.testing import FakeContext
+from uwserver.testing.fake_context import PORTS
 
 
 async def started(adapter_class, context: FakeContext, **table) -> None:
+    async with running(adapter_class, context, **table):
+        pass
+
+
+@contextlib.asynccontextmanager
+async def running(adapter_class, context: FakeContext, **table):
     ready = asyncio.Event()
     task = asyncio.ensure_future(adapter_class(adapter_class.Config(**table), context).run(ready))
     waiting = asyncio.ensure_future(ready.wait())
@@ -22,6 +31,7 @@ async def started(adapter_class, context: FakeContext, **table) -> None:
         if task.done():
             task.result()
         assert ready.is_set()
+        yield
     finally:
         for each in (task, waiting):
             each.cancel()
@@ -35,6 +45,27 @@ def test_a_world_that_is_not_in_lockstep_is_left_alone(adapter_class) -> None:
     asyncio.run(started(adapter_class, context))
     assert 'mode = "lockstep"' in context.stats.last_error
     assert not context.drivers
+
+
+@pytest.mark.parametrize("adapter_class", [ArduPilotAdapter, Px4Adapter])
+def test_the_world_is_told_what_the_autopilot_reads(adapter_class) -> None:
+    """By the driver; what stands on the loop reads nothing."""
+    vector = {"frame": "B", "shape": (3,)}
+    pose = (Field("p_NB", "m", "x", **vector), Field("q_NB", "1", "x", shape=(4,)))
+    velocity = (Field("v_NB_B", "m/s", "x", **vector), Field("w_NB_B", "rad/s", "x", **vector))
+    truth = [
+        Port(f"rov/truth/{name}", "sensor", "truth", fields, "x", 250.0)
+        for name, fields in (("pose", pose), ("velocity", velocity))
+    ]
+    context = FakeContext(ports={port.path: port for port in (*PORTS, *truth)})
+
+    async def look() -> None:
+        async with running(adapter_class, context, port=0, truth=True):
+            assert context.wanted == {"rov/imu", "rov/truth/pose", "rov/truth/velocity"}
+            assert [list(subscriber.wanted) for subscriber in context.subscribers] == [[]]
+
+    asyncio.run(look())
+    assert context.wanted == frozenset()
 
 
 @pytest.mark.parametrize("adapter_class", [ArduPilotAdapter, Px4Adapter])

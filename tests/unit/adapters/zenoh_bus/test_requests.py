@@ -226,7 +226,10 @@ def test_answers_of_services_and_ports():
         while not wild.ends:
             await asyncio.sleep(0)
         assert [key for key, _ in wild.replies] == ["uw/s/rov/imu", "uw/s/rov/depth"]
-        assert [key for key, _ in desk.ask("rov/depth").replies] == ["uw/s/rov/depth"]
+        one = desk.ask("rov/depth")
+        while not one.ends:
+            await asyncio.sleep(0)
+        assert [key for key, _ in one.replies] == ["uw/s/rov/depth"]
         assert desk.ask("@describe", pattern="rov/imu").replies[0][1]["ports"][0]["path"] == "rov/imu"
 
     within_loop(test)

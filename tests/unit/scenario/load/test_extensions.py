@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -41,15 +42,48 @@ def test_the_example_is_part_of_a_snapshot(tank):
     assert world.step(60) == first
 
 
+def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside):
+    world = build(load(beside / "pond.toml", adapters={}))
+    samples = world.step(480)
+    noisy, ideal = ([s for s in samples if s.port == p] for p in ("rov/oxygen", "rov/oxygen/ideal"))
+    assert len(noisy) == len(ideal) == 120
+    depth = world.vehicles["rov"].p_NB[2]
+    assert ideal[-1].value[0] == pytest.approx(0.28 * math.exp(-depth / 20.0), abs=1e-9)
+    errors = [n.value[0] - i.value[0] for n, i in zip(noisy, ideal, strict=True)]
+    assert len(set(errors)) == 120
+    assert statistics.stdev(errors) == pytest.approx(0.002, rel=0.3)
+    world.call("world/snapshot")
+    first = world.step(60)
+    world.call("world/restore")
+    assert world.step(60) == first
+
+
+def test_its_kernel_is_there_before_the_first_tick(beside):
+    """A tick that compiles would hold up all the others for seconds."""
+    world = build(load(beside / "pond.toml", adapters={}))
+    kernel = sys.modules[type(world.sensors["rov/oxygen"].sensor).__module__].run.made()
+    assert len(kernel.signatures) == 1
+    world.step(8)
+    assert len(kernel.signatures) == 1
+
+
+def test_a_kernel_that_cannot_be_compiled_is_told_with_its_place(beside):
+    path = beside / "oxygen.py"
+    path.write_text(path.read_text().replace("math.exp(-max(0.0", "math.expo(-max(0.0"))
+    line = path.read_text().splitlines().index("@entry") + 1
+    with pytest.raises(RuntimeError, match=rf'oxygen\.py:{line}: numba cannot compile "run" .*expo'):
+        build(load(beside / "pond.toml", adapters={}))
+
+
 def test_the_tests_of_the_examples_pass(beside, listings, monkeypatch):
     monkeypatch.syspath_prepend(beside)
-    for module in ("turbidity", "jet", "river"):
+    for module in ("turbidity", "oxygen", "jet", "river"):
         monkeypatch.setitem(sys.modules, module, sys)
         del sys.modules[module]
     names: dict[str, object] = {}
     exec(compile(listings["tests"], "extend.md", "exec"), names)
     tests = [call for name, call in names.items() if name.startswith("test_")]
-    assert len(tests) == 4
+    assert len(tests) == 5
     for test in tests:
         test()  # type: ignore[operator]
 

@@ -42,7 +42,7 @@ def test_a_device_measures(name, tmp_path):
     world = build(load(scenario(tmp_path, name, use_of(name)), adapters={}))
     world.step(240)
     assert world.ports["rov/device"].kind == read(DEVICES[name]).raw["kind"]
-    assert world.sensors["rov/device"].seq > 0 or world.sensors["rov/device"].held is None
+    assert world.sensors["rov/device"].number > 0 or world.sensors["rov/device"].held is None
     if use_of(name) == BEACON:
         sample = world.read("rov/device")
         assert sample.valid

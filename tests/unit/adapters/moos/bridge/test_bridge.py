@@ -308,6 +308,27 @@ def test_the_set_can_come_from_sensors(make):
     assert not {"USM_X", "USM_SPEED"} & said.keys()
 
 
+def test_the_world_is_told_what_becomes_a_variable(make):
+    assert set(make().bridge.wanted) == {POSE, VELOCITY, DEPTH, ALTIMETER}
+    assert set(make(publish=("auv/d*", "*/altimeter")).bridge.wanted) == {ALTIMETER}
+    assert set(make(publish=()).bridge.wanted) == set()
+    sensors = NavTable(position="", velocity="", attitude="", depth="depth", ground_truth=True)
+    assert set(make(publish=(), nav=sensors).bridge.wanted) == {DEPTH, POSE, VELOCITY}
+    bench = make(publish=(), nav=NavTable(depth="depth"))
+    ports = bench.context.ports
+    for there in (True, False, True):
+        bench.context.set_ports([port for port in ports.values() if there or port.path != DEPTH])
+        bench.bridge.put_event(Event("ports_changed", 0, 0, ""))
+        assert (DEPTH in bench.bridge.wanted) == there
+
+
+async def test_who_publishes_nothing_knows_the_time_all_the_same(make):
+    bench = make(publish=())
+    bench.context.tick = 500
+    bench.bridge.attend()
+    assert "Simulation time: 2.00 s" in bench.bridge._report()
+
+
 def test_another_body_may_come_under_the_name_that_the_set_is_made_of(make):
     """Its fields may stand elsewhere, or not be there: nothing is read from the wrong place, and no sample ends the adapter."""
     bench = make(publish=(), nav=NavTable(depth="depth"))

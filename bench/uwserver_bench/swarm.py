@@ -1,0 +1,183 @@
+"""Swarms: a hundred complete vehicles with their autopilots, free-running, alone and with a client; what a sample, a vehicle and a thousand cost.
+
+Rates are simulated time over processor time of one core, or over wall time where more than one core or a client takes part.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+from threading import Event
+from typing import Any
+
+from uwserver.simulation.clock import SystemTime
+from uwserver_bench.idleness import Bystanders
+from uwserver_bench.processes import Load, Served, loading, serving
+from uwserver_bench.rows import Row
+from uwserver_bench.server import STATUS
+from uwserver_bench.swarm_client import PORTS, RATE_HZ
+from uwserver_bench.swarm_scenario import SERVED, has_threads, scenario
+
+BARS = {1: 400.0, 10: 60.0, 100: 6.0}
+"""By number of vehicles: simulated over processor time."""
+TWO_CORES_BAR, THRUST_BAR = 10.0, 45.0
+CLIENT_BAR = 0.85
+"""Of the rate without a client."""
+NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
+BANK = 100
+LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
+COUNTS = (10, 100, LARGE)
+"""Vehicles from which the growth of cost is told."""
+QUICK_COUNTS = COUNTS[:2]
+QUICK_SERVERS = (1, 10)
+EXPONENT_BAR = 1.1
+MEMORY_BAR_KB = 200.0
+UNKNOWN = "not measured: this system has no /proc"
+
+_Say = Callable[[str], None]
+
+
+def bench_swarm(quick: bool, say: _Say) -> list[Row]:
+    """The part of the report on swarms.
+
+    Args:
+        quick: short repeats, without the thousand, and without a server of a hundred.
+        say: gets a line of progress.
+
+    Raises:
+        BenchFailed: a process did not do its part.
+    """
+    effort = {"seconds": 0.02, "repeats": 1} if quick else {"seconds": 1.0, "repeats": 5}
+    return [
+        *_fleets(effort, say),
+        *_with_a_client(QUICK_SERVERS if quick else tuple(BARS), 1 if quick else 3, 0.5 if quick else 4.0, say),
+        *_alone(effort, say),
+        *_samples(effort, say),
+        *_growth(QUICK_COUNTS if quick else COUNTS, effort, say),
+    ]
+
+
+def _world(task: str, **arguments: object) -> dict[str, Any]:
+    """A task of `swarm_world`, in a process that does nothing else."""
+    with loading("uwserver_bench.swarm_world") as load:
+        return load.ask(task, **arguments)
+
+
+def _vehicles(count: int) -> str:
+    return f"{count} vehicle{'s' if count > 1 else ''}"
+
+
+def _fleets(effort: dict[str, Any], say: _Say) -> list[Row]:
+    """Complete vehicles on their missions, read by nobody; and what the memory of one is."""
+    rows, memory = [], {}
+    for count, bar in BARS.items():
+        say(f"swarm: {_vehicles(count)} with sensors and autopilot")
+        found = _world("fly", kind="navigation", vehicles=count, one_core=True, **effort)
+        rates, memory[count] = tuple(found["of_processor_time"]), found["resident_mb"]
+        rows.append(Row("swarm", f"{_vehicles(count)}, sensors and autopilot, one core", "x realtime", rates, bar))
+    if has_threads():
+        say(f"swarm: {_vehicles(count)} with sensors and autopilot, all cores")
+        found = _world("fly", kind="navigation", vehicles=count, one_core=False, **effort)
+        rates = tuple(found["of_wall_time"])
+        title = f"{_vehicles(count)}, sensors and autopilot, all cores, wall time"
+        rows.append(Row("swarm", title, "x realtime", rates, TWO_CORES_BAR))
+    few, many = sorted(memory)[-2:]
+    known = memory[few] is not None and memory[many] is not None
+    of_one = ((memory[many] - memory[few]) * 1e3 / (many - few),) if known else ()
+    title = "memory of a vehicle with sensors and autopilot"
+    rows.append(Row("swarm", title, "kB", of_one, at_most=MEMORY_BAR_KB, note="" if known else UNKNOWN))
+    return rows
+
+
+def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Say) -> list[Row]:
+    """Servers of the same, free-running: what a client in another process leaves of their rate, in turns with and without it."""
+    rows, busy = [], []
+    for count in counts:
+        alone, crowded, samples = [], [], []
+        with (
+            tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder,
+            loading("uwserver_bench.swarm_client") as client,
+        ):
+            file = Path(folder, "swarm.toml")
+            file.write_text(scenario("navigation", count) + SERVED, encoding="utf-8")
+            with serving(file, options=("--mode", "freerun")) as served:
+                say(f"swarm: {_vehicles(count)} in a server")
+                client.do("set_out", served, vehicles=count)
+                for repeat in range(repeats):
+                    say(f"swarm: {_vehicles(count)} with and without a client, {repeat + 1} of {repeats}")
+                    bystanders = Bystanders(served.pid)
+                    alone.append(_rate(served, seconds))
+                    busy += [cores] if (cores := bystanders.cores()) is not None else []
+                    with_client, told = _followed(served, client, seconds)
+                    crowded.append(with_client)
+                    samples.append(told["samples_per_s"])
+        left = tuple(b / a for a, b in zip(alone, crowded, strict=True))
+        title = f"server of {_vehicles(count)}"
+        rows += [
+            Row("swarm", f"{title}, nobody connected, wall time", "x realtime", tuple(alone)),
+            Row("swarm", f"{title}, a client takes {len(PORTS)} ports of each at {RATE_HZ:g} Hz", "x realtime", tuple(crowded)),
+            Row("swarm", f"{title}: what the client leaves of the rate", "ratio", left, CLIENT_BAR),
+            Row("swarm", f"{title}: samples to the client, a simulated second", "1/s", tuple(samples)),
+        ]  # fmt: skip
+    title = "other work on this machine meanwhile (none: idle)"
+    return [*rows, Row("swarm", title, "cores", tuple(busy), note="" if busy else UNKNOWN)]
+
+
+def _followed(served: Served, client: Load, seconds: float) -> tuple[float, dict[str, Any]]:
+    """The rate while a client follows, and what that client has got."""
+    task = {"host": served.host, "port": served.port, "seconds": seconds + 1.0}
+    client.begin("follow", **task)
+    SystemTime().wait(0.5, Event())
+    rate = _rate(served, seconds)
+    return rate, client.result()
+
+
+def _rate(served: Served, seconds: float) -> float:
+    """Simulated over wall time of a server."""
+    begin, since = int(served.ask(STATUS)["t_ns"]), SystemTime().now_ns()
+    SystemTime().wait(seconds, Event())
+    return (int(served.ask(STATUS)["t_ns"]) - begin) / (SystemTime().now_ns() - since)
+
+
+def _alone(effort: dict[str, Any], say: _Say) -> list[Row]:
+    """Physics and thrusters alone."""
+    say("swarm: physics and thrusters alone")
+    rates = tuple(_world("thrust", vehicles=100, **effort)["of_wall_time"])
+    return [Row("swarm", "100 vehicles, physics and thrusters alone, wall time", "x realtime", rates, THRUST_BAR)]
+
+
+def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:
+    """What one sample costs in a bank."""
+    say("swarm: samples in a bank")
+    found = _world("read", vehicles=BANK, **effort | {"seconds": 0.2 * effort["seconds"]})
+    noise, sample = tuple(found["noise_us"]), tuple(found["sample_us"])
+    return [
+        Row("swarm", "white noise on a 3-vector, a sample", "us", noise, at_most=NOISE_BAR_US),
+        Row("swarm", f"IMU sample with all errors, in a bank of {BANK}", "us", sample, at_most=SAMPLE_BAR_US),
+    ]
+
+
+def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Row]:
+    """Vehicles with IMU and depth in one world: how cost grows with their number, and what the largest takes."""
+    tick_s = []
+    for count in counts:
+        say(f"swarm: {_vehicles(count)} with IMU and depth")
+        found = _world("fly", kind="simple", vehicles=count, one_core=True, **effort)
+        tick_s.append(1.0 / median(found["of_processor_time"]))
+    exponent = math.log(tick_s[-1] / tick_s[0]) / math.log(counts[-1] / counts[0])
+    title = f"exponent of cost from {counts[0]} to {counts[-1]} vehicles"
+    rows = [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR)]
+    if counts[-1] == LARGE:
+        if has_threads():
+            found = _world("fly", kind="simple", vehicles=LARGE, one_core=False, **effort)
+        memory = () if found["resident_mb"] is None else (found["resident_mb"],)
+        title = f"{_vehicles(LARGE)} with IMU and depth"
+        rows += [
+            Row("swarm", f"{title}, wall time", "x realtime", tuple(found["of_wall_time"]), LARGE_BAR),
+            Row("swarm", f"{title}: memory", "MB", memory, at_most=LARGE_MEMORY_BAR_MB, note="" if memory else UNKNOWN),
+            Row("swarm", f"{title}: load", "s", (found["load_s"],), at_most=LARGE_LOAD_BAR_S),
+        ]
+    return rows

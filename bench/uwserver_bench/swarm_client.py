@@ -1,0 +1,123 @@
+"""Plays the client of `uwserver bench swarm`, in a process of its own: ``python -m uwserver_bench.swarm_client``, told as `uwserver_bench.load`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import selectors
+import socket
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from uwserver.simulation.clock import SystemTime
+from uwserver.units import NANOSECONDS
+from uwserver_bench.swarm_scenario import START_M, mission, names
+
+PORTS = ("depth", "ahrs", "dvl", "autopilot/state")
+"""Of each vehicle, taken at RATE_HZ of simulated time, the latest."""
+RATE_HZ = 10.0
+AHRS_S = 2.0
+"""Simulated time until an AHRS knows where north is."""
+_PATIENCE_S = 60.0
+_TIME = re.compile(rb'"t_ns":([0-9]+)')
+_clock = SystemTime()
+
+
+def set_out(task: Mapping[str, Any]) -> dict[str, object]:
+    """Send all vehicles of a server on their missions, but the first, which holds its place for who gives it set points.
+
+    Raises:
+        ValueError: one was refused.
+    """
+    with _connection(task) as connection, connection.makefile("rb") as lines:
+
+        def ask(method: str, **params: object) -> None:
+            connection.sendall(_request(1, method, params))
+            for line in lines:
+                if b'"error"' in line:
+                    raise ValueError(f"the server refused {params}: {line.decode(errors='replace')}")
+                if b'"id":1' in line and b'"result"' in line:
+                    return
+            raise ConnectionError("the server closed a connection")
+
+        ask("call", service="world/run_until", args={"t_s": AHRS_S})
+        for k, name in enumerate(names(task["vehicles"])):
+            ask("call", service=f"{name}/autopilot/set_mission", args={"items": mission(k)})
+            ask("call", service=f"{name}/autopilot/arm")
+            ask("call", service=f"{name}/autopilot/start_mission")
+        ask("call", service=f"{names(1)[0]}/autopilot/set_mode", args={"mode": "position_hold"})
+    return {}
+
+
+def follow(task: Mapping[str, Any]) -> dict[str, object]:
+    """Take PORTS of all vehicles, and send the first of them a set point in each simulated second, for `seconds` of wall time.
+
+    Returns:
+        Samples and set points a simulated second.
+
+    Raises:
+        ValueError: a request was refused.
+    """
+    samples = points = answers = first_ns = last_ns = 0
+    with _connection(task) as connection, selectors.DefaultSelector() as selector:
+        selector.register(connection, selectors.EVENT_READ)
+        for port in PORTS:
+            wanted = {"pattern": f"*/{port}", "rate_hz": RATE_HZ, "delivery": "latest"}
+            connection.sendall(_request(0, "subscribe", wanted))
+        end, rest = _clock.now_ns() + int(task["seconds"] * NANOSECONDS), b""
+        while _clock.now_ns() < end:
+            if not selector.select(0.1):
+                continue
+            received = connection.recv(1 << 18)
+            if not received:
+                raise ConnectionError("the server closed a connection")
+            *lines, rest = (rest + received).split(b"\n")
+            for line in lines:
+                if b'"method":"sample"' in line:
+                    samples += 1
+                elif b'"error"' in line:
+                    raise ValueError(f"the server refused a request: {line.decode(errors='replace')}")
+                elif b'"id":1' in line:
+                    answers += 1
+            newest = next((int(found[1]) for line in reversed(lines) if (found := _TIME.search(line))), last_ns)
+            first_ns, last_ns = first_ns or newest, max(newest, last_ns)
+            if points <= (last_ns - first_ns) // NANOSECONDS:
+                points += 1
+                place = [0.5 * (points % 2), 0.0, START_M]
+                value = {"port": f"{names(1)[0]}/autopilot/position", "value": {"p_N": place}}
+                connection.sendall(_request(1, "command", value))
+    if not answers:
+        raise ValueError("no set point was answered")
+    simulated_s = (last_ns - first_ns) / NANOSECONDS
+    return {"samples_per_s": samples / simulated_s, "points_per_s": points / simulated_s}
+
+
+@contextlib.contextmanager
+def _connection(task: Mapping[str, Any]) -> Iterator[socket.socket]:
+    with socket.create_connection((task["host"], task["port"]), timeout=_PATIENCE_S) as connection:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        yield connection
+
+
+def _request(number: int, method: str, params: Mapping[str, object]) -> bytes:
+    return json.dumps({"jsonrpc": "2.0", "id": number, "method": method, "params": params}).encode() + b"\n"
+
+
+_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"set_out": set_out, "follow": follow}
+
+
+def main(lines: Sequence[str] | None = None) -> None:
+    """Carry out tasks until stdin ends."""
+    for line in sys.stdin if lines is None else lines:
+        task = json.loads(line)
+        try:
+            result = _TASKS[task["task"]](task)
+        except (OSError, ValueError) as error:
+            result = {"failed": f"swarm task {task['task']}: {error}"}
+        print(json.dumps(result), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+"""The worlds of `uwserver bench swarm`, as files that anybody could write."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from uwserver.scenario.world.tables import WorldTable
+
+Kind = Literal["navigation", "simple", "inertial"]
+
+RATE_HZ = 240
+SPACING_M, START_M, BOTTOM_M = 10.0, 5.0, 20.0
+"""Between two vehicles; depths of where they begin, and of the flat bottom that DVL and echosounder see."""
+LEG_M, LEGS, SPEED_MPS = 300.0, 12, 0.4
+"""Of a mission, which takes two and a half hours of simulated time."""
+
+_HEAD = """\
+schema = 1
+title = "swarm"
+seed = 1
+
+[server]
+metrics = false
+
+[world]
+rate_hz = {rate}
+origin_lat_deg = 63.4410
+origin_lon_deg = 10.3950
+"""
+
+SERVED = """
+[adapters.tcp]
+kind = "sockets"
+port = 0
+"""
+"""What a server needs besides."""
+
+_BOTTOM = f"""
+[seabed]
+kind = "flat"
+depth_m = {BOTTOM_M}
+"""
+
+_VEHICLE = """
+[vehicles.{name}]
+model = "bluerov2_heavy"
+position_ned_m = [{north:.1f}, {east:.1f}, {depth:.1f}]
+"""
+
+_PARTS = {
+    # Of the vehicle `bluerov2_qgc`; IMU, pressure and depth are in its vehicle file.
+    "navigation": """
+[vehicles.{name}.autopilot]
+
+[vehicles.{name}.sensors]
+ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
+dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8, position_frd_m = [-0.1, 0.0, 0.1] }}
+echosounder = {{ kind = "altimeter", profile = "ping1d", rate_hz = 10, position_frd_m = [0.2, 0.0, 0.1] }}
+battery = {{ kind = "battery", profile = "lipo_4s_18ah", rate_hz = 2 }}
+leak = {{ kind = "leak", rate_hz = 2 }}
+""",
+    "simple": """
+[vehicles.{name}.override.sensors.pressure]
+enabled = false
+""",
+    "inertial": """
+[vehicles.{name}.sensors]
+inertial = {{ kind = "imu", profile = "mems_imu", rate_hz = 120 }}
+exact = {{ kind = "imu", rate_hz = 120 }}
+noisy = {{ kind = "imu", rate_hz = 120, modifiers = {{ noise = {{ kind = "white_noise", field = "f_S", sigma = 0.1 }} }} }}
+""",
+}
+
+
+def names(vehicles: int) -> list[str]:
+    """What the vehicles of a swarm are called."""
+    return [f"r{k:04d}" for k in range(vehicles)]
+
+
+def scenario(kind: Kind, vehicles: int, one_core: bool = True) -> str:
+    """The text of a scenario file: vehicles in rows of ten.
+
+    Args:
+        kind: "navigation": sensors and autopilot of `bluerov2_qgc`, over a bottom; in deep water "simple": IMU and depth, and "inertial": three
+            further IMUs, with all errors, exact, and with white noise.
+        vehicles: how many.
+        one_core: the world steps in one thread; else in as many as it chooses.
+    """
+    text = _HEAD.format(rate=RATE_HZ)
+    if one_core and has_threads():
+        text += "threads = 1\n"
+    text += _BOTTOM if kind == "navigation" else ""
+    depth = START_M if kind == "navigation" else 100.0
+    for k, name in enumerate(names(vehicles)):
+        north, east = place(k)
+        text += _VEHICLE.format(name=name, north=north, east=east, depth=depth) + _PARTS[kind].format(name=name)
+    return text
+
+
+def place(k: int) -> tuple[float, float]:
+    """North and east of where vehicle k begins, m; a mission leads away from all others."""
+    return -SPACING_M * (k // 10), SPACING_M * (k % 10)
+
+
+def mission(k: int) -> list[dict[str, object]]:
+    """The items of vehicle k: to the north, a little deeper and back up with each leg."""
+    north, east = place(k)
+    items: list[dict[str, object]] = [{"kind": "speed", "speed_mps": SPEED_MPS}]
+    for leg in range(1, LEGS + 1):
+        depth = START_M + 3.0 * (leg % 2)
+        items.append({"kind": "waypoint", "position_ned_m": [north + LEG_M * leg, east, depth]})
+    return items
+
+
+def has_threads() -> bool:
+    """Whether this version can step a world in several threads."""
+    return "threads" in WorldTable.__struct_fields__

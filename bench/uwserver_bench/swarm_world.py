@@ -1,0 +1,169 @@
+"""One world of `uwserver bench swarm`, in a process of its own, so that memory and time are its alone: ``python -m uwserver_bench.swarm_world``.
+
+One task a line on stdin (JSON), one result a line on stdout, as `uwserver_bench.load`.
+"""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import IntArray
+from uwserver.ports import Refused
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.sensors.bank import BankSensor
+from uwserver.simulation.clock import SystemTime, processor_ns
+from uwserver.units import NANOSECONDS
+from uwserver.world.world import World
+from uwserver_bench.physics import OpenWater
+from uwserver_bench.processes import resident_mb
+from uwserver_bench.swarm_scenario import RATE_HZ, Kind, mission, names, scenario
+
+SETTLE_TICKS = 2 * RATE_HZ
+"""Until the AHRS knows where north is."""
+_TICKS = 24
+_clock = SystemTime()
+
+
+def fly(task: Mapping[str, Any]) -> dict[str, object]:
+    """Load a swarm of `vehicles` of a `kind`, send those with an autopilot on their missions, and step it, free-running, read by nobody.
+
+    Returns:
+        Processor time of loading, s; simulated over processor time and over wall time, one value for each of `repeats` of `seconds` of
+        processor time; memory in use at the end, MB.
+    """
+    begin = processor_ns()
+    world = loaded(task["kind"], task["vehicles"], task["one_core"])
+    load_s = (processor_ns() - begin) * 1e-9
+    world.want(())
+    ticks(world, SETTLE_TICKS if task["kind"] == "navigation" else _TICKS)
+    if task["kind"] == "navigation":
+        set_out(world, task["vehicles"])
+        ticks(world, _TICKS)
+    # As a server does before it runs.
+    gc.collect()
+    gc.freeze()
+    found = [pace(lambda: ticks(world, _TICKS), _TICKS, task["seconds"]) for _ in range(task["repeats"])]
+    return {"load_s": load_s, "resident_mb": resident_mb(os.getpid()), **_rates(found)}
+
+
+def thrust(task: Mapping[str, Any]) -> dict[str, object]:
+    """Physics and thrusters of `vehicles` alone, commanded ten times a second: as `fly`."""
+    contender = OpenWater(task["vehicles"])
+    contender.prepare()
+    contender.run(_TICKS)
+    return _rates(
+        [pace(lambda: contender.run(_TICKS), _TICKS, task["seconds"]) for _ in range(task["repeats"])],
+    )
+
+
+def read(task: Mapping[str, Any]) -> dict[str, object]:
+    """Readings of IMUs in a bank of `vehicles`.
+
+    Returns:
+        Microseconds of processor time for a sample with all errors, read and delivered; and what white noise on the specific force adds to
+        an exact one.
+    """
+    world = loaded("inertial", task["vehicles"], True)
+    world.want(())
+    ticks(world, _TICKS)
+    due = {kind: _heads(world, task["vehicles"], kind) for kind in ("inertial", "exact", "noisy")}
+    sensor = world.sensors[f"{names(1)[0]}/inertial"].sensor
+    assert isinstance(sensor, BankSensor)
+    here, bank, count, now = world.instruments, sensor.bank, task["vehicles"], world.t_ns
+    # What is on its way must arrive, as it does in a world: time goes on, though nobody moves.
+    times = itertools.count(now, NANOSECONDS // RATE_HZ)
+
+    def sample() -> None:
+        here.read(bank, due["inertial"], now / NANOSECONDS)
+        here.deliver(due["inertial"], next(times), True, count)
+
+    def deliver(kind: str) -> None:
+        here.deliver(due[kind], next(times), True, count)
+
+    samples, noises = [], []
+    for _ in range(task["repeats"]):
+        samples.append(_us_each(sample, count, task["seconds"]))
+        exact, noisy = (_us_each(partial(deliver, kind), count, task["seconds"]) for kind in ("exact", "noisy"))
+        noises.append(noisy - exact)
+    return {"sample_us": samples, "noise_us": noises}
+
+
+def loaded(kind: Kind, vehicles: int, one_core: bool) -> World:
+    """A swarm at t = 0."""
+    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
+        file = Path(folder, "swarm.toml")
+        file.write_text(scenario(kind, vehicles, one_core), encoding="utf-8")
+        return build(load(file, adapters={}))
+
+
+def ticks(world: World, count: int) -> None:
+    """Step it, and drop what it says."""
+    for _ in range(count):
+        world.advance()
+
+
+def set_out(world: World, vehicles: int) -> None:
+    """Everyone begins a mission."""
+    for k, name in enumerate(names(vehicles)):
+        world.call(f"{name}/autopilot/set_mission", items=mission(k))
+        world.call(f"{name}/autopilot/arm")
+        world.call(f"{name}/autopilot/start_mission")
+
+
+def pace(run: Callable[[], None], steps: int, seconds: float) -> tuple[float, float]:
+    """Simulated over processor time and over wall time of so many seconds of processor time; `run` does some steps."""
+    begin, wall, done = processor_ns(), _clock.now_ns(), 0
+    while (spent := processor_ns() - begin) < seconds * NANOSECONDS or not done:
+        run()
+        done += steps
+    simulated = done / RATE_HZ * NANOSECONDS
+    return simulated / spent, simulated / (_clock.now_ns() - wall)
+
+
+def _rates(found: Sequence[tuple[float, float]]) -> dict[str, object]:
+    return {"of_processor_time": [each for each, _ in found], "of_wall_time": [each for _, each in found]}
+
+
+def _heads(world: World, vehicles: int, sensor: str) -> IntArray:
+    return np.array([world.sensors[f"{name}/{sensor}"].head for name in names(vehicles)])
+
+
+def _us_each(run: Callable[[], None], count: int, seconds: float) -> float:
+    """Microseconds of processor time for each of `count` that a run does."""
+    begin, done = processor_ns(), 0
+    while (spent := processor_ns() - begin) < seconds * NANOSECONDS or not done:
+        for _ in range(_TICKS):
+            run()
+        done += _TICKS
+    return spent * 1e-3 / (done * count)
+
+
+_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"fly": fly, "thrust": thrust, "read": read}
+
+
+def main(lines: Sequence[str] | None = None) -> None:
+    """Carry out tasks until stdin ends."""
+    for line in sys.stdin if lines is None else lines:
+        task = json.loads(line)
+        try:
+            result = _TASKS[task["task"]](task)
+        except (ScenarioError, Refused, ImportError) as error:
+            result = {"failed": f"swarm task {task['task']}: {error}"}
+        print(json.dumps(result), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""What is measured is what the report says: vehicles on their missions, sensors that read, a sample that arrives, and how the figures are made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from uwserver_bench import swarm, swarm_world
+from uwserver_bench.rows import Row
+from uwserver_bench.swarm_client import PORTS
+from uwserver_bench.swarm_scenario import LEG_M, RATE_HZ, SPACING_M, mission, names, place
+
+from uwserver.world.world import World
+
+EFFORT = {"seconds": 0.001, "repeats": 2}
+
+
+def test_every_vehicle_flies_its_mission_and_nobody_comes_near_another() -> None:
+    world = swarm_world.loaded("navigation", 12, True)
+    swarm_world.ticks(world, swarm_world.SETTLE_TICKS)
+    swarm_world.set_out(world, 12)
+    swarm_world.ticks(world, 10 * RATE_HZ)
+    for k, name in enumerate(names(12)):
+        state = world.read(f"{name}/autopilot/state")
+        assert (state.mode, state.armed, state.mission_count) == ("mission", True, len(mission(k)))
+        north, east, depth = world.vehicles[name].p_NB
+        assert 2.0 < north - place(k)[0] < 5.0
+        assert abs(east - place(k)[1]) < 1.0
+        assert 4.5 < depth < 8.5
+        assert all(f"{name}/{port}" in world.ports for port in PORTS)
+        assert world.read(f"{name}/dvl").valid
+
+
+def test_legs_of_different_vehicles_never_meet() -> None:
+    assert all(abs(a - b) >= SPACING_M for a, b in [(place(k)[0], place(k + 10)[0]) for k in range(30)])
+    first, *_, last = [item["position_ned_m"] for item in mission(13) if item["kind"] == "waypoint"]
+    assert first[:2] == [place(13)[0] + LEG_M, place(13)[1]]
+    assert last[1] == place(13)[1]
+
+
+def test_of_the_simple_ones_imu_and_depth_read_and_nothing_else() -> None:
+    world = swarm_world.loaded("simple", 3, True)
+    world.step(48)
+    assert {path.partition("/")[2] for path in world.sensors} == {"imu", "depth"}
+    assert all(world.read(path) is not None for path in world.sensors)
+
+
+@pytest.mark.parametrize("kind", ["navigation", "simple"])
+def test_a_fleet_is_loaded_sent_out_and_stepped(kind: str) -> None:
+    found = swarm_world.fly({"kind": kind, "vehicles": 2, "one_core": True, **EFFORT})
+    assert found["load_s"] > 0.0
+    assert len(found["of_processor_time"]) == len(found["of_wall_time"]) == 2
+    assert min(found["of_processor_time"]) > 0.0
+
+
+def test_samples_of_a_bank_arrive_and_noise_costs_something(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds: list[World] = []
+    load = swarm_world.loaded
+
+    def loaded(*args: Any) -> World:
+        worlds.append(load(*args))
+        return worlds[0]
+
+    monkeypatch.setattr(swarm_world, "loaded", loaded)
+    found = swarm_world.read({"vehicles": 4, "seconds": 0.02, "repeats": 3})
+    assert min(found["sample_us"]) > 0.0
+    assert sorted(found["noise_us"])[1] > 0.0
+    world = worlds[0]
+    numbers = world.instruments.heads.rows["number"]
+    counts = [numbers[world.sensors[f"r0000/{name}"].head] for name in ("inertial", "exact", "noisy")]
+    assert min(counts) > 100
+    assert len(world.instruments._pending) < 100, "what piles up makes each sample dearer"
+
+
+def fake(found: dict[tuple[str, int], dict[str, Any]]) -> Any:
+    return lambda task, **arguments: found[arguments.get("kind", task), arguments["vehicles"]]
+
+
+def by_name(rows: list[Row]) -> dict[str, Row]:
+    return {row.name: row for row in rows}
+
+
+def test_the_exponent_tells_how_cost_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds = {
+        ("simple", n): {"of_processor_time": [2.0 * r, r, r / 2], "of_wall_time": [r], "resident_mb": 500.0, "load_s": 6.0}
+        for n, r in ((10, 1000.0), (100, 30.0), (1000, 1.0))
+    }  # fmt: skip
+    monkeypatch.setattr(swarm, "_world", fake(worlds))
+    monkeypatch.setattr(swarm, "has_threads", lambda: False)
+    rows = by_name(swarm._growth((10, 100, 1000), EFFORT, lambda line: None))
+    assert rows["exponent of cost from 10 to 1000 vehicles"].value == pytest.approx(1.5)
+    assert rows["exponent of cost from 10 to 1000 vehicles"].verdict == "miss"
+    assert rows["1000 vehicles with IMU and depth, wall time"].verdict == "ok"
+    assert rows["1000 vehicles with IMU and depth: memory"].values == (500.0,)
+    quick = by_name(swarm._growth((10, 100), EFFORT, lambda line: None))
+    assert list(quick) == ["exponent of cost from 10 to 100 vehicles"]
+
+
+def test_memory_of_a_vehicle_is_what_ninety_more_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds = {
+        ("navigation", n): {"of_processor_time": [9.0], "of_wall_time": [8.0], "resident_mb": 200.0 + 0.1 * n}
+        for n in (1, 10, 100)
+    }
+    monkeypatch.setattr(swarm, "_world", fake(worlds))
+    monkeypatch.setattr(swarm, "has_threads", lambda: True)
+    rows = by_name(swarm._fleets(EFFORT, lambda line: None))
+    assert rows["memory of a vehicle with sensors and autopilot"].value == pytest.approx(100.0)
+    assert rows["100 vehicles, sensors and autopilot, one core"].value == 9.0
+    assert rows["100 vehicles, sensors and autopilot, all cores, wall time"].value == 8.0
+    worlds["navigation", 100]["resident_mb"] = None
+    row = by_name(swarm._fleets(EFFORT, lambda line: None))["memory of a vehicle with sensors and autopilot"]
+    assert (row.verdict, row.note) == ("absent", swarm.UNKNOWN)

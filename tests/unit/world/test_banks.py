@@ -1,0 +1,32 @@
+"""The kernels of sensors and autopilots, by stages: all are there, each once, under the names by which the cache finds them."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+import pytest
+
+import uwserver.sensors
+from uwserver.physics.kernel.deferred import Deferred
+from uwserver.world import banks
+
+
+def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
+    """A kind that is added and forgotten here would be compiled within a tick."""
+    loops = set()
+    for module in pkgutil.walk_packages(uwserver.sensors.__path__, "uwserver.sensors."):
+        for name, value in vars(importlib.import_module(module.name)).items():
+            if isinstance(value, Deferred) and (name == "run" or name.startswith(("run_", "aim", "refine"))):
+                loops.add(f"{module.name.rpartition('.')[2]}.{name}")
+    kernels = {name.partition("+")[0] for stage in ("sensors", "soundings") for name in banks.kernels_of(stage)}
+    assert loops
+    assert kernels == loops | {"delivery.deliver", "chain.disturb_alone"}
+
+
+@pytest.mark.parametrize("stage", banks.COMPILE)
+def test_a_stage_loads_the_kernels_that_it_names(stage: str) -> None:
+    banks.COMPILE[stage]()
+    kernels = list(banks._KERNELS[stage]())
+    assert len(kernels) == len(banks.kernels_of(stage)) > 0
+    assert all(kernel.signatures for kernel in kernels)

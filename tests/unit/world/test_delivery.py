@@ -1,0 +1,79 @@
+"""Samples on their way, in compiled code: delivered when they are due, in their order, to who wants them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from sensing_rig import Rig, slot_of, stream
+
+from uwserver.modifiers import Delay, Dropout
+from uwserver.world.streams import COUNTS, ENTRY, HEARD, NEVER, READ
+
+NOBODY = np.zeros(0, np.int64)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_whatever_is_on_its_way_comes_in_the_order_of_its_time_and_then_of_its_sending(seed: int) -> None:
+    """A reference in plain Python: a sorted list. Samples are added and taken in turn, beyond the room there is at first."""
+    rng = np.random.default_rng(seed)
+    jitter = Delay(latency_s=5e-8, jitter_s=3e-8).build(stream())
+    jitter.stream.key = seed
+    rig = Rig(
+        slot_of(jitter, path="a"), *(slot_of(path=f"b{k}", latency_ns=int(rng.integers(0, 90))) for k in range(20))
+    )
+    expected: list[tuple[int, int]] = []
+    before, delivered = 0, 0
+    for n in range(1, 60):
+        samples = rig.samples(n)
+        arrived = [s.t_sent_ns for s in samples if s.t_ns < 10 * n]
+        due = sorted(entry for entry in expected if entry[0] <= 10 * n)
+        assert arrived == [t for t, _ in due]
+        delivered += len(samples)
+        order, entries, _ = rig.instruments.on_their_way()
+        expected = list(zip(entries["t_sent_ns"].tolist(), entries["order"].tolist(), strict=True))
+        assert expected == sorted(expected)
+        assert len({*entries["slot"].tolist()}) == len(entries), "two samples in one place"
+        assert rig.instruments.next_ns == min((t for t, _ in expected), default=NEVER)
+        assert order >= before
+        before = order
+    assert delivered + len(expected) == 59 * 21
+    assert len(expected) > 64, "more than there was room for at first"
+
+
+def test_what_is_heard_alone_is_delivered_and_not_read() -> None:
+    heard: list[tuple[int, float]] = []
+
+    def listen(entries: Any, values: Any, count: int, t_ns: int) -> None:
+        heard.extend(zip(entries["stream"][:count].tolist(), values[:count, 0].tolist(), strict=True))
+
+    rig = Rig(*(slot_of(path=path, latency_ns=-3) for path in "abc"))
+    rig.sensing.want(("c",))
+    rig.sensing.set_listeners((), ("b",), listen)
+    assert [s.port for s in rig.samples(1)] == ["c"]
+    a, b, c = (rig.sensing.numbers[path] for path in "abc")
+    assert rig.instruments.streams.rows["wanted"][[a, b, c]].tolist() == [0, HEARD, READ]
+    assert heard == [(b, 1.0), (c, 1.0)]
+    assert rig.instruments.read_count == 1
+    assert rig.instruments.streams.rows["seq"][a] == 0
+    assert rig.slots["a"].number == 1
+
+
+def test_a_reading_that_is_dropped_is_not_sent() -> None:
+    dropped = Dropout(probability=1.0).build(stream())
+    slot = slot_of(dropped, latency_ns=-3)
+    rig = Rig(slot)
+    assert (rig.tick(1), slot.held, slot.number) == ([], None, 1)
+    assert rig.instruments.newest(slot.stream_numbers[0]) is None
+
+
+def test_without_anybody_due_only_what_is_on_its_way_is_delivered() -> None:
+    rig = Rig(slot_of(latency_ns=22))
+    rig.tick(1)
+    arrays = rig.instruments
+    assert arrays.deliver(NOBODY, 34, True, 0) == 0
+    assert arrays.deliver(NOBODY, 35, True, 0) == 1
+    assert arrays.deliver(NOBODY, 40, True, 0) == 0
+    assert arrays.next_ns == NEVER
+    assert (ENTRY.itemsize, COUNTS.itemsize) == (56, 40)

@@ -1,0 +1,50 @@
+"""Bodies with all that belongs to them."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import Any
+
+from sensing_rig import FIELDS, slot_of
+
+from uwserver.ports import Port, Service
+from uwserver.world.components import ActuatorSlot
+from uwserver.world.members import Member
+from uwserver.world.part import Part, State
+
+
+class Forces(Part):
+    path = "rov/forces"
+    state_type = State
+
+    def save(self) -> State:
+        return State()
+
+    def load(self, state: Any) -> None: ...
+
+    def before(self, tick: int, t_ns: int) -> None: ...
+
+
+def member() -> Member:
+    port = Port("rov/lamp", "actuator", "x", FIELDS, "")
+    lamp = ActuatorSlot(port, SimpleNamespace(), Fraction(240), 0)  # type: ignore[arg-type]  # is not used
+    vehicle: Any = SimpleNamespace(name="rov")
+    return Member(vehicle, (slot_of(),), (lamp,), ((Service("rov/lamp/get", ""), lambda _: None),), others=(Forces(),))
+
+
+def test_the_parts_of_a_member_are_all_that_comes_and_goes_with_it() -> None:
+    rov = member()
+    assert rov.parts == (*rov.sensors, *rov.actuators, *rov.others)
+    assert set(rov.by_path.parts) == {"rov/x", "rov/lamp", "rov/forces"}
+
+
+def test_what_belongs_to_it_is_known_by_path() -> None:
+    rov = member()
+    assert (set(rov.by_path.sensors), set(rov.by_path.actuators)) == ({"rov/x"}, {"rov/lamp"})
+    assert set(rov.by_path.services) == set(rov.by_path.carry) == {"rov/lamp/get"}
+
+
+def test_only_those_that_act_or_hear_are_awake() -> None:
+    rov = member()
+    assert rov.by_path.awake == rov.others

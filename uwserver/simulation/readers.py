@@ -1,0 +1,64 @@
+"""Who reads what the world measures: samples are made of those ports alone, and of others the newest on request."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Sequence
+from functools import partial
+
+from uwserver.ports import Refused, Sample
+from uwserver.simulation.bus import Bus
+from uwserver.simulation.steering import Steering
+from uwserver.world.world import World
+
+AT_ONCE = 16
+"""Ports that are read between two ticks before others have their turn: about 0.1 ms."""
+
+OnSamples = Callable[[Sequence[Sample]], None]
+"""Gets the newest samples of some ports."""
+
+
+class Readers:
+    """Between a world and those who read it."""
+
+    def __init__(self, world: World, bus: Bus, steering: Steering) -> None:
+        """Of a simulation; `bus` knows who wants what, `steering` is what its thread does between two ticks."""
+        self._world, self._bus, self._steering = world, bus, steering
+        self._wanted: Container[str] | None = None
+        bus.expect(world.ports)
+
+    def begin(self) -> None:
+        """A tick begins: what is wanted by now is made in it. Simulation thread."""
+        wanted = self._bus.wanted
+        if wanted is not self._wanted:
+            self._wanted = wanted
+            self._world.want(wanted)
+
+    def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
+        """Ask for the newest delivered samples of some ports, wanted or not. Loop thread.
+
+        They are not kept for this on the loop: what nobody asks for costs nothing there, and a sample that a sensor sends once in an hour is
+        not lost to who asks later.
+
+        Args:
+            ports: paths; those that are gone, or have said nothing yet, are left out.
+            on_samples: gets them on the loop, after all that the world had said before.
+            source: who asks.
+
+        Raises:
+            Refused: `overload`; it asked too much before.
+        """
+        self._steering.add(partial(self._look, ports, 0, [], on_samples, source), source)
+
+    def _look(self, ports: Sequence[str], first: int, found: list[Sample], on_samples: OnSamples, source: str) -> None:
+        for path in ports[first : first + AT_ONCE]:
+            try:
+                reading = self._world.read(path)
+            except Refused:
+                continue  # its vehicle left
+            if reading is not None:
+                found.append(reading.sample)
+        rest = first + AT_ONCE
+        if rest < len(ports):
+            self._steering.add(partial(self._look, ports, rest, found, on_samples, source), source, always=True)
+        else:
+            self._bus.hand_over(partial(on_samples, tuple(found)))

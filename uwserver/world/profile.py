@@ -1,0 +1,254 @@
+"""Where the time of ticks goes, by stage and kind. Whoever measures brings a clock: the world knows none.
+
+What is called in a tick is called through what a `Timer` made of it, when members come or go: `untimed` gives the function itself, so that
+nothing is paid while nobody measures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple, ParamSpec, Protocol, TypeVar
+
+from uwserver.ports import Json
+from uwserver.units import NANOSECONDS
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+STAGES = (
+    "faults", "requests", "watchdogs", "autopilots", "forces", "physics", "contact", "water", "sensors", "delivery", "samples", "listening",
+    "recording", "publishing", "tick",
+)  # fmt: skip
+"""In the order in which they are told, that of a tick; ``tick`` is what is left of it: the calls themselves, and the measuring."""
+
+
+class Timer(Protocol):
+    """Makes of a function one that does the same, and tells what it takes."""
+
+    def __call__(self, stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
+        """stage: of `STAGES`; what: the kind of component; readings: of sensors, that one call makes."""
+
+
+def untimed(stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
+    """The timer of a world that nobody measures."""
+    return function
+
+
+def kind_of(thing: object) -> str:
+    """What a component is called here: the file that its kind stands in."""
+    return type(thing).__module__.rpartition(".")[2]
+
+
+class Line(NamedTuple):
+    """What one stage or kind takes, without what was called within it and has a line of its own.
+
+    Attributes:
+        stage, what: of `Timer`.
+        calls, readings: how many.
+        mean_us: microseconds a tick, over all ticks.
+        worst_us: in the worst tick.
+    """
+
+    stage: str
+    what: str
+    calls: int
+    readings: int
+    mean_us: float
+    worst_us: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """Where the time went.
+
+    Attributes:
+        seconds: wall time that was looked at.
+        ticks: that began in it.
+        mean_us, worst_us: what a tick takes in all.
+        lines: in the order of `STAGES`, and the largest first.
+    """
+
+    seconds: float
+    ticks: int
+    mean_us: float
+    worst_us: float
+    lines: tuple[Line, ...]
+
+    def as_json(self) -> dict[str, Json]:
+        """The answer of ``world/profile``."""
+        lines: list[Json] = [
+            {**line._asdict(), "mean_us": round(line.mean_us, 3), "worst_us": round(line.worst_us, 3)}
+            for line in self.lines
+        ]
+        return {
+            "seconds": round(self.seconds, 6),
+            "ticks": self.ticks,
+            "mean_us": round(self.mean_us, 3),
+            "worst_us": round(self.worst_us, 3),
+            "lines": lines,
+        }
+
+    def table(self) -> str:
+        """For people."""
+        if not self.ticks:
+            return f"profile: no tick in {self.seconds:.1f} s"
+        busy = 100.0 * self.mean_us * self.ticks / (1e6 * self.seconds) if self.seconds > 0.0 else 0.0
+        title = (
+            f"profile of {self.ticks} ticks in {self.seconds:.1f} s: a tick takes {self.mean_us:.1f} us, the worst "
+            f"{self.worst_us:.0f} us; {busy:.0f} % of the time"
+        )
+        each = f"{'us each':>9}"
+        rows = [title, f"{'':32}{'us a tick':>10}{'%':>6}{'worst':>9}{'calls':>10}{each}{'readings':>10}{each}"]
+        stage = ""
+        for line in self.lines:
+            title, stage = "" if line.stage == stage else line.stage, line.stage
+            total = line.mean_us * self.ticks
+            share = 100.0 * line.mean_us / self.mean_us if self.mean_us else 0.0
+            of_readings = f"{line.readings:10}{total / line.readings:9.2f}" if line.readings else ""
+            rows.append(
+                f"{title:12}{line.what:20}{line.mean_us:10.2f}{share:6.1f}{line.worst_us:9.1f}"
+                f"{line.calls:10}{total / line.calls:9.2f}{of_readings}"
+            )
+        return "\n".join(rows)
+
+
+@dataclass(eq=False, slots=True)
+class _Row:
+    """Of one stage and kind: since the begin of the present tick."""
+
+    stage: str
+    what: str
+    calls: int = 0
+    readings: int = 0
+    ns: int = 0
+
+
+@dataclass(slots=True)
+class _Sum:
+    """Of one stage and kind: over all ticks of a window."""
+
+    calls: int = 0
+    readings: int = 0
+    ns: int = 0
+    worst_ns: int = 0
+
+    def add(self, calls: int, readings: int, ns: int) -> None:
+        """Take in a tick."""
+        self.calls += calls
+        self.readings += readings
+        self.ns += ns
+        self.worst_ns = max(self.worst_ns, ns)
+
+
+@dataclass(eq=False)
+class Window:
+    """A time over which is measured; what it holds is for `Profile`."""
+
+    since_ns: int
+    whole: _Sum = field(default_factory=_Sum)
+    sums: dict[_Row, _Sum] = field(default_factory=dict)
+
+
+class Profile:
+    """Measures ticks, for one window after the other or for several at once. On the thread that steps the world, between its ticks.
+
+    Args:
+        now_ns: a clock, ns.
+    """
+
+    def __init__(self, now_ns: Callable[[], int]) -> None:
+        self._now_ns = now_ns
+        self._rows: dict[tuple[str, str], _Row] = {}
+        self._touched: list[_Row] = []
+        self._windows: list[Window] = []
+        self._tick = self._row("tick", "the rest")
+        self._inner_ns = self._began_ns = 0
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether a window is open."""
+        return bool(self._windows)
+
+    def open(self) -> Window:
+        """Begin to measure, from the next tick on."""
+        self._settle()
+        window = Window(self._now_ns())
+        self._windows.append(window)
+        return window
+
+    def look(self, window: Window) -> Report:
+        """What was measured in a window so far."""
+        self._settle()
+        return _report(window, self._now_ns())
+
+    def close(self, window: Window) -> Report:
+        """The same, for the last time."""
+        report = self.look(window)
+        self._windows.remove(window)
+        return report
+
+    def timed(self, stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
+        """See `Timer`. What runs within a function and is timed too counts there alone."""
+        row, now_ns = self._row(stage, what), self._now_ns
+
+        def run(*args: P.args, **kwargs: P.kwargs) -> R:
+            outer_ns, self._inner_ns = self._inner_ns, 0
+            began_ns = now_ns()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                whole_ns = now_ns() - began_ns
+                self._count(row, readings, whole_ns - self._inner_ns)
+                self._inner_ns = outer_ns + whole_ns
+
+        return run
+
+    def begin(self) -> None:
+        """A tick begins. What was done since the last one ended, as handing its samples over, belongs to that one."""
+        self._settle()
+        self._inner_ns = 0
+        self._began_ns = self._now_ns()
+
+    def end(self) -> None:
+        """It ends."""
+        self._count(self._tick, 0, self._now_ns() - self._began_ns - self._inner_ns)
+
+    def _row(self, stage: str, what: str) -> _Row:
+        return self._rows.setdefault((stage, what), _Row(stage, what))
+
+    def _count(self, row: _Row, readings: int, ns: int) -> None:
+        if not row.calls:
+            self._touched.append(row)
+        row.calls += 1
+        row.readings += readings
+        row.ns += ns
+
+    def _settle(self) -> None:
+        """Add what was measured since the begin of the last tick to the windows."""
+        whole_ns = sum([row.ns for row in self._touched])
+        for window in self._windows:
+            window.whole.add(self._tick.calls, 0, whole_ns)
+            for row in self._touched:
+                total = window.sums.get(row)
+                if total is None:
+                    total = window.sums[row] = _Sum()
+                total.add(row.calls, row.readings, row.ns)
+        for row in self._touched:
+            row.calls = row.readings = row.ns = 0
+        self._touched.clear()
+
+
+def _report(window: Window, now_ns: int) -> Report:
+    ticks = window.whole.calls
+
+    def mean_us(total: _Sum) -> float:
+        return total.ns * 1e-3 / max(1, ticks)
+
+    lines = [
+        Line(row.stage, row.what, total.calls, total.readings, mean_us(total), total.worst_ns * 1e-3)
+        for row, total in window.sums.items()
+    ]
+    lines.sort(key=lambda line: (STAGES.index(line.stage), -line.mean_us))
+    seconds = (now_ns - window.since_ns) / NANOSECONDS
+    return Report(seconds, ticks, mean_us(window.whole), window.whole.worst_ns * 1e-3, tuple(lines))

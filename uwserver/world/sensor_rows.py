@@ -1,0 +1,203 @@
+"""Where a sensor lies in the arrays of its world, and what is kept of it there, as bytes."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from uwserver.modifiers.operations import Operation
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.ports import Value
+from uwserver.sensors import Sensor
+from uwserver.sensors.bank import HEAD, BankSensor
+from uwserver.world.components import SensorStream
+from uwserver.world.instruments import Instruments
+from uwserver.world.streams import HELD, STREAM
+
+
+def _offset(form: np.dtype[Any], name: str) -> int:
+    """Bytes before a field of a record."""
+    assert form.fields is not None
+    return int(form.fields[name][1])
+
+
+def _bytes(first: int, count: int) -> slice:
+    return slice(first, first + count)
+
+
+_NUMBER, _HELD = _offset(HEAD, "number"), _offset(STREAM, "held")
+_FLOAT = 8
+"""Bytes of a number."""
+
+
+class SensorRows:
+    """A head, a row for each stream, their operations, and numbers.
+
+    Of the numbers those stand first that are kept with the world: of each stream the last reading, errors included, and what its operations
+    remember. Behind them stands what each reading makes anew.
+
+    Attributes:
+        instruments: the arrays.
+        head: number of its head.
+        streams: numbers of its streams.
+    """
+
+    def __init__(
+        self, instruments: Instruments, sensor: Sensor, streams: Sequence[SensorStream], body: int, latency_ns: int
+    ) -> None:
+        """Take rows for a sensor on this body, with errors that remember nothing yet."""
+        self.instruments, self._sensor, self._streams = instruments, sensor, streams
+        self._bank = sensor if isinstance(sensor, BankSensor) else None
+        if self._bank is not None:
+            self._bank.enter(instruments.heads, instruments.rows_of(self._bank.bank))
+            self.head = self._bank.head
+        else:
+            self.head = instruments.heads.take(1)
+        width, ideal = streams[0].columns.width, any(stream.ideal for stream in streams)
+        self._kept = sum(stream.kept for stream in streams)
+        made = width * (1 + ideal + sum(2 if stream.is_ready_made else 1 for stream in streams))
+        self._first, self._count = instruments.numbers.take(self._kept + made), self._kept + made
+        first = instruments.streams.take(len(streams))
+        self.streams = range(first, first + len(streams))
+        self._operations: list[tuple[int, int]] = []
+        at = self._first + self._kept
+        head = instruments.heads.rows[self.head]
+        head["body"], head["first"], head["width"], head["latency_ns"] = body, at, width, latency_ns
+        head["stream_first"], head["stream_count"] = first, len(streams)
+        head["exact_first"] = at + width if ideal else -1
+        self._enter_streams(at, at + width * (1 + ideal))
+        self._know_bytes()
+
+    def _know_bytes(self) -> None:
+        """Where in the arrays the bytes stand that are kept: found once, as a state is taken between two ticks."""
+        instruments, bank = self.instruments, self._bank
+        memories = None if bank is None else bank.rows
+        self._pools = instruments.heads, instruments.streams, instruments.numbers, memories
+        self._number_at = _bytes(self.head * HEAD.itemsize + _NUMBER, 8)
+        self._held_at = [_bytes(k * STREAM.itemsize + _HELD, HELD.itemsize) for k in self.streams]
+        self._kept_at = _bytes(self._first * _FLOAT, self._kept * _FLOAT)
+        if bank is not None:
+            record = bank.bank.record
+            self._memory_at = _bytes(bank.row * record.itemsize + _offset(record, "m"), record["m"].itemsize)
+
+    def _enter_streams(self, reading: int, made: int) -> None:
+        """`reading`, `made`: where the present reading stands, and behind it and the one without errors the rest of what is made anew."""
+        instruments, at = self.instruments, self._first
+        self._remembering: list[tuple[Operation, int]] = []
+        for k, stream in zip(self.streams, self._streams, strict=True):
+            row, width = instruments.streams.rows[k], stream.columns.width
+            row["width"], row["exact"], row["ready_made"] = width, stream.ideal, stream.is_ready_made
+            row["first"], row["newest_first"] = at, made
+            if stream.is_ready_made:
+                row["source"], made = made + width, made + 2 * width
+            else:
+                row["source"], made = reading + width * stream.ideal, made + width
+            count = sum(len(operation.rows) for operation in stream.operations)
+            place = instruments.operations.take(count)
+            row["operation_first"], row["operation_count"] = place, count
+            self._operations.append((place, count))
+            at += width
+            for operation in stream.operations:
+                end = place + len(operation.rows)
+                rows = instruments.operations.rows[place:end]
+                rows[:] = operation.rows
+                rows["memory"] = at
+                if len(operation.numbers):
+                    self._remembering.append((operation, at - self._first))
+                    instruments.numbers.rows[at : at + len(operation.numbers)] = operation.numbers
+                place, at = end, at + len(operation.numbers)
+
+    def give_back(self) -> None:
+        """Leave the arrays."""
+        instruments = self.instruments
+        for place, count in self._operations:
+            instruments.operations.give_back(place, count)
+        instruments.streams.give_back(self.streams.start, len(self.streams))
+        instruments.numbers.give_back(self._first, self._count)
+        if self._bank is not None:
+            self._bank.leave()
+        else:
+            instruments.heads.give_back(self.head, 1)
+
+    # -- as it is now ---------------------------------------------------------------------------------------------------------------
+
+    @property
+    def row(self) -> Any:
+        """Its head."""
+        return self.instruments.heads.rows[self.head]
+
+    def numbers(self, first: int, width: int) -> FloatArray:
+        """So many numbers from one on, to read and to write."""
+        found: FloatArray = self.instruments.numbers.rows[first : first + width]
+        return found
+
+    def set_time(self, dt: float) -> None:
+        """So long (s) is it from one reading to the next."""
+        self.instruments.heads.rows["dt"][self.head] = dt
+        self.instruments.streams.rows["dt"][self.streams.start : self.streams.stop] = dt
+
+    def set_fault(self, fault: str) -> None:
+        """What is broken of it."""
+        self.instruments.heads.rows["silent"][self.head] = fault == "silent"
+        self.instruments.streams.rows["frozen"][self.streams.start : self.streams.stop] = fault != ""
+
+    def held(self, k: int) -> tuple[bool, tuple[Value, ...]] | None:
+        """Last reading of its k-th stream: whether it is valid, and its values."""
+        row, stream = self.instruments.streams.rows[self.streams[k]], self._streams[k]
+        held = row["held"]
+        if not held["there"]:
+            return None
+        return bool(held["valid"]), stream.columns.unpack(self.numbers(row["first"], row["width"]), stream.loose)
+
+    def held_ns(self) -> int:
+        """When that of its own stream was true."""
+        return int(self.instruments.streams.rows["held"]["t_ns"][self.streams.start])
+
+    # -- what is kept ---------------------------------------------------------------------------------------------------------------
+
+    def save(self) -> tuple[int, bytes, bytes, bytes]:
+        """Readings made; what a sensor of a bank remembers; HELD of each stream; and the kept numbers."""
+        heads, streams, numbers, memories = self._pools
+        raw = streams.raw
+        held = bytes(raw[self._held_at[0]])
+        for at in self._held_at[1:]:
+            held += raw[at]
+        return (
+            int.from_bytes(heads.raw[self._number_at], "little"),
+            b"" if memories is None else bytes(memories.raw[self._memory_at]),
+            held,
+            bytes(numbers.raw[self._kept_at]),
+        )
+
+    def check(self, memory: bytes, held: bytes, numbers: bytes) -> None:
+        """Raise ValueError where what was saved elsewhere cannot be of this sensor."""
+        bank = self._bank
+        if bank is not None:
+            form = bank.bank.record["m"]
+            if len(memory) != form.itemsize:
+                raise ValueError(f"{len(memory)} bytes of memory, not {form.itemsize}")
+            if bank.memory_type.__struct_fields__:
+                bank.valid(bank.memory_of(np.frombuffer(memory, form)[0]))
+        if len(held) != HELD.itemsize * len(self.streams):
+            raise ValueError("other streams than this sensor has")
+        for there, valid, t_ns in struct.iter_unpack("=3q", held):
+            if there not in (0, 1) or valid not in (0, 1) or not 0 <= t_ns <= 2**62:
+                raise ValueError("a last reading that cannot be")
+        if len(numbers) != _FLOAT * self._kept:
+            raise ValueError(f"{len(numbers)} bytes of readings and modifiers, not {_FLOAT * self._kept}")
+        for operation, at in self._remembering:
+            operation.valid(operation.record(np.frombuffer(numbers, count=len(operation.numbers), offset=at * _FLOAT)))
+
+    def load(self, number: int, memory: bytes, held: bytes, numbers: bytes) -> None:
+        """Go on from what was saved; nothing was delivered since."""
+        heads, streams, kept, memories = self._pools
+        heads.raw[self._number_at] = number.to_bytes(8, "little")
+        if memories is not None:
+            memories.raw[self._memory_at] = memory
+        for k, at in enumerate(self._held_at):
+            streams.raw[at] = held[k * HELD.itemsize : (k + 1) * HELD.itemsize]
+        streams.rows["newest"][self.streams.start : self.streams.stop] = 0
+        kept.raw[self._kept_at] = numbers

@@ -1,0 +1,76 @@
+"""Streams of samples as rows of numbers: what compiled code and Python know of each, and of samples on their way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uwserver.modifiers.operations import OPERATION, READING
+from uwserver.physics.kernel.layout import Forms, columns
+from uwserver.sensors.bank import HEAD
+
+HELD = np.dtype(
+    [
+        ("there", "i8"),  # 1: there was a reading
+        ("valid", "i8"),
+        ("t_ns", "i8"),  # when the last one that was not lost was true
+    ]
+)
+"""What is known of the last reading of a stream."""
+
+STREAM = np.dtype(
+    [
+        ("first", "i8"),  # place of its last reading, errors included, among the numbers
+        ("width", "i8"),
+        ("source", "i8"),  # place of what the sensor has read
+        ("exact", "i8"),  # 1: that is what an ideal one would have read
+        ("ready_made", "i8"),  # 1: the reading of this instant, with its errors, was put there by others
+        ("operation_first", "i8"),
+        ("operation_count", "i8"),
+        ("newest_first", "i8"),  # place of the newest delivered sample among those
+        ("dt", "f8"),
+        ("frozen", "i8"),  # 1: a fault makes it repeat itself
+        ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does
+        ("reading", READING),
+        ("held", HELD),
+        ("newest", "i8"),  # 1: there is a newest sample, with what follows
+        ("seq", "i8"),
+        ("t_ns", "i8"),
+        ("t_sent_ns", "i8"),
+        ("valid", "i8"),
+    ]
+)
+"""A stream of samples: the sensor's own, or one beside it."""
+
+ENTRY = np.dtype(
+    [
+        ("t_sent_ns", "i8"),
+        ("order", "i8"),  # among those of one time
+        ("stream", "i8"),
+        ("seq", "i8"),
+        ("t_ns", "i8"),
+        ("valid", "i8"),
+        ("slot", "i8"),  # row of its values
+    ]
+)
+"""A sample on its way, or delivered."""
+
+COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8"), ("read", "i8")])
+"""How many samples are on their way and were delivered to somebody, how many were on their way before, when the next one arrives, and how many of
+those delivered are read."""
+
+READ, HEARD = 1, 2
+
+NEVER = np.iinfo(np.int64).max
+
+FORMS: Forms = {
+    "heads": HEAD,
+    "streams": STREAM,
+    "operations": OPERATION,
+    "numbers": columns(np.float64),
+    "pending": ENTRY,
+    "free": columns(np.int64),
+    "told": ENTRY,
+    "counts": COUNTS,
+    "team": columns(np.int64),
+}
+"""Of the table of a world's sensors."""
