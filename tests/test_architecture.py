@@ -59,8 +59,9 @@ SHARED_BY_ADAPTERS = {"uwserver_adapters.native", "uwserver_adapters.sil"}
 LOOP = {"server", "adapter", "cli", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""
 
-CLOCKS = {"uwserver.simulation.clock"}
-"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting."""
+CLOCKS = {"uwserver.simulation.clock", "uwserver.world.threads"}
+"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting. That of the threads measures how
+many of them step a world fastest, which changes no number of it."""
 
 DEGREES = {"uwserver.units"}
 """Where degrees become radians. Loader and codecs call it."""

@@ -14,10 +14,10 @@ from uwserver.autopilot import entries
 from uwserver.physics.dynamics import flow, integrator
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.handles import array_at, flows_at, state_at
+from uwserver.physics.kernel.handles import array_at, state_at
 from uwserver.physics.kernel.layout import WORLD, Forms, SeaRows, columns
 from uwserver.sensors import surroundings
-from uwserver.world import delivery
+from uwserver.world import delivery, streams
 
 ENDS: Forms = {"ends": columns(np.float64, 3)}
 """Of the table of a drifting current (`Drift.ends`)."""
@@ -38,8 +38,8 @@ _servos, _wrenches = array_at(WORLD, "servos"), array_at(WORLD, "wrenches")
 _uniform, _profiles = array_at(surroundings.FORMS, "uniform"), array_at(surroundings.FORMS, "profiles")
 _waves, _place = array_at(surroundings.FORMS, "waves"), array_at(surroundings.FORMS, "place")
 _nu_dot, _tau = array_at(surroundings.FORMS, "nu_dot"), array_at(surroundings.FORMS, "tau")
-_streams, _numbers = array_at(delivery.FORMS, "streams"), array_at(delivery.FORMS, "numbers")
-_told, _counts = array_at(delivery.FORMS, "told"), array_at(delivery.FORMS, "counts")
+_streams, _numbers = array_at(streams.FORMS, "streams"), array_at(streams.FORMS, "numbers")
+_told, _counts = array_at(streams.FORMS, "told"), array_at(streams.FORMS, "counts")
 _ends = array_at(ENDS, "ends")
 
 
@@ -76,7 +76,7 @@ def fill_flows(which: Array, worlds: Array, nows: Array, ts: Array, ahead: float
     """Find the water at all bodies, `ahead` s after ts; where there is a sea."""
     for i in which:
         sea = SeaRows(_uniform(nows[i]), _profiles(nows[i]), _waves(nows[i]))
-        _fill_flows(_bodies(worlds[i]), state_at(worlds[i]), sea, ts[i], ahead, flows_at(worlds[i]))
+        _fill_flows(worlds[i], sea, ts[i], ahead)
 
 
 @entry

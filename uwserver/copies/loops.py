@@ -13,9 +13,9 @@ from uwserver.physics.kernel.deferred import Deferred
 from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors.bank import Bank
-from uwserver.world import delivery
+from uwserver.world import streams
 
-_heads, _numbers = array_at(delivery.FORMS, "heads"), array_at(delivery.FORMS, "numbers")
+_heads, _numbers = array_at(streams.FORMS, "heads"), array_at(streams.FORMS, "numbers")
 
 
 @compiled

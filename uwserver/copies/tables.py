@@ -10,6 +10,8 @@ import numpy as np
 from uwserver.copies.copy import Copy
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.team import ALONE
+from uwserver.world import streams
 
 _SLOTS = 16
 
@@ -27,13 +29,12 @@ class Tables:
 
     def __init__(self, copies: Sequence[Copy]) -> None:
         from uwserver.copies import kernels
-        from uwserver.world import delivery
 
-        self._kernels, self._delivery = kernels, delivery
+        self._kernels = kernels
         n, first = len(copies), copies[0]
         self.worlds = np.empty((n, *first.world.hydro.table.shape), np.int64)
         self.nows = np.empty((n, *first.world.instruments.now.shape), np.int64)
-        self.senses = np.empty((n, len(delivery.FORMS), 2), np.int64)
+        self.senses = np.empty((n, len(streams.FORMS), 2), np.int64)
         self.pilots = np.empty((n, *(first.pilots[0].seat.bank.table.shape if first.pilots else (0, 2))), np.int64)
         self.rows: dict[int, IntArray] = {key: np.empty((n, 1, 2), np.int64) for key in first.banks}
         sea = first.world.water.sea
@@ -46,9 +47,9 @@ class Tables:
         self.width = max(1, int(first.world.instruments.streams.rows["width"].max(initial=0)))
         self._room = 0
         self.values = self.told_values = np.empty((n, 0, self.width))
-        self._pending = self._told = np.empty((n, 0), delivery.ENTRY)
+        self._pending = self._told = np.empty((n, 0), streams.ENTRY)
         self._free: IntArray = np.empty((n, 0), np.int64)
-        self._counts: Any = np.zeros((n, 1), delivery.COUNTS)
+        self._counts: Any = np.zeros((n, 1), streams.COUNTS)
         for i, copy in enumerate(copies):
             self.lay(i, copy)
         self.make_room(_SLOTS)
@@ -70,6 +71,7 @@ class Tables:
             "streams": instruments.streams.rows,
             "operations": instruments.operations.rows,
             "numbers": instruments.numbers.rows,
+            "team": ALONE,
         }
         if self._room:
             self._tabulate(i)
@@ -79,7 +81,7 @@ class Tables:
         """Copy i is at its start: nothing is on its way, and its current is that of its world."""
         self.steady[i] = copy.world.water.current
         self._counts[i], self._free[i] = 0, np.arange(self._room)
-        self._counts["next_ns"][i] = self._delivery.NEVER
+        self._counts["next_ns"][i] = streams.NEVER
 
     def make_room(self, needed: int) -> None:
         """Room for so many samples on their way or delivered at a time, of each copy."""
@@ -95,7 +97,7 @@ class Tables:
 
     def _tabulate(self, i: int) -> None:
         own = {"pending": self._pending[i], "free": self._free[i], "told": self._told[i], "counts": self._counts[i]}
-        self.senses[i] = layout.addresses(self._delivery.FORMS, {**self._own[i], **own})
+        self.senses[i] = layout.addresses(streams.FORMS, {**self._own[i], **own})
 
 
 def _wider(array: Any, room: int) -> Any:

@@ -14,8 +14,9 @@ from uwserver.physics.dynamics.body_rows import appended, rows_of, table_numbers
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, ForceTable, body_row, lag_row, table_row
 from uwserver.physics.kernel import layout
-from uwserver.physics.kernel.arrays import FloatArray, Records
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.physics.kernel.records import joined
+from uwserver.physics.kernel.team import ALONE
 
 
 @cache
@@ -44,15 +45,11 @@ def _sea_kernel() -> ModuleType:
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
-_FLAGS = {
-    "in_contact": 1,
-    "retired": 1,
-    "by_force": 1,
-    "fresh": 1,
-    "stuck": 2,
-    "frame": 1,
-    "harmonic": 1,
-} | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+_FLAGS = (
+    dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1)
+    | {"stuck": 2}
+    | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+)
 """Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
 
 Saved = dict[str, bytes]
@@ -73,6 +70,7 @@ class Hydrodynamics:
         touched: contacts of the last tick and their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
         forces, values, scratch: work space of the kernels.
+        team: threads that share their loops (`set_team`).
         table: the addresses of all these, for the kernels.
     """
 
@@ -83,6 +81,7 @@ class Hydrodynamics:
         self._rows_of, self._table_row = cache(rows_of), cache(table_row)
         self._lag_row = cache(partial(lag_row, dt=dt))
         self._loaded: tuple[bool, ...] = ()
+        self.team, self._threads = ALONE, 1
         self.watch(lambda stage, what, function: function)
         self.set_bodies(bodies)
 
@@ -102,7 +101,7 @@ class Hydrodynamics:
         self.weights: Records = np.zeros(0, layout.WEIGHT)
         self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
         self.hulls: Records = np.zeros(0, layout.HULL)
-        self.scratch: Records = np.zeros(1, layout.SCRATCH)
+        self.scratch: Records = np.zeros(self._threads, layout.SCRATCH)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.touched: Impulses = NO_IMPULSES
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
@@ -267,6 +266,11 @@ class Hydrodynamics:
             self.touched = NO_IMPULSES
             self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
 
+    def set_team(self, team: IntArray, threads: int) -> None:
+        """Let so many threads share the loops over bodies; `team`: the numbers of a `Team`."""
+        self.team, self._threads, self.scratch = team, threads, np.zeros(threads, layout.SCRATCH)
+        self._gather()
+
     def _gather(self) -> None:
         """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
         self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
@@ -365,7 +369,7 @@ class Hydrodynamics:
     def fill_flows(self, t: float, ahead: float = 0.0) -> None:
         """Find the water at each body, `ahead` s after t on its way, where there is a sea."""
         if self.sea is not None:
-            _sea_kernel().fill_flows(self.bodies, self.state, self.sea, t, ahead, self.flows)
+            _sea_kernel().fill_flows(self.table, self.sea, t, ahead)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

@@ -17,6 +17,7 @@ from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphe
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
+from uwserver.physics.kernel.team import ALONE
 from uwserver.physics.rays.raycast import SURFACE, no_hits
 
 _DT = 0.01
@@ -89,7 +90,10 @@ def _strike(fitted: bool) -> None:
 
 
 def _free(fitted: bool) -> None:
+    from uwserver.physics.kernel import sharing
+
     Hydrodynamics((), _DT).load_free(fitted)
+    sharing.load(ALONE)
 
 
 def _sea() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.team import ALONE
 from uwserver.sensors.base import Scope
 from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC
@@ -38,6 +39,7 @@ class Alone:
             "place": place_row(scope.water, scope.earth),
             "lambert": scope.lambert,
             **water_arrays(scope.water),
+            "team": ALONE,
         }
         self.arrays["place"]["t_ns"] = scope.t_ns
         self.table: IntArray = layout.addresses(FORMS, self.arrays)

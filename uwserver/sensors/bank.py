@@ -26,7 +26,7 @@ from uwserver.frames import conjugate as conjugated
 from uwserver.modifiers.base import Measurement, Memory
 from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
-from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, inlined
+from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.physics.rays.raycast import Geometry, no_hits
@@ -87,6 +87,12 @@ sound_absorption, echo_of, meet_surface = _seen("absorption", "echo_of", "meet_s
 shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
 
 
+(_team_at,) = _seen("team_at")
+_share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
+_LEAST = 16
+"""Sensors that a thread reads at a time: some 5 us."""
+
+
 @compiled
 def begins(head: Any) -> bool:
     """Whether a sensor that is due reads; its reading is then valid and of this instant, unless it says otherwise."""
@@ -114,16 +120,41 @@ class Bank(NamedTuple):
         record: of one sensor.
         run: the loop over those that are due; where there are `aims`, with what their last rays hit.
         aims: loops that cast rays, each after what those of the one before have hit.
+        acts: a reading changes what others read, so that one thread makes them all, in their order. Where this is false threads share the loop.
     """
 
     record: np.dtype[Any]
     run: Deferred
     aims: tuple[Deferred, ...] = ()
+    acts: bool = False
+
+
+@cache
+def _loop(run: Deferred) -> Any:
+    """The loop over those that are due, which threads share."""
+    part = Deferred(run.py_func, "compiled")
+
+    @compiled
+    def read_range(
+        first: int, end: int, me: int, heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float
+    ) -> None:
+        part(heads, rows, numbers, due[first:end], now, t)
+
+    def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+        _share(_team_at(now), read_range, (heads, rows, numbers, due, now, t), len(due), _LEAST)
+
+    # In the cache it goes by the name of the kind's own loop.
+    read_all.__module__, read_all.__qualname__ = run.py_func.__module__, run.py_func.__qualname__
+    return entry(read_all).made()
+
+
+def _made(bank: Bank) -> Any:
+    return bank.run.made() if bank.acts or bank.aims else _loop(bank.run)
 
 
 def kernels(bank: Bank) -> tuple[Any, ...]:
     """Its loops, as numba has made them."""
-    return tuple(loop.made() for loop in (*bank.aims, bank.run))
+    return (*(loop.made() for loop in bank.aims), _made(bank))
 
 
 @cache
@@ -138,7 +169,7 @@ def load(bank: Bank) -> None:
     hit = (rays, none, no_hits(0))
     for loop, rest in (*((aim, (rays, *hit)) for aim in bank.aims), (bank.run, hit if bank.aims else ())):
         try:
-            loop.made().load(*given, *rest)
+            (_made(bank) if loop is bank.run else loop.made()).load(*given, *rest)
         except Exception as error:  # numba lets pass whatever its own code raises
             code = loop.py_func.__code__
             place = f"{code.co_filename}:{code.co_firstlineno}"
@@ -162,7 +193,7 @@ def read(
         solids: what rays can hit.
     """
     if not bank.aims:
-        bank.run.made()(heads, rows, numbers, due, now, t)
+        _made(bank)(heads, rows, numbers, due, now, t)
         return
     origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
     first, hits = np.zeros(len(due) + 1, np.int64), no_hits(0)

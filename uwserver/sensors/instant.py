@@ -31,6 +31,7 @@ _bodies_at, _electrics_at = array_at(FORMS, "bodies"), array_at(FORMS, "electric
 _thrusters_at, _lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
 _lambert_at = array_at(FORMS, "lambert")
 _places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
+team_at = array_at(FORMS, "team")
 _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
 
 rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)

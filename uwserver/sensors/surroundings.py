@@ -43,6 +43,7 @@ FORMS: Forms = {
     "uniform": columns(np.float64),
     "profiles": columns(np.float64, PROFILE_SIZE),
     "waves": columns(np.float64, WAVE_SIZE),
+    "team": columns(np.int64),
 }
 """Of the table `now`."""
 

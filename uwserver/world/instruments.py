@@ -99,6 +99,7 @@ class Instruments:
             "place": self._place,
             "lambert": around.lambert,
             **water_arrays(self._water),
+            "team": hydro.team,
         }
         self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
         self._make_room(0, int(self.streams.rows["width"].max(initial=0)))
@@ -114,6 +115,7 @@ class Instruments:
             "free": self._free,
             "told": self._told,
             "counts": self._counts,
+            "team": self._hydro.team,
         }
         self._kept = rows
         self.table: IntArray = layout.addresses(FORMS, rows)

@@ -71,5 +71,6 @@ FORMS: Forms = {
     "free": columns(np.int64),
     "told": ENTRY,
     "counts": COUNTS,
+    "team": columns(np.int64),
 }
 """Of the table of a world's sensors."""

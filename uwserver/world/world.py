@@ -28,6 +28,7 @@ from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.surroundings import Bodies, Flowing
+from uwserver.world.threads import Threads
 from uwserver.world.ticks import Ticks
 from uwserver.world.traces import Traces, Tracing
 from uwserver.world.vehicle import Vehicle
@@ -59,6 +60,7 @@ class World:
         population: the part that makes bodies.
         identity: tells apart scenarios whose states cannot be exchanged.
         answers: what callers that wait are to be told in this tick.
+        threads: how many threads step it.
         jumps: how often a reset or restore has set the time.
         requests: what was posted.
     """
@@ -95,6 +97,7 @@ class World:
         )
         self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._pilots = Pilots(hydro)
+        self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._profile: Profile | None = None
         self._timed: Timer = untimed
         self._commands = Commands(self.actuators, rate_hz, self.say)
@@ -172,6 +175,7 @@ class World:
         slots: list[SensorStream | ActuatorSlot] = [stream for slot in self.sensors.values() for stream in slot.streams]
         slots += self.actuators.values()
         self.ports = {slot.port.path: slot.port for slot in slots}
+        self.threads.settle()
         self._sensing.settle()
         self._line_up()
 
@@ -343,7 +347,9 @@ class World:
         8. sensors and the delivery of samples (`Sensing.after` has their order), from the new state;
         9. whoever listens hears what was delivered, and acts on it in the next tick.
         """
-        tick = self._tick
+        tick, trial = self._tick, self.threads.trial
+        if trial is not None:
+            trial.begin_tick()
         output = TickOutput(tick, self.t_ns, [])
         if self._profile is not None:
             self._profile.begin()
@@ -371,6 +377,8 @@ class World:
         self._end_tick(output)
         if self._profile is not None:
             self._profile.end()
+        if trial is not None and trial.end_tick():
+            self.threads.trial = None
         return output
 
     def _end_tick(self, output: TickOutput) -> None:
@@ -390,6 +398,7 @@ class World:
 
     def end(self, why: str) -> Answers:
         """Answers for everybody who still waits, when the run ends."""
+        self.threads.end()
         for part in self.parts.values():
             part.leave(why)
         answers = list(self.answers)

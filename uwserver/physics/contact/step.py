@@ -31,14 +31,14 @@ from uwserver.physics.contact.solver import (
     set_responses,
     solve_island,
 )
-from uwserver.physics.dynamics.integrator import step_any
+from uwserver.physics.dynamics.integrator import LEAST_BODIES, set_demands, step_any
 from uwserver.physics.dynamics.scratch import STATE
-from uwserver.physics.dynamics.thruster import set_demand
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at
+from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at, team_at
 from uwserver.physics.kernel.layout import STATE_SIZE, Fitted, Model
 from uwserver.physics.kernel.rotation import product, rotation
+from uwserver.physics.kernel.sharing import share
 
 BOUNCE_SPEED = 0.01  # m/s: slower hits do not bounce, or a body at rest would tremble
 SLOP = 1e-5  # m of penetration that is left alone; Bullet's own figure
@@ -48,14 +48,14 @@ MAX_RECOVERY = 0.5  # m/s
 
 @compiled
 def predict(
-    table: Array, model: Model, fitted: Any, bodies: Array, t: float, dt: float, predicted: Array, M_inv: Array
-) -> None:
-    """The free step of some bodies, as a trial; moves lags and servos on, so their rows in `model` and `fitted` must be copies."""
-    state, flows, w = state_at(table), flows_at(table), scratch_at(table)[0]
-    for k in range(model.thrusters.shape[0]):
-        set_demand(model.thrusters[k], model.tables)
-    for i in range(bodies.shape[0]):
+    first: int, end: int, me: int,
+    table: Array, model: Model, fitted: Any, bodies: Array, t: float, dt: float, predicted: Array, M_inv: Array,
+) -> None:  # fmt: skip
+    """The free step of some of `bodies`, as a trial; moves lags and servos on, so their rows in `model` and `fitted` must be copies."""
+    state, flows, w = state_at(table), flows_at(table), scratch_at(table)[me]
+    for i in range(first, end):
         n = bodies[i]
+        set_demands(model, model.bodies[n])
         step_any(model, fitted, n, state[n], flows[n], t, dt, w)
         for j in range(STATE_SIZE):
             predicted[i, j] = w.s[STATE, j]
@@ -123,7 +123,7 @@ def _strike(
     islands = find_islands(slot_a, slot_b, m, order, bounds)
 
     start, predicted, M_inv = state[bodies], np.empty((m, STATE_SIZE)), np.empty((m, 6, 6))
-    predict(table, model, fitted, bodies, t, dt, predicted, M_inv)
+    share(team_at(table), predict, (table, model, fitted, bodies, t, dt, predicted, M_inv), m, LEAST_BODIES)
 
     axes, rows, gains = np.empty((k, 3, 3)), np.empty((k, 4, 3, 6)), np.empty((k, 2))
     for c in range(k):

@@ -13,6 +13,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.handles import array_at, flows_at, state_at, team_at
 from uwserver.physics.kernel.layout import (
     FLOW_KIND,
     FLOW_P,
@@ -28,13 +29,20 @@ from uwserver.physics.kernel.layout import (
     WAVE_OMEGA,
     WAVE_PHASE,
     WAVY,
+    WORLD,
 )  # fmt: skip
 from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.sharing import share
+
+bodies_at = array_at(WORLD, "bodies")
 
 # A row of water at a point: velocity (3), its partial derivative by time (3), its gradient (3, 3; row i: derivatives of component i),
 # elevation, its slopes along x and y and its rate, and the dynamic pressure as a head (m).
 V, V_T, GRADIENT, ELEVATION, SLOPE, ELEVATION_T, HEAD = 0, 3, 6, 15, 16, 18, 19
 POINT_SIZE = 20
+
+LEAST_FLOWS = 16
+"""In a range of bodies for which a thread finds the water: 5 us and more, with a few waves."""
 
 
 @compiled
@@ -117,21 +125,25 @@ def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> 
 
 
 @entry
-def fill_flows(bodies: Array, state: Array, sea: Any, t: float, ahead: float, flows: Array) -> None:
+def fill_flows(table: Array, sea: Any, t: float, ahead: float) -> None:
     """The water at the centre of buoyancy of each body, `ahead` seconds after t on the path that its present velocity leads to.
 
     Taken at the middle of a tick, water that is linear in place and time within the tick is right to second order.
 
     Args:
-        bodies: (n) BODY.
-        state: (n, 13) at t.
+        table: of the world's rows (`handles`): flows (n, FLOW_SIZE) out.
         sea: `SeaRows`.
         t, ahead: s.
-        flows: (n, FLOW_SIZE) out.
     """
+    share(team_at(table), _fill_range, (table, sea, t, ahead), state_at(table).shape[0], LEAST_FLOWS)
+
+
+@compiled
+def _fill_range(first: int, end: int, me: int, table: Array, sea: Any, t: float, ahead: float) -> None:
+    bodies, state, flows = bodies_at(table), state_at(table), flows_at(table)
     R, point, p = np.empty((3, 3)), np.empty(POINT_SIZE), np.empty(3)
     kind = WAVY if sea.waves.shape[0] > 0 else MOVING
-    for n in range(bodies.shape[0]):
+    for n in range(first, end):
         x, r, flow = state[n], bodies[n].r_b, flows[n]
         rotation(x[3], x[4], x[5], x[6], R)
         vx = x[7] + x[11] * r[2] - x[12] * r[1]

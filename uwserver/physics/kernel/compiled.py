@@ -32,7 +32,7 @@ from uwserver.physics.kernel.linking import Entry, Part
 F = TypeVar("F", bound=Callable[..., Any])
 
 ENTRY_KERNELS = {
-    "free": ("integrator.advance", "integrator.rates_of_change"),
+    "free": ("integrator.advance", "integrator.rates_of_change", "sharing.serve", "sharing.stop"),
     "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
     "contact": ("step.strike", "step.settle"),
     "fins in contact": ("step.strike_fitted",),

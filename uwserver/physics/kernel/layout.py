@@ -218,8 +218,9 @@ SCRATCH = _record(
     _f8("R", 3, 3),  # R_NB
     _f8("M_inv", 6, 6),  # inverse of M_RB + held M_A, which holds in a step
     _f8("small", 3, 3),
+    _i8("diverged"),  # the first body that this thread found diverged in the tick
 )
-"""Work space of a step. As a record it is one pointer to hand on, where arrays of their own cost two atomic counts each."""
+"""Work space of a step, of one thread. As a record it is one pointer to hand on, where arrays of their own cost two atomic counts each."""
 
 
 class Model(NamedTuple):
@@ -303,8 +304,9 @@ WORLD: Forms = {
     "forces": columns(np.float64, 3),
     "values": columns(np.float64, 3),
     "scratch": SCRATCH,
+    "team": columns(np.int64),
 }
-"""The arrays of `bodies.Hydrodynamics`: those of `Model` and `Fitted`, states, flows and work space."""
+"""The arrays of `bodies.Hydrodynamics`: those of `Model` and `Fitted`, states, flows, work space, and the threads that share them (`sharing`)."""
 
 
 def addresses(forms: Forms, arrays: Mapping[str, Any]) -> IntArray:

@@ -23,6 +23,7 @@ _FARTHEST = 1e30
 """m; the engine's numbers are float32."""
 ROUNDING = 1e-6
 """Of float32, as a part of the coordinates."""
+UNKNOWN = -1
 
 
 SIMPLE: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
@@ -123,13 +124,15 @@ def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) 
 @compiled
 def _intersect_carried(origin: Array, direction: Array, limit: float, simple: Simple, state: Array, hits: Hits) -> None:
     """Hits on moving solids of few triangles, one by one; what does not face the start of a ray is left out once for all rays that start
-    there."""
+    there, as soon as one of them comes near: of a swarm's rays few do."""
     carried, sides, distance, normal = simple.carried, simple.sides, hits.distance, hits.normal
-    R, away, start, d = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    R, middle, away, start, d = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     facing = np.empty((len(sides), 15))
     for solid in carried:
         x = state[solid.row]
         rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
+        for j in range(3):
+            middle[j] = x[P + j] + dot(R[j], solid.centre)
         radius, count, square, last = solid.radius, 0, 0.0, -1
         for i in range(len(origin)):
             if (
@@ -138,20 +141,21 @@ def _intersect_carried(origin: Array, direction: Array, limit: float, simple: Si
                 or origin[i, 1] != origin[last, 1]
                 or origin[i, 2] != origin[last, 2]
             ):
-                last, count = i, 0
+                last, count = i, UNKNOWN
                 for j in range(3):
-                    away[j] = x[P + j] + dot(R[j], solid.centre) - origin[i, j]
-                    start[j] = 0.0
-                    for k in range(3):
-                        start[j] += R[k, j] * (origin[i, k] - x[P + k])
+                    away[j] = middle[j] - origin[i, j]
                 square = dot(away, away)
-                if math.sqrt(square) - radius <= limit:
-                    count = _facing(sides, solid.first, solid.count, start, facing)
-            if count == 0:
+            if count == 0 or math.sqrt(square) - radius > limit:
                 continue
             along = away[0] * direction[i, 0] + away[1] * direction[i, 1] + away[2] * direction[i, 2]
             if along < -radius or square - along * along > radius * radius:
                 continue
+            if count == UNKNOWN:
+                for j in range(3):
+                    start[j] = 0.0
+                    for k in range(3):
+                        start[j] += R[k, j] * (origin[i, k] - x[P + k])
+                count = _facing(sides, solid.first, solid.count, start, facing)
             for j in range(3):
                 d[j] = R[0, j] * direction[i, 0] + R[1, j] * direction[i, 1] + R[2, j] * direction[i, 2]
             found = _nearest(d[0], d[1], d[2], facing, count, min(limit, distance[i]))

@@ -43,6 +43,7 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
     if not prepared:
         prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
+    world.threads.want(scenario.world.threads)
     world.earth = _earth(resolved)
     world.lambert = lambert(resolved.materials)
     if resolved.is_solid:

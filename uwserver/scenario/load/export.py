@@ -61,7 +61,7 @@ def identity(resolved: Resolved) -> str:
     """SHA-256 of all that a state of a world of this scenario depends on: not of its adapters, its server, nor of how its time passes."""
     scenario = resolved.scenario
     world = tables(scenario.world, defaults=True)
-    del world["clock"], world["engine"]
+    del world["clock"], world["engine"], world["threads"]
     parts = ("environment", "seabed", "structures", "objects")
     whole = {
         "world": world,

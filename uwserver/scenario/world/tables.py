@@ -38,6 +38,8 @@ class WorldTable(Table, kw_only=True, frozen=True):
     origin_lat_deg, origin_lon_deg: where N's origin lies (WGS84); needed by what is given in latitude and longitude.
     engine: of contacts: auto (Bullet where it is installed, else coal), bullet or coal. A recording
         names the one that auto stood for.
+    threads: that step the world, from 1 to 16: they share the loops over bodies, sensors and autopilots where there are enough of these. auto:
+        two, if a trial in the first seconds finds that faster. The numbers are the same with any.
     """
 
     rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 240.0
@@ -45,4 +47,5 @@ class WorldTable(Table, kw_only=True, frozen=True):
     origin_lat_deg: Latitude | UnsetType = UNSET
     origin_lon_deg: float | UnsetType = UNSET
     engine: Literal["auto", "bullet", "coal"] = "auto"
+    threads: Literal["auto"] | Annotated[int, Meta(ge=1, le=16)] = "auto"
     clock: Clock = Clock()

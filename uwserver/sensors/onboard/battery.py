@@ -142,7 +142,7 @@ class Battery(BankSensor):
         Field("energy", "J", "delivered since the start"),
         Field("charge", "1", "part of the capacity that is left"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, run, acts=True)
     random = ("sigma_A", "sigma_V")
     memory_type = BatteryMemory
     settings: BatterySettings

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from uwserver.frames import matrix, quat_from_rpy
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics import flow
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import (
@@ -28,7 +29,9 @@ from uwserver.physics.kernel.layout import (
     PROFILE_SIZE,
     WAVE_SIZE,
     WAVY,
+    WORLD,
     SeaRows,
+    addresses,
 )
 
 G = 9.81
@@ -143,7 +146,8 @@ def rows(water: SeaRows, ahead: float) -> tuple[FloatArray, FloatArray]:
     q = quat_from_rpy(0.2, -0.1, 0.9)
     nu = np.array([1.0, 0.2, -0.1, 0.3, -0.2, 0.1])
     state[0] = *PLACE[:3], *q, *nu
-    flow.fill_flows(bodies, state, water, PLACE[3], ahead, flows)
+    arrays = {**vars(Hydrodynamics((), 0.01)), "bodies": bodies, "state": state, "flows": flows}
+    flow.fill_flows(addresses(WORLD, arrays), water, PLACE[3], ahead)
     R = np.array(matrix(q))
     return flows[0], np.array(PLACE[:3]) + R @ r + ahead * R @ (nu[:3] + np.cross(nu[3:], r))
 

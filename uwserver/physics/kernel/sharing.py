@@ -1,0 +1,290 @@
+"""Loops of kernels that several threads share: the rows are cut into ranges, which whoever is free takes, until none is left.
+
+Who shares a loop hands out where its code and its arguments lie, runs ranges from the first row on, and waits for the others, who run some from the
+last row on. He waits for a range that another has begun, and never for one who sleeps or does not get a core: so it is never much slower than
+alone. Ranges write to rows of their own, so that the numbers are the same however many there are and whoever runs them.
+
+All of it happens in compiled code without the interpreter: a thread waits for work (`serve`) first turning round, then asleep in the kernel of the
+operating system (a futex of Linux). What the threads have in common is one array of numbers, the team (`uwserver.physics.kernel.team`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.places import (
+    ASLEEP,
+    CHUNK,
+    CLAIM,
+    CODE,
+    COUNT,
+    DATA,
+    DONE,
+    FAILED,
+    FUTEX,
+    JOB,
+    PAUSE,
+    SPIN,
+    STOP,
+    THREADS,
+    WAITING,
+)
+
+_BITS = 12
+MOST_RANGES = (1 << _BITS) - 1
+"""That a loop is cut into."""
+_MASK = MOST_RANGES
+_PATIENCE = 2000  # turns, some 50 us, for a range that another has begun
+_FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 1 << 30  # of one process
+
+_WORD, _BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
+
+
+def _place(builder: Any, context: Any, kinds: Any, args: Any) -> Any:
+    """Pointer to a number of a team."""
+    data = context.make_array(kinds[0])(context, builder, args[0]).data
+    return builder.gep(data, [args[1]])
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # numba has no types
+def _load(_context: Any, team: Any, k: Any) -> Any:
+    """A number that other threads write."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load_atomic(_place(builder, context, signature.args, args), "seq_cst", 8)
+
+    return types.int64(team, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _store(_context: Any, team: Any, k: Any, value: Any) -> Any:
+    """Write a number that other threads read."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.store_atomic(args[2], _place(builder, context, signature.args, args), "seq_cst", 8)
+        return context.get_dummy_value()
+
+    return types.none(team, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _add(_context: Any, team: Any, k: Any, value: Any) -> Any:
+    """Add to a number to which other threads add."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.atomic_rmw("add", _place(builder, context, signature.args, args), args[2], "seq_cst")
+        return context.get_dummy_value()
+
+    return types.none(team, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _exchange(_context: Any, team: Any, k: Any, old: Any, new: Any) -> Any:
+    """Write a number where it still is `old`; tells whether it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = _place(builder, context, signature.args, args)
+        return builder.extract_value(builder.cmpxchg(place, args[2], args[3], "seq_cst", "seq_cst"), 1)
+
+    return types.boolean(team, types.int64, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _pause(_context: Any) -> Any:
+    """What a processor is told in a loop that waits."""
+
+    def generate(context: Any, builder: Any, _signature: Any, _args: Any) -> Any:
+        if PAUSE:
+            numbers = [ir.IntType(32)(k) for k in PAUSE[1:]]
+            kind = ir.FunctionType(ir.VoidType(), [number.type for number in numbers])
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, PAUSE[0]), numbers)
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _futex(_context: Any, team: Any, k: Any, operation: Any, value: Any) -> Any:
+    """Sleep while the low half of a number is `value`, or wake so many sleepers."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if FUTEX:
+            place = builder.bitcast(_place(builder, context, signature.args, args), _BYTES)
+            kind = ir.FunctionType(_WORD, [_WORD], var_arg=True)
+            call = cgutils.get_or_insert_function(builder.module, kind, "syscall")
+            builder.call(call, [_WORD(FUTEX), place, args[2], args[3], _BYTES(None), _BYTES(None), _WORD(0)])
+        return context.get_dummy_value()
+
+    return types.none(team, types.int64, types.int64, types.int64), generate
+
+
+_RANGE = ir.FunctionType(ir.IntType(32), [_BYTES, _WORD, _WORD, _WORD])
+"""Code of a loop as others call it: arguments, first row, end, who runs it; 0 if all went well."""
+
+
+@intrinsic(prefer_literal=False)  # type: ignore[untyped-decorator]
+def _task(typing: Any, loop: Any, args: Any) -> Any:
+    """Where the code and the arguments of a loop lie. The arguments lie on the stack of who calls this."""
+    numbers = (types.int64, types.int64, types.int64)
+    called = loop.get_call_type(typing, (*numbers, *args.types), {})
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        result = loop.dispatcher.overloads[tuple(called.args)]
+        context.add_linking_libs([result.library])
+        name = f"{builder.function.name}.ranges"
+        function = ir.Function(builder.module, _RANGE, name)
+        function.linkage = "internal"
+        inner = ir.IRBuilder(function.append_basic_block("entry"))
+        data, *rows = function.args
+        held = inner.load(inner.bitcast(data, values[1].type.as_pointer()))
+        given = [*rows, *cgutils.unpack_tuple(inner, held)]
+        kinds = (*numbers, *args.types)
+        cast = [context.cast(inner, v, a, b) for v, a, b in zip(given, kinds, called.args, strict=True)]
+        status, _ = context.call_internal_no_propagate(inner, result.fndesc, called, cast)
+        inner.ret(inner.zext(status.is_error, ir.IntType(32)))
+        place = cgutils.alloca_once_value(builder, values[1])
+        pair = [builder.ptrtoint(function, _WORD), builder.ptrtoint(place, _WORD)]
+        return context.make_tuple(builder, signature.return_type, pair)
+
+    return types.UniTuple(types.int64, 2)(loop, args), generate  # type: ignore[attr-defined]  # made at run time
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _call(_context: Any, code: Any, data: Any, first: Any, end: Any, me: Any) -> Any:
+    """Run a range; tells whether all went well."""
+
+    def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        function = builder.inttoptr(args[0], _RANGE.as_pointer())
+        status = builder.call(function, [builder.inttoptr(args[1], _BYTES), *args[2:]])
+        return builder.icmp_signed("==", status, ir.IntType(32)(0))
+
+    return types.boolean(*[types.int64] * 5), generate
+
+
+@compiled
+def share(team: Array, loop: Any, args: Any, count: int, least: int) -> None:
+    """Run ``loop(first, end, me, *args)`` for ranges that together are the rows 0 to `count`, with all threads of a team.
+
+    Args:
+        team: of `team.Team`.
+        loop: a `compiled` function without a result. What it writes for a row depends on nothing that it writes for others; `me`, the number
+            of the thread, finds work space.
+        args: tuple of its arguments.
+        count: rows.
+        least: of them in a range: so many that they take 5 us or more. Fewer than twice as many are not shared.
+
+    Raises:
+        MemoryError: there is no memory for what a range allocates.
+    """
+    code, data = _task(loop, args)
+    if team[THREADS] < 2 or count < 2 * least:
+        if not _call(code, data, 0, count, 0):
+            raise MemoryError
+        return
+    if not _share(team, code, data, count, least):
+        raise MemoryError
+
+
+@compiled
+def _share(team: Array, code: int, data: int, count: int, least: int) -> bool:
+    # A range for each thread would make all wait for the slowest.
+    size = max(least, (count + 8 * team[THREADS] - 1) // (8 * team[THREADS]), count // MOST_RANGES + 1)
+    ranges = (count + size - 1) // size
+    job = team[JOB] + 1
+    team[CODE], team[DATA], team[COUNT], team[CHUNK] = code, data, count, size
+    _store(team, DONE, 0)
+    _store(team, FAILED, 0)
+    _store(team, CLAIM, _claim(job, 0, ranges))
+    _store(team, JOB, job)
+    if _load(team, ASLEEP) > 0:
+        _futex(team, JOB, _FUTEX_WAKE, _ALL)
+    _await(team, ranges - _run(team, job, 0))
+    return bool(_load(team, FAILED) == 0)
+
+
+@compiled
+def _claim(job: int, low: int, high: int) -> int:
+    """Of a job the ranges that nobody has begun, in a number that is changed at once or not at all."""
+    return (job << 2 * _BITS) | (low << _BITS) | high
+
+
+@compiled
+def _run(team: Array, job: int, me: int) -> int:
+    """Take ranges of a job until none is left; returns how many. Who shares it (`me` 0) begins with the first, the others with the last."""
+    taken = 0
+    while True:
+        claim = _load(team, CLAIM)
+        low, high = (claim >> _BITS) & _MASK, claim & _MASK
+        if claim >> 2 * _BITS != job or low == high:
+            return taken
+        # While the claim stands, this job is the one of which these tell.
+        code, data, count, size = _load(team, CODE), _load(team, DATA), _load(team, COUNT), _load(team, CHUNK)
+        k = low if me == 0 else high - 1
+        left = _claim(job, low + 1, high) if me == 0 else _claim(job, low, high - 1)
+        if not _exchange(team, CLAIM, claim, left):
+            continue
+        if not _call(code, data, k * size, min(count, (k + 1) * size), me):
+            _store(team, FAILED, 1)
+        taken += 1
+        if me != 0:
+            _add(team, DONE, 1)
+            if _load(team, WAITING) != 0:
+                _futex(team, DONE, _FUTEX_WAKE, _ALL)
+
+
+@compiled
+def _await(team: Array, ranges: int) -> None:
+    """Until others have done so many."""
+    turns = 0
+    while True:
+        done = _load(team, DONE)
+        if done == ranges:
+            return
+        turns += 1
+        if turns < _PATIENCE:
+            _pause()
+            continue
+        _store(team, WAITING, 1)
+        _futex(team, DONE, _FUTEX_WAIT, done)
+        _store(team, WAITING, 0)
+
+
+@entry
+def serve(team: Array, me: int) -> None:
+    """What a thread of a team does, the number `me` of 1 and more, until the team ends."""
+    job = 0
+    while True:
+        turns = 0
+        while _load(team, JOB) == job:
+            turns += 1
+            if turns < _load(team, SPIN):
+                _pause()
+                continue
+            _add(team, ASLEEP, 1)
+            _futex(team, JOB, _FUTEX_WAIT, job)
+            _add(team, ASLEEP, -1)
+        job = _load(team, JOB)
+        if _load(team, STOP) != 0:
+            return
+        _run(team, job, me)
+
+
+@entry
+def stop(team: Array) -> None:
+    """Let all threads of a team end, once they are idle."""
+    _store(team, STOP, 1)
+    _store(team, JOB, team[JOB] + 1)
+    _futex(team, JOB, _FUTEX_WAKE, _ALL)
+
+
+def load(team: Array) -> None:
+    """Have what stands here ready for a team, compiled or from the cache."""
+    kernels: tuple[Any, ...] = serve, stop
+    for kernel, like in zip(kernels, ((team, 1), (team,)), strict=True):
+        kernel.load(*like)
