@@ -15,6 +15,7 @@ FOLLOWED = (
     "README.md",
     "clients/nc/README.md",
     "clients/python/README.md",
+    "docs/how-to/batch.md",
     "docs/how-to/faults.md",
 )
 """Pages of which nothing else is asked than that all works; the tests below follow others and look at what they show."""

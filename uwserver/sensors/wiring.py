@@ -74,6 +74,7 @@ class Wiring:
         self._thrusters = dict(thrusters)
         self._electrics = dict(electrics)
         self._wired = np.array([thrusters[name] for name in electrics], dtype=np.int64)
+        self._electric_rows: Any = None
 
     def unfed(self) -> Wiring:
         """The same to look at alone."""
@@ -81,8 +82,10 @@ class Wiring:
 
     def fill(self, electrics: Any) -> None:
         """Write ELECTRIC of the vehicle's thrusters into an array of all."""
-        for name, electric in self._electrics.items():
-            electrics[self._thrusters[name]] = 1, electric.power, electric.speed
+        if self._electric_rows is None:
+            rows = [(1, electric.power, electric.speed) for electric in self._electrics.values()]
+            self._electric_rows = np.array(rows, ELECTRIC)
+        electrics[self._wired] = self._electric_rows
 
     @property
     def bodies(self) -> Any:

@@ -193,8 +193,7 @@ class World:
     def want(self, ports: Container[str] | None) -> None:
         """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all.
 
-        Those that parts of the world hear (`Part.hears`) are there too. Sensors measure and count whether anybody reads them or not, and
-        `read` gives the newest sample of any port.
+        Those that parts hear (`Part.hears`) are there too. All sensors measure and count as ever, and `read` gives the newest of any port.
         """
         self._sensing.want(ports)
 

@@ -96,6 +96,10 @@ def test_autopilots_fly_the_copies_as_they_fly_a_world():
     """Set points as arrays, services copy by copy; what an armed autopilot holds nobody else commands."""
     batch, worlds = uwserver.batch(piloted(), 2), [uwserver.load(piloted()), uwserver.load(piloted(), seed=4)]
     for turn in range(40):
+        if turn == 5:  # sticks that spring back when nobody holds them any longer
+            batch.command("rov/autopilot/pilot", u=[0.5, 0, 0, 0, 0, 0])
+            for world in worlds:
+                world.command("rov/autopilot/pilot", u=[0.5, 0, 0, 0, 0, 0])
         if turn == 20:
             batch.command("rov/autopilot/depth", depth=[4.0, 2.0])
             for world, depth in zip(worlds, (4.0, 2.0), strict=True):
