@@ -87,7 +87,8 @@ sound_absorption, echo_of, meet_surface = _seen("absorption", "echo_of", "meet_s
 shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
 
 
-(_team_at,), _share = _seen("team_at"), Elsewhere("uwserver.physics.kernel.sharing", "share")
+(_team_at,) = _seen("team_at")
+_share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16
 """Sensors that a thread reads at a time: some 5 us."""
 
