@@ -128,6 +128,16 @@ def kernels() -> Finding:
     return Finding("kernels", "warning", text, remedy)
 
 
+def threads() -> Finding:
+    """Whether two threads can step a world of many bodies."""
+    from uwserver.physics.kernel.team import cores, why_alone
+
+    reason = why_alone()
+    return Finding(
+        "threads", "ok", f"one steps a world: {reason}" if reason else f"two for large worlds, of {cores()} cores"
+    )
+
+
 def port(number: int = DEFAULT_PORT) -> Finding:
     """The default port is free on loopback, or who has it."""
     name = f"port {number}"
@@ -247,6 +257,7 @@ def examine(reference: str = "") -> Iterator[Finding]:
     if reference:
         yield scenario(reference)
     yield kernels()
+    yield threads()
     yield from adapters()
     yield port()
     yield timer()

@@ -45,10 +45,8 @@ def _sea_kernel() -> ModuleType:
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
-_FLAGS = (
-    dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1)
-    | {"stuck": 2}
-    | dict.fromkeys(("form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2)
+_FLAGS = dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1) | dict.fromkeys(
+    ("stuck", "form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2
 )
 """Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
 

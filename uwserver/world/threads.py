@@ -30,7 +30,8 @@ class Trial:
     def __init__(self, team: Team, block: int, now_ns: Callable[[], int]) -> None:
         """A trial of a team, in blocks of so many ticks; `now_ns`: monotonic wall time."""
         self._team, self._block, self._now_ns = team, block, now_ns
-        self._began = self._spent = self._ticks = 0
+        self._began: int | None = None
+        self._spent = self._ticks = 0
         self._spans: list[int] = []
 
     def begin_tick(self) -> None:
@@ -39,6 +40,8 @@ class Trial:
 
     def end_tick(self) -> bool:
         """It ends. Returns whether the trial is over; the team then shares, or does not."""
+        if self._began is None:  # it was settled within this tick
+            return False
         self._spent += self._now_ns() - self._began
         self._ticks += 1
         if self._ticks < self._block:
@@ -57,7 +60,7 @@ class Threads:
     """The threads of one world.
 
     Attributes:
-        trial: while it is measured whether they pay: `World.advance` tells it of each tick, and drops it when it is over.
+        trial: while it is measured whether they pay.
     """
 
     def __init__(self, hydro: Hydrodynamics, block: int, now_ns: Callable[[], int] = perf_counter_ns) -> None:
@@ -94,6 +97,16 @@ class Threads:
             self._team.shares = True
         elif self._tried != len(hydro):
             self._tried, self.trial = len(hydro), Trial(self._team, self._block, self._now_ns)
+
+    def begin_tick(self) -> None:
+        """A tick begins."""
+        if self.trial is not None:
+            self.trial.begin_tick()
+
+    def end_tick(self) -> None:
+        """It ends."""
+        if self.trial is not None and self.trial.end_tick():
+            self.trial = None
 
     def _size(self) -> int:
         if self._wanted == AUTO:

@@ -110,8 +110,6 @@ class World:
         for part in (*water_parts, self._commands, self._pilots, self._sensing):
             self.add(part)
 
-    # -- set-up ---------------------------------------------------------------------------------------------------------------------
-
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
         self.scene = self.hydro.collider = self.geometry = scene
@@ -241,8 +239,6 @@ class World:
         if self.water.sea is not None:
             self.water.sea.hold(self.tick, self._seconds(), velocity)
 
-    # -- time -----------------------------------------------------------------------------------------------------------------------
-
     @property
     def tick(self) -> int:
         """Ticks done."""
@@ -261,8 +257,6 @@ class World:
     def _seconds(self) -> float:
         num, den = self._rate
         return self._tick * den / num
-
-    # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def __repr__(self) -> str:
         vehicles = ", ".join(self.vehicles) or "no vehicle"
@@ -296,8 +290,6 @@ class World:
         self.requests.changes += 1
         result = self._carry[service](checked_args(self.services[service], args))
         return None if isinstance(result, Later) else result
-
-    # -- the tick -------------------------------------------------------------------------------------------------------------------
 
     def step(self, n: int = 1) -> list[Sample]:
         """Run n ticks; returns the samples delivered in them.
@@ -346,9 +338,8 @@ class World:
         8. sensors and the delivery of samples (`Sensing.after` has their order), from the new state;
         9. whoever listens hears what was delivered, and acts on it in the next tick.
         """
-        tick, trial = self._tick, self.threads.trial
-        if trial is not None:
-            trial.begin_tick()
+        tick = self._tick
+        self.threads.begin_tick()
         output = TickOutput(tick, self.t_ns, [])
         if self._profile is not None:
             self._profile.begin()
@@ -376,8 +367,7 @@ class World:
         self._end_tick(output)
         if self._profile is not None:
             self._profile.end()
-        if trial is not None and trial.end_tick():
-            self.threads.trial = None
+        self.threads.end_tick()
         return output
 
     def _end_tick(self, output: TickOutput) -> None:

@@ -165,6 +165,16 @@ def test_kernels(state: CacheState, level: str, words: str, tmp_path: Path, monk
     assert words in f"{finding.text} {finding.remedy}"
 
 
+@pytest.mark.parametrize(
+    ("reason", "text"), [("", "two for large worlds, of"), ("one core", "one steps a world: one core")]
+)
+def test_how_many_threads_there_can_be(reason: str, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uwserver.physics.kernel.team.why_alone", lambda: reason)
+    finding = diagnosis.threads()
+    assert finding.level == "ok"
+    assert finding.text.startswith(text)
+
+
 def test_a_free_port_is_good(listener: socket.socket) -> None:
     number = number_of(listener)
     listener.close()

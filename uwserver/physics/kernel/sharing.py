@@ -10,7 +10,7 @@ operating system (a futex of Linux). What the threads have in common is one arra
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -149,10 +149,11 @@ def _task(typing: Any, loop: Any, args: Any) -> Any:
         status, _ = context.call_internal_no_propagate(inner, result.fndesc, called, cast)
         inner.ret(inner.zext(status.is_error, ir.IntType(32)))
         place = cgutils.alloca_once_value(builder, values[1])
-        pair = [builder.ptrtoint(function, _WORD), builder.ptrtoint(place, _WORD)]
-        return context.make_tuple(builder, signature.return_type, pair)
+        both = [builder.ptrtoint(function, _WORD), builder.ptrtoint(place, _WORD)]
+        return context.make_tuple(builder, signature.return_type, both)
 
-    return types.UniTuple(types.int64, 2)(loop, args), generate  # type: ignore[attr-defined]  # made at run time
+    pair = types.UniTuple(types.int64, 2)  # type: ignore[attr-defined]  # made at run time
+    return pair(loop, args), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -285,6 +286,5 @@ def stop(team: Array) -> None:
 
 def load(team: Array) -> None:
     """Have what stands here ready for a team, compiled or from the cache."""
-    kernels: tuple[Any, ...] = serve, stop
-    for kernel, like in zip(kernels, ((team, 1), (team,)), strict=True):
-        kernel.load(*like)
+    for kernel, given in ((serve, (team, 1)), (stop, (team,))):
+        cast("Any", kernel).load(*given)
