@@ -9,6 +9,7 @@ import pytest
 
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import BODY, WORLD, Fitted, Forms, Model, addresses, columns
+from uwserver.physics.kernel.places import SIZE
 
 FORMS: Forms = {"rows": BODY, "points": columns(np.float64, 3), "flags": columns(np.bool_)}
 
@@ -60,9 +61,9 @@ def test_a_missing_array_is_a_mistake_of_the_caller() -> None:
 
 
 def test_the_list_of_a_world_names_what_kernels_and_hydrodynamics_have() -> None:
-    assert {*Model._fields, *Fitted._fields, "state", "flows", "scratch"} == set(WORLD)
+    assert {*Model._fields, *Fitted._fields, "state", "flows", "scratch", "team"} == set(WORLD)
     hydro = Hydrodynamics((), 0.01)
     for name, form in WORLD.items():
         array = getattr(hydro, name)
         assert array.dtype == form.base, name
-        assert array.shape == (int(name == "scratch"), *form.shape), name
+        assert array.shape == ({"scratch": 1, "team": SIZE}.get(name, 0), *form.shape), name
