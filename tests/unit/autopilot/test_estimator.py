@@ -18,7 +18,7 @@ from uwserver.autopilot.sources import Hearing, Source, Surroundings
 from uwserver.autopilot.state import NEVER
 from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
-from uwserver.physics.kernel import layout
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Field
 from uwserver.sensors import (
     AltimeterConfig,
@@ -59,7 +59,7 @@ def source(kind, **keys):
 
 
 ONES = (1.0,) * 6
-NO_BODIES = np.zeros((len(layout.WORLD), 2), np.int64)
+NO_BODIES = Hydrodynamics((), 1.0 / RATE)
 
 
 def seat(place=None, **sources):
@@ -90,7 +90,7 @@ class Bench:
         for _ in range(round(seconds * RATE)):
             for name, value in every_step.items():
                 self.hear(name, *value)
-            assert self.seat.bank.step(NO_BODIES, 0, self.t_ns) == ()
+            assert self.seat.bank.step(NO_BODIES.table, 0, self.t_ns) == ()
             self.t_ns += round(1e9 / RATE)
 
     @property
