@@ -1,4 +1,5 @@
-"""Swarms: a hundred complete vehicles with their autopilots, free-running, alone and with a client; what a sample, a vehicle and a thousand cost.
+"""Swarms: a hundred complete vehicles with their autopilots, free-running, alone and with a client; what a sample, a vehicle and a thousand cost;
+and copies of one.
 
 Rates are simulated time over processor time of one core, or over wall time where more than one core or a client takes part.
 """
@@ -35,6 +36,9 @@ QUICK_COUNTS = COUNTS[:2]
 QUICK_SERVERS = (1, 10)
 EXPONENT_BAR = 1.1
 MEMORY_BAR_KB = 200.0
+COPIES, QUICK_COPIES = 1024, 64
+COPIED = {"physics": ((), 1.0e6), "IMU, depth, DVL and AHRS": (("imu", "depth", "dvl", "ahrs"), 3.0e5)}
+"""What copies do: the sensors that measure, and the bar in vehicle-steps a second on two cores."""
 UNKNOWN = "not measured: this system has no /proc"
 
 _Say = Callable[[str], None]
@@ -57,6 +61,7 @@ def bench_swarm(quick: bool, say: _Say) -> list[Row]:
         *_alone(effort, say),
         *_samples(effort, say),
         *_growth(QUICK_COUNTS if quick else COUNTS, effort, say),
+        *_copies(QUICK_COPIES if quick else COPIES, effort, say),
     ]
 
 
@@ -181,3 +186,14 @@ def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Ro
             Row("swarm", f"{title}: load", "s", (found["load_s"],), at_most=LARGE_LOAD_BAR_S),
         ]
     return rows
+
+
+def _copies(copies: int, effort: dict[str, Any], say: _Say) -> list[Row]:
+    """A batch of BlueROV2 Heavy in open water, commanded ten times a second."""
+    rows = []
+    for what, (sensors, bar) in COPIED.items():
+        say(f"swarm: batch of {copies}, {what}")
+        found = _world("copy", copies=copies, sensors=sensors, **effort)
+        title = f"batch of {copies} BlueROV2 Heavy, {what}, all cores, wall time"
+        rows.append(Row("swarm", title, "vehicle-steps/s", tuple(found["steps_per_s"]), bar))
+    return [*rows, Row("swarm", f"batch of {copies} BlueROV2 Heavy: load", "s", (found["load_s"],))]

@@ -6,7 +6,7 @@ from typing import Literal
 
 from uwserver.scenario.world.tables import WorldTable
 
-Kind = Literal["navigation", "simple", "inertial"]
+Kind = Literal["navigation", "simple", "inertial", "copied"]
 
 RATE_HZ = 240
 SPACING_M, START_M, BOTTOM_M = 10.0, 5.0, 20.0
@@ -62,6 +62,12 @@ leak = {{ kind = "leak", rate_hz = 2 }}
     "simple": """
 [vehicles.{name}.override.sensors.pressure]
 enabled = false
+""",
+    # Nothing solid, which copies do not touch: its DVL pings into open water.
+    "copied": """
+[vehicles.{name}.sensors]
+ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
+dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8 }}
 """,
     "inertial": """
 [vehicles.{name}.sensors]

@@ -5,19 +5,22 @@ One task a line on stdin (JSON), one result a line on stdout, as `uwserver_bench
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import itertools
 import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import uwserver
+from uwserver.copies.batch import Batch
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
@@ -34,6 +37,7 @@ from uwserver_bench.swarm_scenario import RATE_HZ, Kind, mission, names, scenari
 SETTLE_TICKS = 2 * RATE_HZ
 """Until the AHRS knows where north is."""
 _TICKS = 24
+_THRUSTERS = f"{names(1)[0]}/thrusters"
 _clock = SystemTime()
 
 
@@ -101,12 +105,48 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     return {"sample_us": samples, "noise_us": noises}
 
 
+def copy(task: Mapping[str, Any]) -> dict[str, object]:
+    """Make a batch of `copies` of a BlueROV2 Heavy in open water of which these `sensors` measure, and step it, commanded ten times a second.
+
+    Returns:
+        Processor time of loading, s, with all kernels ready; vehicle-steps a second of wall time, one value for each of `repeats` of `seconds`
+        of processor time.
+    """
+    copied(1, task["sensors"])
+    begin = processor_ns()
+    batch = copied(task["copies"], task["sensors"])
+    load_s = (processor_ns() - begin) * 1e-9
+    u = np.random.default_rng(1).uniform(-0.5, 0.5, (batch.n, *batch.commands[_THRUSTERS].fields[0].shape))
+
+    def run() -> None:
+        batch.command(_THRUSTERS, u=u)
+        batch.step(_TICKS)
+
+    run()
+    gc.collect()
+    gc.freeze()
+    found = [pace(run, _TICKS, task["seconds"]) for _ in range(task["repeats"])]
+    return {"load_s": load_s, "steps_per_s": [batch.n * RATE_HZ * of_wall_time for _, of_wall_time in found]}
+
+
+def copied(copies: int, sensors: Sequence[str]) -> Batch:
+    """A batch at t = 0."""
+    with _written("copied", 1, True) as file:
+        return uwserver.batch(file, copies, sensors=[f"{names(1)[0]}/{name}" for name in sensors])
+
+
 def loaded(kind: Kind, vehicles: int, one_core: bool) -> World:
     """A swarm at t = 0."""
+    with _written(kind, vehicles, one_core) as file:
+        return build(load(file, adapters={}))
+
+
+@contextlib.contextmanager
+def _written(kind: Kind, vehicles: int, one_core: bool) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         file = Path(folder, "swarm.toml")
         file.write_text(scenario(kind, vehicles, one_core), encoding="utf-8")
-        return build(load(file, adapters={}))
+        yield file
 
 
 def ticks(world: World, count: int) -> None:
@@ -151,7 +191,9 @@ def _us_each(run: Callable[[], None], count: int, seconds: float) -> float:
     return spent * 1e-3 / (done * count)
 
 
-_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"fly": fly, "thrust": thrust, "read": read}
+_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {
+    "fly": fly, "thrust": thrust, "read": read, "copy": copy,
+}  # fmt: skip
 
 
 def main(lines: Sequence[str] | None = None) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from uwserver_bench import swarm, swarm_world
 from uwserver_bench.rows import Row
 from uwserver_bench.swarm_client import PORTS
 from uwserver_bench.swarm_scenario import LEG_M, RATE_HZ, SPACING_M, mission, names, place
 
+from uwserver.copies.batch import Batch
 from uwserver.world.world import World
 
 EFFORT = {"seconds": 0.001, "repeats": 2}
@@ -76,6 +78,39 @@ def test_samples_of_a_bank_arrive_and_noise_costs_something(monkeypatch: pytest.
     counts = [numbers[world.sensors[f"r0000/{name}"].head] for name in ("inertial", "exact", "noisy")]
     assert min(counts) > 100
     assert len(world.instruments._pending) < 100, "what piles up makes each sample dearer"
+
+
+@pytest.mark.parametrize("sensors", [(), ("imu", "depth", "dvl", "ahrs")])
+def test_copies_are_loaded_commanded_and_stepped(sensors: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    batches: list[Batch] = []
+    make = swarm_world.copied
+
+    def copied(*args: Any) -> Batch:
+        batches.append(make(*args))
+        return batches[-1]
+
+    monkeypatch.setattr(swarm_world, "copied", copied)
+    found = swarm_world.copy({"copies": 3, "sensors": sensors, **EFFORT})
+    assert found["load_s"] > 0.0
+    assert len(found["steps_per_s"]) == 2
+    assert min(found["steps_per_s"]) > 0.0
+    batch = batches[-1]
+    assert set(batch.ports) == {f"r0000/{name}" for name in sensors}
+    assert batch.ticks.min() >= 3 * 24
+    assert np.ptp(batch.states()[:, :3], axis=0).max() > 0.01, "each has commands of its own"
+
+
+def test_the_bars_of_copies_are_in_vehicle_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def world(task: str, **arguments: Any) -> dict[str, Any]:
+        asked.append((task, arguments["copies"], arguments["sensors"]))
+        return {"steps_per_s": [1.1e6 if not arguments["sensors"] else 2.9e5], "load_s": 6.5}
+
+    monkeypatch.setattr(swarm, "_world", world)
+    rows = swarm._copies(1024, EFFORT, lambda line: None)
+    assert asked == [("copy", 1024, ()), ("copy", 1024, ("imu", "depth", "dvl", "ahrs"))]
+    assert [(row.value, row.verdict) for row in rows] == [(1.1e6, "ok"), (2.9e5, "miss"), (6.5, "info")]
 
 
 def fake(found: dict[tuple[str, int], dict[str, Any]]) -> Any:
