@@ -45,6 +45,7 @@ def test_what_a_range_raises_comes_when_all_are_done():
             assert begun.wait(20)
             raise ValueError("of the caller's range")
         begun.set()
+        threading.Event().wait(0.05)  # so that whoever does not wait for this one is seen
         done.append(part.tolist())
         raise KeyError("of another")
 
