@@ -9,9 +9,11 @@ from typing import Any
 from uwserver.copies.admission import check
 from uwserver.copies.batch import Batch
 from uwserver.copies.ranges import threads_for
+from uwserver.copies.warm import OF_COPIES, stages_of
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.world.builds import prepare, progress
 
 
 def begin(
@@ -39,5 +41,7 @@ def begin(
     if len(numbers) != n:
         raise Refused("bad_shape", f"{len(numbers)} seeds for {n} copies", "seeds")
     count = threads_for(n, threads)
-    check(resolved, build(resolved, numbers[0]))
+    world = build(resolved, numbers[0])
+    check(resolved, world)
+    prepare(stages_of(world), progress(), OF_COPIES)
     return Batch(partial(build, resolved, prepared=True), numbers, sensors, parameters, count)
