@@ -50,6 +50,7 @@ def batch(
     *,
     seeds: int | Sequence[int] | None = None,
     sensors: Collection[str] | None = None,
+    threads: int | None = None,
     **parameters: Any,
 ) -> Batch:
     """n copies of a world at t = 0, to be stepped in one call, with arrays in and out. They know nothing of each other.
@@ -59,14 +60,16 @@ def batch(
         n: how many, 1 or more.
         seeds: one a copy, or that of the first, from which the others count on; default: the scenario's.
         sensors: paths of those that measure; default: all.
+        threads: how many step the copies, that of the caller included; default: one a core, up to four, from 128 copies on, else one. They change
+            no number, and end with the batch, or with its `close`.
         parameters: by name, for all copies or one value each; see `uwserver.copies.batch.Batch.reset`.
 
     Raises:
         ScenarioError: every fault of the files, with its place.
-        Refused: solid things, other adapters, or components in plain Python, by name; no such sensor or parameter.
+        Refused: solid things, other adapters, or components in plain Python, by name; no such sensor or parameter; so many threads.
     """
     from uwserver.adapter import installed_adapters
     from uwserver.copies.start import begin
     from uwserver.scenario.load.scenario import load as load_scenario
 
-    return begin(load_scenario(scenario, adapters=installed_adapters()), n, seeds, sensors, parameters)
+    return begin(load_scenario(scenario, adapters=installed_adapters()), n, seeds, sensors, parameters, threads)

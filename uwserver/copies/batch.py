@@ -12,6 +12,7 @@ from uwserver.copies.commands import Commands
 from uwserver.copies.copy import Copy
 from uwserver.copies.description import described
 from uwserver.copies.parameters import Parameters
+from uwserver.copies.ranges import Ranges
 from uwserver.copies.readings import Readings
 from uwserver.copies.rounds import Clocks, Rounds, is_fitted
 from uwserver.copies.tables import Tables
@@ -51,6 +52,7 @@ class Batch:
         seeds: Sequence[int],
         sensors: Collection[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
+        threads: int = 1,
     ) -> None:
         """Of a scenario that was found fit (`admission`).
 
@@ -59,6 +61,7 @@ class Batch:
             seeds: of the copies.
             sensors: paths of those that measure; None for all. Batteries, and what an autopilot hears, always do.
             parameters: see `reset`.
+            threads: how many step the copies, that of the caller included; they change no number.
 
         Raises:
             Refused: no such sensor, or as `reset`.
@@ -72,7 +75,8 @@ class Batch:
         for path in sensors or ():
             find("port", path, world.sensors)
         self._tables = Tables(self._copies)
-        self._rounds = Rounds(self._copies, self._tables, sensors)
+        self._ranges = Ranges(threads)
+        self._rounds = Rounds(self._copies, self._tables, self._ranges, sensors)
         self._commands = Commands(self._copies, self._tables)
         self._parameters = Parameters(self.n)
         self.vehicles = tuple(world.vehicles)
@@ -98,6 +102,15 @@ class Batch:
 
     def __repr__(self) -> str:
         return f"<Batch of {self.n} {self._copies[0].world.name}: {', '.join(self.vehicles)}>"
+
+    @property
+    def threads(self) -> int:
+        """How many step the copies, that of the caller included."""
+        return self._ranges.count
+
+    def close(self) -> None:
+        """End the threads but the caller's, which steps the copies alone from now on. They also end with the batch, when nobody has it any longer."""
+        self._ranges.close()
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
 
@@ -158,7 +171,10 @@ class Batch:
                 self._settle(i)
         if self._copies[0].pilots:
             tables, clocks = self._tables, self._clocks()
-            self._kernels.fly(which, tables.pilots, tables.worlds, ticks, clocks.t_ns, self._waiting)
+            t_ns, waiting = clocks.t_ns, self._waiting
+            self._ranges.run(
+                which, lambda part, _: self._kernels.fly(part, tables.pilots, tables.worlds, ticks, t_ns, waiting)
+            )
             for i in which[self._waiting[which] > 0].tolist():
                 self._copies[i].fly_on(int(ticks[i]))
                 self._settle(i)
@@ -166,9 +182,14 @@ class Batch:
     def _move(self, which: IntArray) -> None:
         """Bodies, then the water, then sensors and what they deliver."""
         tables, kernels, clocks = self._tables, self._kernels, self._clocks()
-        if self._has_sea:
-            kernels.fill_flows(which, tables.worlds, tables.nows, clocks.ts, 0.5 * self.dt)
-        self._advance(which, tables.worlds, clocks.ts, self.dt, self._lost)
+        ts = clocks.ts
+
+        def move(part: IntArray, _: int) -> None:
+            if self._has_sea:
+                kernels.fill_flows(part, tables.worlds, tables.nows, ts, 0.5 * self.dt)
+            self._advance(part, tables.worlds, ts, self.dt, self._lost)
+
+        self._ranges.run(which, move)
         self._ticks[which] += 1
         lost = self._lost[which] >= 0
         if lost.any():

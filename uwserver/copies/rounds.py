@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uwserver.copies.copy import Copy
+from uwserver.copies.ranges import Ranges
 from uwserver.copies.tables import Tables
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
@@ -27,11 +28,11 @@ class Clocks(NamedTuple):
 
 
 class _Read(NamedTuple):
-    """Sensors of one kind that read together: the compiled loop, their records' tables, and what else the loop takes."""
+    """Sensors of one kind that read together: the compiled loop, their records' tables, and what else the loop takes in each range of copies."""
 
     loop: Any
     rows: IntArray
-    more: tuple[Any, ...]
+    more: tuple[tuple[Any, ...], ...]
 
 
 class _Round(NamedTuple):
@@ -59,12 +60,12 @@ class Rounds:
         measured: paths of the sensors that measure.
     """
 
-    def __init__(self, copies: Sequence[Copy], tables: Tables, sensors: Collection[str] | None) -> None:
+    def __init__(self, copies: Sequence[Copy], tables: Tables, ranges: Ranges, sensors: Collection[str] | None) -> None:
         """Let sensors of these paths measure, and those that decide how the run goes on; None for all."""
         from uwserver.copies import kernels, loops
 
         self._kernels, self._loops = kernels, loops
-        self._copies, self._tables = copies, tables
+        self._copies, self._tables, self._ranges = copies, tables, ranges
         heard = {port for pilot in copies[0].pilots for port in pilot.craft.hearing.ports}
         slots = [
             slot
@@ -111,20 +112,27 @@ class Rounds:
         tables, kernels, (_, ts, t_ns) = self._tables, self._kernels, clocks
         due = self._rounds.get(mask) or self._round(mask)
         if due.needs_rates:
-            if self._has_sea:
-                kernels.fill_flows(which, tables.worlds, tables.nows, ts, 0.0)
-            self._look(which, tables.worlds, tables.nows, ts)
+            self._ranges.run(which, lambda part, _: self._look_around(part, ts))
         for path in due.exactly:
             for i in which.tolist():
                 self._copies[i].world.sensors[path].read_exactly(float(ts[i]))
-        for loop, rows, more in due.reads:
-            loop(which, tables.senses, rows, tables.nows, ts, *more)
         tables.make_room(int(self.told[:, 1].max()) + due.most)
-        kernels.deliver(
-            which, tables.senses, due.heads, t_ns, True, tables.values, tables.told_values, self.told
-        )  # fmt: skip
-        if self._copies[0].pilots:
-            kernels.hear(which, tables.pilots, tables.senses, tables.told_values, self.told, t_ns)
+        senses, values, told_values, told = tables.senses, tables.values, tables.told_values, self.told
+
+        def sense(part: IntArray, k: int) -> None:
+            for loop, rows, more in due.reads:
+                loop(part, senses, rows, tables.nows, ts, *more[k])
+            kernels.deliver(part, senses, due.heads, t_ns, True, values, told_values, told)
+            if self._copies[0].pilots:
+                kernels.hear(part, tables.pilots, senses, told_values, told, t_ns)
+
+        self._ranges.run(which, sense)
+
+    def _look_around(self, which: IntArray, ts: FloatArray) -> None:
+        tables = self._tables
+        if self._has_sea:
+            self._kernels.fill_flows(which, tables.worlds, tables.nows, ts, 0.0)
+        self._look(which, tables.worlds, tables.nows, ts)
 
     def _round(self, mask: int) -> _Round:
         slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
@@ -143,10 +151,11 @@ class Rounds:
 
     def _read(self, bank: Bank, slots: Sequence[SensorSlot]) -> _Read:
         due, heads = np.array([slot.head for slot in slots]), self._copies[0].world.instruments.heads.rows
-        more: tuple[Any, ...] = (due,)
-        if bank.aims:
-            rays = int(heads["rays"][due].sum())
-            more = due, np.empty((2, rays, 3)), np.zeros(len(due) + 1, np.int64), no_hits(rays)
+        rays = int(heads["rays"][due].sum()) if bank.aims else 0
+        more = tuple(
+            (due, np.empty((2, rays, 3)), np.zeros(len(due) + 1, np.int64), no_hits(rays)) if bank.aims else (due,)
+            for _ in range(self._ranges.count)
+        )
         return _Read(self._loops.loop_of(bank), self._tables.rows[id(bank)], more)
 
 

@@ -8,9 +8,12 @@ from typing import Any
 
 from uwserver.copies.admission import check
 from uwserver.copies.batch import Batch
+from uwserver.copies.ranges import threads_for
+from uwserver.copies.warm import OF_COPIES, stages_of
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.world.builds import prepare, progress
 
 
 def begin(
@@ -19,15 +22,17 @@ def begin(
     seeds: int | Sequence[int] | None,
     sensors: Collection[str] | None,
     parameters: Mapping[str, Any],
+    threads: int | None = None,
 ) -> Batch:
     """The batch. What must be compiled for it is compiled first.
 
     Args:
         resolved: a loaded and checked scenario.
-        n, seeds, sensors, parameters: as for `uwserver.batch`.
+        n, seeds, sensors, parameters, threads: as for `uwserver.batch`.
 
     Raises:
-        Refused: less than one copy, another number of seeds, what `admission.check` refuses, or no such sensor or parameter.
+        Refused: less than one copy, another number of seeds, what `admission.check` refuses, no such sensor or
+            parameter, or so many threads.
     """
     if n < 1:
         raise Refused("out_of_range", f"a batch has 1 copy or more, not {n}", "n")
@@ -35,5 +40,8 @@ def begin(
     numbers = [first + k for k in range(n)] if isinstance(first, int) else [int(seed) for seed in first]
     if len(numbers) != n:
         raise Refused("bad_shape", f"{len(numbers)} seeds for {n} copies", "seeds")
-    check(resolved, build(resolved, numbers[0]))
-    return Batch(partial(build, resolved, prepared=True), numbers, sensors, parameters)
+    count = threads_for(n, threads)
+    world = build(resolved, numbers[0])
+    check(resolved, world)
+    prepare(stages_of(world), progress(), OF_COPIES)
+    return Batch(partial(build, resolved, prepared=True), numbers, sensors, parameters, count)

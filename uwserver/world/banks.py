@@ -20,7 +20,7 @@ def _kinds(base: type[BankSensor]) -> Iterator[type[BankSensor]]:
             yield from _kinds(kind)
 
 
-def _banks(casts_rays: bool) -> dict[int, Bank]:
+def banks_of_all(casts_rays: bool) -> dict[int, Bank]:
     """The banks of all kinds of sensors that cast rays, or that do not."""
     assert truth  # whose kinds no table names
     found = {id(kind.bank): kind.bank for kind in _kinds(BankSensor) if "bank" in vars(kind)}
@@ -32,7 +32,7 @@ def _sensors() -> Iterable[Any]:
     from uwserver.world.delivery import deliver
 
     yield from (deliver, disturb_alone.made())
-    for each in _banks(False).values():
+    for each in banks_of_all(False).values():
         yield from bank.kernels(each)
 
 
@@ -43,12 +43,12 @@ def _load_sensors() -> None:
     delivery.load()
     chain.load()
     draw_normals(0, 1)
-    for each in _banks(False).values():
+    for each in banks_of_all(False).values():
         bank.load(each)
 
 
 def _load_soundings() -> None:
-    for each in _banks(True).values():
+    for each in banks_of_all(True).values():
         bank.load(each)
 
 
@@ -73,7 +73,7 @@ COMPILE: dict[str, Callable[[], None]] = {
 
 _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
     "sensors": _sensors,
-    "soundings": lambda: [kernel for each in _banks(True).values() for kernel in bank.kernels(each)],
+    "soundings": lambda: [kernel for each in banks_of_all(True).values() for kernel in bank.kernels(each)],
     "autopilots": _autopilots,
 }
 

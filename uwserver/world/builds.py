@@ -6,7 +6,8 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import NamedTuple
 
 from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.kernel import compiled
@@ -26,39 +27,58 @@ _PERIOD = 0.2  # s between two looks at the processes
 _PREFIX = "uwserver: compiling the physics for this machine, once"
 
 
-def missing(stages: Collection[str]) -> tuple[str, ...]:
-    """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
-    here = [stage for stage in STAGES if stage in stages and (stage != "solids" or missing_engine() is None)]
-    return tuple(sorted((s for s in here if compiled.cache_state.missing(kernels_of(s))), key=lambda s: -STAGES[s]))
-
-
 def kernels_of(stage: str) -> tuple[str, ...]:
     """Names of the kernels of a stage, in the cache."""
     return ENTRY_KERNELS.get(stage) or banks.kernels_of(stage)
 
 
-def prepare(stages: Collection[str], tell: Tell) -> bool:
+class Work(NamedTuple):
+    """Stages that one module compiles.
+
+    Attributes:
+        seconds: processor time of each, as in `STAGES`.
+        kernels_of: names of the kernels of a stage, in the cache.
+        module: what Python runs to compile some, as `uwserver.world.warm`.
+    """
+
+    seconds: Mapping[str, float]
+    kernels_of: Callable[[str], tuple[str, ...]]
+    module: str
+
+
+OF_WORLDS = Work(STAGES, kernels_of, "uwserver.world.warm")
+
+
+def missing(stages: Collection[str], work: Work = OF_WORLDS) -> tuple[str, ...]:
+    """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
+    here = [stage for stage in work.seconds if stage in stages and (stage != "solids" or missing_engine() is None)]
+    todo = [stage for stage in here if compiled.cache_state.missing(work.kernels_of(stage))]
+    return tuple(sorted(todo, key=lambda stage: -work.seconds[stage]))
+
+
+def prepare(stages: Collection[str], tell: Tell, work: Work = OF_WORLDS) -> bool:
     """Compile what is missing of some stages, into the user's cache; without one it is left to whoever needs a kernel first.
 
     Args:
-        stages: of `STAGES`.
+        stages: of `STAGES`, or of another `work`.
         tell: gets progress; nothing when nothing is missing.
+        work: whose stages they are.
 
     Returns:
         Whether anything was missing.
     """
-    todo = missing(stages)
+    todo = missing(stages, work)
     if not todo:
         return False
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if compiled.cache_state.folder is None or compiled.cache_state.reason:
-        tell(f"{_PREFIX}, in memory: about {sum(STAGES[stage] for stage in todo):.0f} s", True)
+        tell(f"{_PREFIX}, in memory: about {sum(work.seconds[stage] for stage in todo):.0f} s", True)
         return True
-    _run(todo, workers, tell)
+    _run(todo, workers, tell, work)
     return True
 
 
-def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
+def _run(todo: Sequence[str], workers: int, tell: Tell, work: Work) -> None:
     waiting, done = list(todo), 0.0
     running: dict[str, subprocess.Popen[bytes]] = {}
     elapsed = 0.0
@@ -66,11 +86,11 @@ def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
         while waiting or running:
             while waiting and len(running) < workers:
                 stage = waiting.pop(0)
-                running[stage] = start([stage])
+                running[stage] = start([stage], module=work.module)
             for stage in [stage for stage, process in running.items() if process.poll() is not None]:
                 stop(running.pop(stage))
-                done += STAGES[stage]
-            left = _left([*waiting, *running], workers, done, elapsed)
+                done += work.seconds[stage]
+            left = _left([*waiting, *running], workers, done, elapsed, work.seconds)
             ready = len(todo) - len(waiting) - len(running)
             tell(f"{_PREFIX}: {ready} of {len(todo)} parts ready, about {left:.0f} s left", left == 0.0)
             if running:
@@ -89,19 +109,21 @@ def _wait(process: subprocess.Popen[bytes]) -> float:
     return 0.0
 
 
-def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> float:
+def _left(
+    stages: Sequence[str], workers: int, done: float, elapsed: float, seconds: Mapping[str, float] = STAGES
+) -> float:
     """Seconds that some stages will take yet, by the pace until now."""
     if not stages:
         return 0.0
-    whole = max(sum(STAGES[stage] for stage in stages) + done, 1e-9) / workers
-    longest = max(STAGES[stage] for stage in stages)
+    whole = max(sum(seconds[stage] for stage in stages) + done, 1e-9) / workers
+    longest = max(seconds[stage] for stage in stages)
     pace = max(1.0, elapsed * workers / done) if done else 1.0
     return max(max(whole, longest) * pace - elapsed, 1.0)
 
 
-def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:
-    """A process that compiles some stages, and ends with this one."""
-    command = [sys.executable, "-m", "uwserver.world.warm", "--nice", str(nice), *stages]
+def start(stages: Sequence[str], nice: int = 0, module: str = OF_WORLDS.module) -> subprocess.Popen[bytes]:
+    """A process that compiles some stages of a module, and ends with this one."""
+    command = [sys.executable, "-m", module, "--nice", str(nice), *stages]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     null = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=null, stderr=null, env=environment)
@@ -119,7 +141,8 @@ def watch_parent() -> None:
     """In such a process: end as soon as the parent is gone, however it ended."""
 
     def wait() -> None:
-        sys.stdin.buffer.read(1)
+        # Not through a buffer, whose lock an interpreter that ends cannot take: it would abort.
+        os.read(sys.stdin.fileno(), 1)
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()

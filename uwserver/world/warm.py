@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from uwserver.physics import warm as physics
@@ -50,12 +50,17 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     return compiled
 
 
+def compile_for_parent(arguments: Sequence[str], compile_stage: Mapping[str, Callable[[], object]]) -> None:
+    """Be one of the processes of `builds.start`, with its arguments: ``--nice N STAGE...``."""
+    os.nice(int(arguments[1]))
+    watch_parent()
+    for stage in arguments[2:]:
+        compile_stage[stage]()
+
+
 def _main(stages: Sequence[str]) -> None:
-    if stages:  # --nice N STAGE...: one of the processes of `builds.start`
-        os.nice(int(stages[1]))
-        watch_parent()
-        for stage in stages[2:]:
-            COMPILE[stage]()
+    if stages:
+        compile_for_parent(stages, COMPILE)
         return
     state = cache_state
     if state.reason:

@@ -236,3 +236,39 @@ def test_less_than_a_tick_a_copy_or_a_seed_each_is_refused():
         uwserver.batch("bluerov2_pool", 0)
     with pytest.raises(Refused, match="1 seeds for 2"):
         uwserver.batch("bluerov2_pool", 2, seeds=[1])
+
+
+@pytest.mark.parametrize(("scenario", "turns"), [(stormy, 200), (piloted, 100)])
+def test_threads_change_no_number(scenario, turns):
+    """Thousands of ticks, with resets on the way that set the copies apart in time."""
+    ours, theirs = uwserver.batch(scenario(), 5, threads=2), uwserver.batch(scenario(), 5, threads=1)
+    assert (ours.threads, theirs.threads, theirs.n) == (2, 1, 5)
+    rng = np.random.default_rng(8)
+    for turn in range(turns):
+        u = rng.uniform(-1.0, 1.0, (5, 8))
+        for batch in (ours, theirs):
+            if scenario is stormy:
+                batch.command("rov/thrusters", u=u)
+            if turn == 30:
+                batch.reset([1, 4])
+            batch.step(13)
+        assert np.array_equal(ours.states(), theirs.states())
+        for port in ours.ports:
+            one, other = ours.read(port), theirs.read(port)
+            assert np.array_equal(one.stamps, other.stamps)
+            assert np.array_equal(one.packed, other.packed, equal_nan=True)
+    assert len(set(ours.ticks.tolist())) == 2
+    ours.close()
+    assert (ours.threads, ours.step().any()) == (1, False)
+
+
+def test_ranges_of_copies_share_no_room_for_rays():
+    """Else one thread would read what another aims."""
+    batch = uwserver.batch(stormy(), 4, threads=2)
+    batch.step(48)
+    rays = [read.more for round_ in batch._rounds._rounds.values() for read in round_.reads if len(read.more[0]) > 1]
+    assert rays
+    for (_, *mine), (_, *others) in rays:
+        mine, others = [[*some[:2], *some[2]] for some in (mine, others)]
+        assert not any(np.shares_memory(a, b) for a, b in zip(mine, others, strict=True))
+    batch.close()

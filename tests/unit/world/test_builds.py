@@ -57,7 +57,7 @@ def test_nothing_is_said_when_nothing_is_missing(empty: Path) -> None:
 def test_parts_are_made_side_by_side_and_counted(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[str] = []
 
-    def start(stages: list[str], nice: int = 0) -> subprocess.Popen[bytes]:
+    def start(stages: list[str], nice: int = 0, module: str = "") -> subprocess.Popen[bytes]:
         started.extend(stages)
         return subprocess.Popen([sys.executable, "-c", ""], stdin=subprocess.PIPE)
 
@@ -76,6 +76,15 @@ def test_without_a_cache_it_is_left_to_memory(monkeypatch: pytest.MonkeyPatch) -
     said: list[str] = []
     assert builds.prepare(("free",), lambda text, last: said.append(text))
     assert "in memory" in said[0]
+
+
+def test_a_process_that_has_compiled_ends_well() -> None:
+    """Though it still watches its parent."""
+    process = builds.start([])
+    try:
+        assert process.wait(60) == 0
+    finally:
+        builds.stop(process)
 
 
 @pytest.mark.parametrize(
