@@ -15,6 +15,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
+from uwserver.sensors.bank import kernels
 
 
 @pytest.fixture
@@ -61,7 +62,7 @@ def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside)
 def test_its_kernel_is_there_before_the_first_tick(beside):
     """A tick that compiles would hold up all the others for seconds."""
     world = build(load(beside / "pond.toml", adapters={}))
-    kernel = sys.modules[type(world.sensors["rov/oxygen"].sensor).__module__].run.made()
+    (kernel,) = kernels(world.sensors["rov/oxygen"].sensor.bank)
     assert len(kernel.signatures) == 1
     world.step(8)
     assert len(kernel.signatures) == 1
