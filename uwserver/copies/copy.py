@@ -35,6 +35,8 @@ class Copy:
     def __init__(self, world: World) -> None:
         self.world = world
         world.want(())
+        # Threads share the copies among them, not the bodies of one.
+        world.threads.want(1)
         sensors = [slot.sensor for slot in world.sensors.values()]
         self.banks: dict[int, Bank] = {id(s.bank): s.bank for s in sensors if isinstance(s, BankSensor)}
         self.pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]

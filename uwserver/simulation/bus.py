@@ -129,10 +129,10 @@ class Wanted:
 
     def __init__(self, paths: Collection[str], known: Container[str]) -> None:
         """paths: of those that are read; known: all that the readers have heard of."""
-        self._paths, self._known = paths, known
+        self._paths, self.known = paths, known
 
     def __contains__(self, path: object) -> bool:
-        return path in self._paths or path not in self._known
+        return path in self._paths or path not in self.known
 
 
 class Bus:
@@ -169,7 +169,7 @@ class Bus:
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
         self._known: Mapping[str, Port] = {}
-        self.wanted: Container[str] | None = Wanted((), ())
+        self.wanted: Wanted | None = Wanted((), ())
         self.dropped = 0
         self.last: dict[str, Sample] = {}
         self.ports: Mapping[str, Port] | None = None
@@ -206,6 +206,8 @@ class Bus:
     def follow_wants(self) -> None:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
         before, paths = self._paths, _together(self._readers)
+        if paths == before and (self.wanted is None or self.wanted.known is self._known):
+            return  # the world marks all its streams anew for another object
         self._paths, self.wanted = paths, None if paths is None else Wanted(paths, self._known)
         if paths != before:  # what was not wanted meanwhile is not the newest any more
             self.last = {

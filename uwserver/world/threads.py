@@ -98,13 +98,8 @@ class Threads:
         elif self._tried != len(hydro):
             self._tried, self.trial = len(hydro), Trial(self._team, self._block, self._now_ns)
 
-    def begin_tick(self) -> None:
-        """A tick begins."""
-        if self.trial is not None:
-            self.trial.begin_tick()
-
     def end_tick(self) -> None:
-        """It ends."""
+        """A tick of a trial ends, and with the last one the trial."""
         if self.trial is not None and self.trial.end_tick():
             self.trial = None
 

@@ -259,9 +259,8 @@ class World:
         return self._tick * den / num
 
     def __repr__(self) -> str:
-        vehicles = ", ".join(self.vehicles) or "no vehicle"
-        ports = f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
-        return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles}; {ports}>"
+        vehicles, ports = ", ".join(self.vehicles), f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
+        return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
 
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
@@ -339,7 +338,8 @@ class World:
         9. whoever listens hears what was delivered, and acts on it in the next tick.
         """
         tick = self._tick
-        self.threads.begin_tick()
+        if self.threads.trial is not None:
+            self.threads.trial.begin_tick()
         output = TickOutput(tick, self.t_ns, [])
         if self._profile is not None:
             self._profile.begin()
@@ -367,7 +367,8 @@ class World:
         self._end_tick(output)
         if self._profile is not None:
             self._profile.end()
-        self.threads.end_tick()
+        if self.threads.trial is not None:
+            self.threads.end_tick()
         return output
 
     def _end_tick(self, output: TickOutput) -> None:

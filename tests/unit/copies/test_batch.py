@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import uwserver
+from uwserver.copies.copy import Copy
+from uwserver.physics.kernel.places import FUTEX
 from uwserver.ports import Refused
 from uwserver.scenario.builder import ScenarioBuilder
 
@@ -236,6 +238,18 @@ def test_less_than_a_tick_a_copy_or_a_seed_each_is_refused():
         uwserver.batch("bluerov2_pool", 0)
     with pytest.raises(Refused, match="1 seeds for 2"):
         uwserver.batch("bluerov2_pool", 2, seeds=[1])
+
+
+@pytest.mark.skipif(not FUTEX, reason="threads of a world wait in compiled code on Linux alone")
+def test_a_copy_of_many_bodies_has_no_threads_of_its_own():
+    """A thousand copies would have a thousand."""
+    b = ScenarioBuilder("crowd", rate_hz=240).world(threads=2)
+    for k in range(16):
+        b.vehicle(f"rov{k}", "bluerov2_heavy", position_ned_m=[3.0 * k, 0, 3])
+    world = uwserver.load(b.build())
+    assert world.threads.count == 2
+    Copy(world)
+    assert world.threads.count == 1
 
 
 @pytest.mark.parametrize(("scenario", "turns"), [(stormy, 200), (piloted, 100)])

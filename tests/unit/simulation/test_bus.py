@@ -87,6 +87,19 @@ def test_what_is_wanted_is_what_all_readers_want_together():
     assert made(bus) == ""
 
 
+def test_a_second_reader_of_the_same_gives_the_world_nothing_to_do():
+    """Which would mark all its streams anew: somebody may come and go in every tick."""
+    bus = Bus(lambda _: None)
+    bus.expect(PORTS)
+    bus.attach(Wanting("a"))
+    wanted = bus.wanted
+    leave = bus.attach(Wanting("a"))
+    leave()
+    assert bus.wanted is wanted
+    bus.expect(dict(PORTS))
+    assert bus.wanted is not wanted
+
+
 def test_what_readers_have_not_heard_of_is_wanted_until_they_have():
     bus, heard = Bus(lambda _: None), Wanting("a")
     assert made(bus) == "abc"
