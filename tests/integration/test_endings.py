@@ -248,6 +248,17 @@ def test_in_free_run_with_subscribers_a_recording_and_calls_under_way(twice: boo
     assert done.requests > 0
 
 
+def test_a_signal_in_the_last_moments_does_not_make_a_whole_run_look_killed(tmp_path: Path) -> None:
+    """Python takes its handlers away before it ends: for a second of two signals there was none."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import atexit, os, signal\natexit.register(lambda: [os.kill(os.getpid(), n) for n in (signal.SIGINT, signal.SIGTERM)])\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    with life("bluerov2_pool", "--mode", "freerun", "--until", "0.1", env={"PYTHONPATH": path}) as lived:
+        status, _ = lived._ended(0.0)
+    assert status == 0, lived.said
+
+
 def call_on(client: uwclient.Client) -> None:
     """Snapshots and restores until the server is gone."""
     with contextlib.suppress(uwclient.UwError, OSError):

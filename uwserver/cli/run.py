@@ -89,6 +89,7 @@ def run(
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
     from uwserver.server.life_cycle import Options, StartFailed, timing_of
+    from uwserver.server.signals import end_undisturbed
     from uwserver.server.state_files import read_state
 
     set_up_logging(log_level, log_json)
@@ -120,6 +121,7 @@ def run(
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)
         sys.exit(1)
+    end_undisturbed()
     sys.exit(status)
 
 

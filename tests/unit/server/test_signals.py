@@ -5,20 +5,29 @@ from __future__ import annotations
 import asyncio
 import signal
 import socket
+from collections.abc import Iterator
 
 import pytest
 
 from uwserver.server.signals import run, signals_received
 
 
-async def _told(number: signal.Signals) -> list[signal.Signals]:
+@pytest.fixture(autouse=True)
+def as_before() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+async def _told(*numbers: signal.Signals) -> list[signal.Signals]:
+    """What is told while it listens, which ends with the first that is."""
     told: list[signal.Signals] = []
     with signals_received(asyncio.get_running_loop(), told.append):
-        signal.raise_signal(number)
-        for _ in range(100):
+        for number in numbers:
+            signal.raise_signal(number)
+        while len(told) < len(numbers):
             await asyncio.sleep(0.001)
-            if told:
-                break
     return told
 
 
@@ -26,21 +35,36 @@ def _refuse(*args: object) -> None:
     raise NotImplementedError
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("knows", [True, False], ids=["posix", "as on windows"])
-def test_a_signal_is_told_and_the_handler_before_comes_back(
-    number: signal.Signals, knows: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = signal.getsignal(number)
+@pytest.fixture(params=[True, False], ids=["posix", "as on windows"])
+def loop(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[asyncio.AbstractEventLoop]:
     loop = asyncio.new_event_loop()
-    if not knows:
+    if not request.param:
         monkeypatch.setattr(loop, "add_signal_handler", _refuse)
         monkeypatch.setattr(loop, "remove_signal_handler", _refuse)
-    try:
-        assert loop.run_until_complete(_told(number)) == [number]
-    finally:
-        loop.close()
-    assert signal.getsignal(number) in (before, signal.SIG_DFL, signal.default_int_handler)
+    yield loop
+    loop.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_told_and_again_while_who_was_asked_to_end_does(
+    number: signal.Signals, loop: asyncio.AbstractEventLoop
+) -> None:
+    told = loop.run_until_complete(_told(number))
+    assert told == [number]
+    loop.close()
+    for again in (signal.SIGTERM, signal.SIGINT):
+        signal.raise_signal(again)
+    assert told == [number, signal.SIGTERM, signal.SIGINT]
+
+
+def test_without_one_the_handlers_before_come_back(loop: asyncio.AbstractEventLoop) -> None:
+    before = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        before.append(lambda caught, frame: None)
+        signal.signal(number, before[-1])
+    assert loop.run_until_complete(_told()) == []
+    loop.close()
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
 @pytest.mark.parametrize("platform", ["linux", "win32"])
