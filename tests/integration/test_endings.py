@@ -251,7 +251,7 @@ def test_in_free_run_with_subscribers_a_recording_and_calls_under_way(twice: boo
 def test_a_signal_in_the_last_moments_does_not_make_a_whole_run_look_killed(tmp_path: Path) -> None:
     """Python takes its handlers away before it ends: for a second of two signals there was none."""
     (tmp_path / "sitecustomize.py").write_text(
-        "import atexit, os, signal\natexit.register(lambda: [os.kill(os.getpid(), n) for n in (signal.SIGINT, signal.SIGTERM)])\n"
+        "import atexit, os, signal\natexit.register(lambda: [os.kill(os.getpid(), n) for n in (signal.SIGTERM, signal.SIGINT)])\n"
     )
     path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
     with life("bluerov2_pool", "--mode", "freerun", "--until", "0.1", env={"PYTHONPATH": path}) as lived:
