@@ -19,8 +19,6 @@ Temperature = Annotated[float, Meta(ge=-2, le=40)]
 Salinity = Annotated[float, Meta(ge=0, le=42)]
 
 _DECIBAR = 1e4
-_GRAVITY_GRADIENT = 2.26e-7
-"""Relative growth of gravity per metre of depth, as in TEOS-10 (gsw_grav)."""
 _GRID = np.concatenate([np.arange(0.0, 300.0, 0.5), np.arange(300.0, 2000.0, 5.0), np.arange(2000.0, 12_001.0, 25.0)])
 """Depths of the tables, m; those of a profile's bends are added. Linear interpolation leaves less than 0.002 m/s of sound speed."""
 
@@ -33,8 +31,8 @@ class ColumnTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """What every kind of water column has.
 
     Attributes:
-        hydrostatics: "teos10" integrates the density of the column, with gravity growing with depth; "uniform" is the paper's p = rho g h
-            with `density_kgpm3` of the environment.
+        hydrostatics: "teos10" integrates the density of the column; "uniform" is the paper's p = rho g h with `density_kgpm3` of the
+            environment. Both with the gravity of the environment.
         ph: acidity, which counts in the absorption of sound below 10 kHz.
     """
 
@@ -121,13 +119,14 @@ class WaterColumn:
         table: (n, 6) all of these, for compiled code.
     """
 
-    def __init__(self, config: ColumnConfig, gravity: float, uniform_density: float) -> None:
+    def __init__(self, config: ColumnConfig, gravity: float, uniform_density: float, growth: float = 0.0) -> None:
         """Tabulate a column.
 
         Args:
             config: what the water is like.
             gravity: m/s2 at the surface.
             uniform_density: kg/m3 for `hydrostatics = "uniform"`.
+            growth: of gravity with depth, relative, 1/m.
         """
         bends = config.bends()
         self.depth = np.union1d(_GRID, bends[(bends > 0.0) & (bends < _GRID[-1])])
@@ -135,9 +134,9 @@ class WaterColumn:
         absolute = gsw.SR_from_SP(self.salinity)
         if config.hydrostatics == "uniform":
             self.density = np.full(self.depth.shape, uniform_density)
-            self.pressure = uniform_density * gravity * self.depth
+            self.pressure = uniform_density * gravity * self.depth * (1.0 + 0.5 * growth * self.depth)
         else:
-            g = gravity * (1.0 + _GRAVITY_GRADIENT * self.depth)
+            g = gravity * (1.0 + growth * self.depth)
             self.pressure, self.density = _hydrostatic(self.depth, absolute, self.temperature, g)
         sea = self.pressure / _DECIBAR
         self.sound_speed = gsw.sound_speed(absolute, gsw.CT_from_t(absolute, self.temperature, sea), sea)
@@ -187,8 +186,8 @@ def surface_density(config: ColumnConfig) -> float:
 
 
 @lru_cache(maxsize=64)
-def uniform_column(density: float, temperature: float, gravity: float) -> WaterColumn:
-    """Water of one density (kg/m3) and temperature (degC) under p = rho g h.
+def uniform_column(density: float, temperature: float, gravity: float, growth: float = 0.0) -> WaterColumn:
+    """Water of one density (kg/m3) and temperature (degC) under p = rho g h; `growth` as for `WaterColumn`.
 
     Its salinity is that which TEOS-10 gives such water at the surface, within 0 to 42.
     """
@@ -198,7 +197,7 @@ def uniform_column(density: float, temperature: float, gravity: float) -> WaterC
         absolute = 0.0 if density < 1010.0 else 42.0
     salinity = min(max(float(gsw.SP_from_SR(absolute)), 0.0), 42.0)
     config = ConstantColumn(temperature_degc=temperature, salinity_psu=salinity, hydrostatics="uniform")
-    return WaterColumn(config, gravity, density)
+    return WaterColumn(config, gravity, density, growth)
 
 
 def _hydrostatic(

@@ -1,15 +1,43 @@
-"""Where on the Earth the origin of N lies: geodetic coordinates (WGS 84), UTC, and the magnetic field (World Magnetic Model)."""
+"""Where on the Earth the origin of N lies: geodetic coordinates (WGS 84), UTC, the magnetic field (World Magnetic Model), gravity and turning."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from uwserver.environment.geodesy import latitude_longitude
+from uwserver.environment.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, latitude_longitude
 from uwserver.frames import Vec3
 
 NO_FIELD: tuple[Vec3, Vec3, Vec3, Vec3] = ((0.0, 0.0, 0.0),) * 4
 """`Earth.magnetic` where nothing asks for it."""
+
+
+EARTH_RATE = 7.292115e-5
+"""rad/s; WGS 84 (NIMA TR8350.2, table 3.1)."""
+GRAVITY_GROWTH = 2.26e-7
+"""Relative growth of gravity per metre of depth: free air less the layer of water above, as in TEOS-10 (gsw_grav)."""
+
+
+def normal_gravity(latitude: float) -> float:
+    """Gravity (m/s2) on the ellipsoid at a geodetic latitude (rad): Somigliana's closed form for WGS 84 (NIMA TR8350.2, eq. 4-1)."""
+    square = math.sin(latitude) ** 2
+    return 9.7803253359 * (1.0 + 0.00193185265241 * square) / math.sqrt(1.0 - ECCENTRICITY_SQUARED * square)
+
+
+def turns_of_level(rate: Vec3, curvature: tuple[float, float], p: Vec3, v: Vec3) -> tuple[Vec3, Vec3]:
+    """How the level axes at a place turn against the stars: omega_ie, as the Earth turns, and omega_el, the transport rate (rad/s, both in N).
+
+    N is a map: what is level at the origin stands for what is level at p, which lies beyond a turn of (y / R_E, -x / R_N, 0). To first order in
+    that turn: some 1e-6 of the Earth's rate at 10 km.
+
+    Args:
+        rate: of the Earth at the origin, in N.
+        curvature: of the ellipsoid to the north and to the east, 1/m.
+        p, v: place and velocity in N, m and m/s.
+    """
+    a, b = p[1] * curvature[1], -p[0] * curvature[0]
+    x, y, z = rate
+    return (x - b * z, y + a * z, z - a * y + b * x), (v[1] * curvature[1], -v[0] * curvature[0], 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,12 +51,14 @@ class Earth:
         latitude, longitude: of the origin, rad.
         epoch_ns: UTC of t = 0, ns since 1970.
         magnetic: field at the origin in N, and its change per metre north, east and down (T, T/m).
+        rotating: whether it turns and is round; else N is an inertial frame.
     """
 
     latitude: float = 0.0
     longitude: float = 0.0
     epoch_ns: int = 0
     magnetic: tuple[Vec3, Vec3, Vec3, Vec3] = NO_FIELD
+    rotating: bool = False
 
     def geodetic(self, p: Vec3) -> Vec3:
         """Latitude, longitude (rad) and height (m) of a point of N (m)."""
@@ -44,6 +74,21 @@ class Earth:
             at[1] + north[1] * x + east[1] * y + down[1] * z,
             at[2] + north[2] * x + east[2] * y + down[2] * z,
         )
+
+    @property
+    def rate(self) -> Vec3:
+        """The Earth's rate at the origin, rad/s in N; zero where it does not turn."""
+        rate = EARTH_RATE if self.rotating else 0.0
+        return rate * math.cos(self.latitude), 0.0, -rate * math.sin(self.latitude)
+
+    @property
+    def curvature(self) -> tuple[float, float]:
+        """Of the ellipsoid at the origin to the north and to the east, 1/m; zero where it does not turn."""
+        if not self.rotating:
+            return 0.0, 0.0
+        square = 1.0 - ECCENTRICITY_SQUARED * math.sin(self.latitude) ** 2
+        across = math.sqrt(square) / SEMI_MAJOR_AXIS
+        return across * square / (1.0 - ECCENTRICITY_SQUARED), across
 
     @property
     def declination(self) -> float:

@@ -15,12 +15,13 @@ class Water:
 
     Attributes:
         density: kg/m3, which forces act with.
-        gravity: m/s2, along +z of N.
+        gravity: m/s2 at the surface, along +z of N.
         temperature: degC at the surface.
         atmospheric_pressure: Pa at the surface.
         current: steady part of the water's velocity in N, m/s; the only value here that changes during a run (``world/set_current``).
         sea: other currents, and waves.
         given: the water over depth; default: uniform water of this density and temperature.
+        growth: of gravity with depth, relative, 1/m.
         column: what is used of the two.
     """
 
@@ -31,11 +32,16 @@ class Water:
     current: Vec3
     sea: Sea | None = None
     given: WaterColumn | None = None
+    growth: float = 0.0
     column: WaterColumn = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Without a column the water is uniform."""
-        self.column = self.given or uniform_column(self.density, self.temperature, self.gravity)
+        self.column = self.given or uniform_column(self.density, self.temperature, self.gravity, self.growth)
+
+    def gravity_at(self, depth: float) -> float:
+        """Gravity at a depth below z = 0 (m), m/s2; above it, that at the surface."""
+        return self.gravity * (1.0 + self.growth * max(0.0, depth))
 
     def velocity(self, p: Vec3, t: float) -> Vec3:
         """Velocity of the water (m/s, N) at a point of N (m); t (s) in the present tick."""

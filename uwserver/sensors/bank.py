@@ -79,6 +79,7 @@ p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = _seen(
     "p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB"
 )
 latitude_longitude, velocity_of, specific_force = _seen("latitude_longitude", "velocity_of", "specific_force")
+level_turns, inertial_rate = _seen("level_turns", "inertial_rate")
 water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = _seen(
     "water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence"
 )

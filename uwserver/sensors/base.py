@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct, structs
 
-from uwserver.environment.earth import Earth
+from uwserver.environment.earth import Earth, turns_of_level
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
@@ -157,10 +157,18 @@ class Scope:
         rx, ry, rz = p_BS
         return (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
 
+    def level_turns(self) -> tuple[Vec3, Vec3]:
+        """omega_ie and omega_el: how the level axes at the body turn as the Earth turns, and as it moves over the Earth; rad/s in B."""
+        v = rotate(self.q_NB, self.v_NB_B)
+        with_earth, transport = turns_of_level(self.earth.rate, self.earth.curvature, self.p_NB, v)
+        to_B = conjugate(self.q_NB)
+        return rotate(to_B, with_earth), rotate(to_B, transport)
+
     def specific_force(self, mount: Pose) -> Vec3:
         """What an ideal accelerometer at the mount feels, f_S (m/s2): acceleration of the mount minus gravity, in S.
 
-        a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity).
+        a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity); on a rotating
+        Earth also (2 omega_ie + omega_el) x v.
         """
         wx, wy, wz = self.w_NB_B
         ax, ay, az, bx, by, bz = self.nu_dot
@@ -171,7 +179,12 @@ class Scope:
             ay + bz * rx - bx * rz + wz * ux - wx * uz,
             az + bx * ry - by * rx + wx * uy - wy * ux,
         )
-        g = rotate(conjugate(self.q_NB), (0.0, 0.0, self.water.gravity))
+        if self.earth.rotating:
+            (ex, ey, ez), (tx, ty, tz) = self.level_turns()
+            tx, ty, tz = tx + 2.0 * ex, ty + 2.0 * ey, tz + 2.0 * ez
+            x, y, z = a_B
+            a_B = (x + ty * uz - tz * uy, y + tz * ux - tx * uz, z + tx * uy - ty * ux)
+        g = rotate(conjugate(self.q_NB), (0.0, 0.0, self.water.gravity_at(self.p_NB[2])))
         return rotate(conjugate(mount.q), (a_B[0] - g[0], a_B[1] - g[1], a_B[2] - g[2]))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from uwserver import frames
 from uwserver.environment import absorption as sound
-from uwserver.environment import geodesy
+from uwserver.environment import earth, geodesy
 from uwserver.environment.column import DEPTH, PRESSURE, SALINITY, TEMPERATURE
 from uwserver.environment.materials import SURFACE_DB
 from uwserver.frames import Quat, Vec3
@@ -37,6 +37,7 @@ _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORM
 rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
 _absorption = compiled(sound.absorption)
 latitude_longitude = compiled(geodesy.latitude_longitude)
+_turns_of_level = compiled(earth.turns_of_level)
 conjugate, quat_from_rpy, rpy_from_quat = (
     compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat),
 )  # fmt: skip
@@ -116,17 +117,46 @@ def velocity_of(head: Any, now: Array) -> Vec3:
 
 
 @compiled
+def level_turns(head: Any, now: Array) -> tuple[Vec3, Vec3]:
+    """omega_ie and omega_el at the body: how the level axes under it turn as the Earth turns, and as it moves over the Earth; rad/s in B."""
+    place, q = place_of(now), q_NB(head, now)
+    rate, curvature = place.rate, place.curvature
+    v = rotate(q, v_NB_B(head, now))
+    with_earth, transport = _turns_of_level(
+        (rate[0], rate[1], rate[2]), (curvature[0], curvature[1]), p_NB(head, now), v
+    )
+    to_B = conjugate(q)
+    return rotate(to_B, with_earth), rotate(to_B, transport)
+
+
+@compiled
+def inertial_rate(head: Any, now: Array) -> Vec3:
+    """Angular rate of the body against the stars, w_IB (rad/s, in B); where the Earth does not turn, against N."""
+    wx, wy, wz = w_NB_B(head, now)
+    if place_of(now).rotating == 0:
+        return wx, wy, wz
+    (ex, ey, ez), (tx, ty, tz) = level_turns(head, now)
+    return wx + ex + tx, wy + ey + ty, wz + ez + tz
+
+
+@compiled
 def specific_force(head: Any, now: Array) -> Vec3:
     """What an ideal accelerometer feels, f_S (m/s2): acceleration of its place minus gravity, in S.
 
-    a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity).
+    a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity); on a rotating Earth
+    also (2 omega_ie + omega_el) x v (Groves 2013, eq. 5.53).
     """
-    d = nu_dot_at(now)[head.body]
+    d, place = nu_dot_at(now)[head.body], place_of(now)
     (wx, wy, wz), (ux, uy, uz), (rx, ry, rz) = w_NB_B(head, now), velocity_of(head, now), p_BS(head)
     ax = d[0] + d[4] * rz - d[5] * ry + wy * uz - wz * uy
     ay = d[1] + d[5] * rx - d[3] * rz + wz * ux - wx * uz
     az = d[2] + d[3] * ry - d[4] * rx + wx * uy - wy * ux
-    gx, gy, gz = rotate(conjugate(q_NB(head, now)), (0.0, 0.0, place_of(now).gravity))
+    if place.rotating != 0:
+        (ex, ey, ez), (tx, ty, tz) = level_turns(head, now)
+        tx, ty, tz = tx + 2.0 * ex, ty + 2.0 * ey, tz + 2.0 * ez
+        ax, ay, az = ax + ty * uz - tz * uy, ay + tz * ux - tx * uz, az + tx * uy - ty * ux
+    g = place.gravity * (1.0 + place.growth * max(0.0, p_NB(head, now)[2]))
+    gx, gy, gz = rotate(conjugate(q_NB(head, now)), (0.0, 0.0, g))
     return rotate(q_SB(head), (ax - gx, ay - gy, az - gz))
 
 

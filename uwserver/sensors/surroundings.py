@@ -13,7 +13,11 @@ from uwserver.sensors.wiring import ELECTRIC
 
 PLACE = np.dtype(
     [
-        ("gravity", "f8"),
+        ("gravity", "f8"),  # m/s2 at the surface
+        ("growth", "f8"),  # of gravity with depth, relative, 1/m
+        ("rotating", "i8"),  # 1: the Earth turns and is round
+        ("rate", "f8", (3,)),  # of the Earth at the origin, rad/s in N
+        ("curvature", "f8", (2,)),  # of the Earth to the north and to the east, 1/m
         ("density", "f8"),  # kg/m3, which forces act with
         ("ph", "f8"),
         ("atmosphere", "f8"),  # Pa at the surface
@@ -61,6 +65,8 @@ def place_row(water: Water, earth: Earth) -> Any:
     place = np.zeros(1, PLACE)
     row = place[0]
     row["gravity"], row["density"], row["atmosphere"] = water.gravity, water.density, water.atmospheric_pressure
+    row["growth"], row["rotating"] = water.growth, earth.rotating
+    row["rate"], row["curvature"] = earth.rate, earth.curvature
     row["current"], row["ph"] = water.current, water.column.ph
     row["moves"] = water.sea is not None
     row["latitude"], row["longitude"], row["epoch_ns"] = earth.latitude, earth.longitude, earth.epoch_ns

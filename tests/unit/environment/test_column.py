@@ -16,6 +16,7 @@ from uwserver.environment.column import (
     WaterColumn,
     uniform_column,
 )
+from uwserver.environment.earth import GRAVITY_GROWTH
 from uwserver.environment.water import Water
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
@@ -68,7 +69,7 @@ def test_pressure_of_the_standard_ocean(latitude, depth, within):
     sea = -gsw.p_from_z(-depths, latitude)
     in_situ = gsw.t_from_CT(35.16504, 0.0, np.abs(sea))
     config = TableColumn(depth_m=tuple(depths), temperature_degc=tuple(in_situ), salinity_psu=(35.0,) * len(depths))
-    column = WaterColumn(config, float(gsw.grav(latitude, 0.0)), 1025.0)
+    column = WaterColumn(config, float(gsw.grav(latitude, 0.0)), 1025.0, GRAVITY_GROWTH)
     expected = float(gsw.p_from_z(-depth, latitude)) * 1e4
     assert abs(column.pressure_at(depth) - expected) / (1050.0 * 9.83) < within
 
@@ -84,6 +85,16 @@ def test_rho_g_h_as_the_paper_has_it():
     for depth in (0.0, 3.3, 1000.0, 6000.0):
         assert uniform.pressure_at(depth) == pytest.approx(1027.0 * 9.81 * depth, rel=1e-14)
         assert uniform.density_at(depth) == 1027.0
+
+
+@pytest.mark.parametrize("kind", ["uniform", "teos10"])
+def test_gravity_that_grows_is_that_of_the_pressure(kind):
+    """dp/dz = rho g(z): what the weight of a body grows by, its buoyancy does too."""
+    column = WaterColumn(ConstantColumn(hydrostatics=kind), 9.8, 1025.0, GRAVITY_GROWTH)
+    for depth in (100.25, 1002.5, 4012.5):
+        slope = (column.pressure_at(depth + 2.0) - column.pressure_at(depth - 2.0)) / 4.0
+        g = 9.8 * (1.0 + GRAVITY_GROWTH * depth)
+        assert slope == pytest.approx(column.density_at(depth) * g, rel=2e-8)
 
 
 def test_what_rho_g_h_leaves_out():

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from uwserver.physics.dynamics.foil import foil_force
-from uwserver.physics.dynamics.fossen import find_water
+from uwserver.physics.dynamics.fossen import find_water, gravity_over_surface
 from uwserver.physics.dynamics.immersion import depth_below, disc_fraction, immersion, upward
 from uwserver.physics.dynamics.propeller import propeller_force
 from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, UP, WATER
@@ -155,7 +155,7 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
         value = fitted.values[weight.servo, stage]
         if weight.displaces != 0:
             value = weight.zero + fraction * (value - weight.zero)
-        _add_weight(weight, value, R, work)
+        _add_weight(weight, weight.zero + gravity_over_surface(body, s[source, 2]) * (value - weight.zero), R, work)
     for k in range(body.derivative_first, body.derivative_first + body.derivative_count):
         term = fitted.derivatives[k]
         force = fraction * term.coefficient * work[NU_R, term.j] * work[NU_R, term.k]

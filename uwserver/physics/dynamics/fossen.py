@@ -77,11 +77,20 @@ def _subtract_damping(body: Any, fraction: float, work: Array) -> None:
         _multiply_add(body.D_S, body.form_D_S, work, NU_R, -fraction * abs(work[NU_R, 0]), TAU)
 
 
+@inlined
+def gravity_over_surface(body: Any, z: float) -> float:
+    """Gravity at z of N (m) over that at the surface."""
+    return 1.0 + body.gravity_growth * max(0.0, z)
+
+
 @compiled
-def _add_restoring(body: Any, R: Array, buoyancy: float, work: Array) -> None:
-    """work[TAU] += weight at r_g and `buoyancy` (N) at work[CENTER] (B, m); both along the third row of R, which is z_N in B."""
+def _add_restoring(body: Any, R: Array, fraction: float, gravity: float, work: Array) -> None:
+    """work[TAU] += weight at r_g and buoyancy of the submerged fraction at work[CENTER] (B, m); both along the third row of R, which is z_N in B.
+
+    gravity: there over that at the surface.
+    """
     zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
-    W, B = body.weight, buoyancy
+    W, B = gravity * body.weight, gravity * (fraction * body.buoyancy)
     work[TAU, 0] += (W - B) * zx
     work[TAU, 1] += (W - B) * zy
     work[TAU, 2] += (W - B) * zz
@@ -235,7 +244,7 @@ def derivative(
         work[TAU, i] += work[PASSIVE, i]
     if body.in_contact != 0:
         _add_contact(body, R, work)
-    _add_restoring(body, R, fraction * body.buoyancy, work)
+    _add_restoring(body, R, fraction, gravity_over_surface(body, s[source, 2]), work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)
 

@@ -55,9 +55,10 @@ class BodyParams:
     Attributes:
         M_RB, M_A: (6, 6) rigid-body inertia and added mass.
         D_L, D_Q, D_S: (6, 6) linear, quadratic and speed-proportional damping.
-        weight, buoyancy: N.
+        weight, buoyancy: N, at the surface.
         r_g, r_b: centre of gravity and of buoyancy, m.
         shapes: geometry of the displaced volume; without any the body is always submerged.
+        gravity_growth: of both with depth, relative, 1/m.
         displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
         appendages: fins, propellers, ballast, and what the hull's shape adds to the matrices.
     """
@@ -75,6 +76,7 @@ class BodyParams:
     thrusters: tuple[ThrusterParams, ...] = field(default=())
     wrenches: int = 1
     displaced: float | None = None
+    gravity_growth: float = 0.0
     appendages: Appendages = field(default=Appendages())
 
 
@@ -123,7 +125,7 @@ def _form(M: FloatArray) -> int:
 def body_row(body: BodyParams) -> Records:
     """The BODY row (1) of a body, without its ranges."""
     row = np.zeros(1, BODY)
-    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "r_g", "r_b"):
+    for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "gravity_growth", "r_g", "r_b"):
         row[name] = getattr(body, name)
     row["displaced"] = body.buoyancy / 9.81 if body.displaced is None else body.displaced
     row["M_inv"] = np.linalg.inv(body.M_RB + body.M_A)

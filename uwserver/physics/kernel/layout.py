@@ -75,7 +75,8 @@ BODY = _record(
     _f8("D_L D_Q D_S", 6, 6),
     # Form of each matrix: 0 zero, 1 diagonal, 2 full. Most vehicles are diagonal, which saves most of the multiplications.
     _i8("form_M_RB form_M_A form_D_L form_D_Q form_D_S"),
-    _f8("weight buoyancy"),  # N; buoyancy fully submerged
+    _f8("weight buoyancy"),  # N at the surface; buoyancy fully submerged
+    _f8("gravity_growth"),  # of both with depth, relative, 1/m
     _f8("displaced"),  # mass of the displaced water, kg, fully submerged
     _f8("r_g r_b", 3),
     # Bounds of the damping's fastest rate, 1/s: rate <= rate_L + sum_j rate_Q[j] |nu_r[j]| + rate_S |u_r|.

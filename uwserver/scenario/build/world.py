@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from functools import cache, partial
 
-from msgspec import UnsetType
-
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert
 from uwserver.physics.bodies import Hydrodynamics
@@ -71,10 +69,10 @@ def _earth(resolved: Resolved) -> Earth:
     """Where N lies. The magnetic field costs a moment, and is computed where a magnetometer or a magnetic heading asks for it."""
     table = resolved.scenario.world
     epoch = instant(table.epoch_utc)
-    if isinstance(table.origin_lat_deg, UnsetType) or isinstance(table.origin_lon_deg, UnsetType):
+    if table.origin is None:
         return Earth(epoch_ns=nanoseconds(epoch))
-    latitude, longitude = rad(table.origin_lat_deg), rad(table.origin_lon_deg)
+    latitude, longitude = map(rad, table.origin)
     sensors = [config for vehicle in resolved.vehicles.values() for config in vehicle.vehicle.sensors.values()]
     magnetic = any(isinstance(c, MagnetometerConfig) or getattr(c, "north", "") == "magnetic" for c in sensors)
     field = magnetic_about(latitude, longitude, year_of(epoch)) if magnetic else NO_FIELD
-    return Earth(latitude, longitude, nanoseconds(epoch), field)
+    return Earth(latitude, longitude, nanoseconds(epoch), field, table.rotating)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.water.checks import check_density, check_environment
-from uwserver.scenario.world.checks import check_rate, check_time
+from uwserver.scenario.world.checks import check_earth, check_rate, check_time
 
 
 def check_scenario(tree: Node, report: Report, warn: Report) -> None:
@@ -18,6 +18,7 @@ def check_scenario(tree: Node, report: Report, warn: Report) -> None:
     world, vehicles = tree.at("world").value, tree.at("vehicles").parts
     if world is not None:
         check_time(world, report)
+        check_earth(world, report)
         for name, entry in vehicles.items():
             truth = entry.at("truth").value
             if truth is not None:

@@ -46,7 +46,7 @@ def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: E
     thrusters: dict[str, tuple[str, ...]] = {}
     sensors: list[str] = []
     hulls: dict[str, Hull] = {}
-    water = environment.density * environment.gravity_mps2
+    water = environment.density * environment.gravity
     for table, name, _ in starts(scenario, "vehicles"):
         vehicle = vehicles[table]
         for key, actuator in vehicle.actuators.items():

@@ -37,6 +37,7 @@ from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
+from uwserver.units import rad
 
 MOST_PROBLEMS = 200
 """Told at once, warnings too; a file with more is not what it was meant to be."""
@@ -64,6 +65,17 @@ def scenario_tree(raw: dict[str, Any], adapters: Mapping[str, type], converter: 
     if tree.value is None or not all(valid) or None in typed.values():
         return Node(None, tree.parts)
     return Node(msgspec.structs.replace(tree.value, adapters=typed), tree.parts)
+
+
+def _on_earth(tree: Node) -> Node:
+    """A scenario's tables with the gravity of its place on the Earth."""
+    world: WorldTable | None = tree.at("world").value
+    environment: Environment | None = tree.at("environment").value
+    if world is None or environment is None:
+        return tree
+    placed = environment.on_earth(None if world.origin is None else rad(world.origin[0]), world.rotating)
+    scenario = None if tree.value is None else msgspec.structs.replace(tree.value, environment=placed)
+    return Node(scenario, {**tree.parts, "environment": Node(placed, tree.at("environment").parts)})
 
 
 def _open(source: str | Path | Scenario) -> Document:
@@ -94,7 +106,7 @@ class _Load:
         self._more = extension_kinds(given, beside, report, self._problems.append, within)
         self._known: Known = {}
         self._document = document = with_default_adapter(self._with_profiles(document), adapters)
-        self._tree = scenario_tree(document.raw, adapters, self._converter(document))
+        self._tree = _on_earth(scenario_tree(document.raw, adapters, self._converter(document)))
         self._world: WorldTable | None = self._tree.at("world").value
         self._environment: Environment | None = self._tree.at("environment").value
         self._vehicles: dict[str, tuple[VehicleFile | None, Mapping[str, ThrusterDevice]]] = {}

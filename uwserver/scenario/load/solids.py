@@ -108,13 +108,7 @@ class SolidFiles:
             self._engines(("vehicles",), self._report)
 
     def _read_seabed(self, world: WorldTable | None) -> None:
-        origin = None
-        if world is not None:
-            given = [world.origin_lat_deg is not UNSET, world.origin_lon_deg is not UNSET]
-            if any(given) and not all(given):
-                self._report(("world",), "give origin_lat_deg and origin_lon_deg, or none of the two")
-            if all(given):
-                origin = float(world.origin_lat_deg), float(world.origin_lon_deg)  # type: ignore[arg-type]
+        origin = None if world is None else world.origin
         table: Seabed | None = self._scenario.at("seabed").value
         if table is not None and world is not None and self._engines(("seabed",), self._report):
             made = partial(seabed_solid, table, self._folder, origin, self.materials)

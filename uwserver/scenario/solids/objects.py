@@ -54,7 +54,7 @@ def mass(entry: ObjectEntry) -> float:
 
 def object_params(entry: ObjectEntry, environment: Environment) -> BodyParams:
     """Kernel parameters of a checked object in the scenario's water."""
-    rho, g, m = environment.density, environment.gravity_mps2, mass(entry)
+    rho, g, m = environment.density, environment.gravity, mass(entry)
     edges = _edges(entry)
     added, drag = rho * _added_mass(entry), 0.5 * rho * _drag(entry)
     reach = 0.5 * max(edges)
@@ -70,6 +70,8 @@ def object_params(entry: ObjectEntry, environment: Environment) -> BodyParams:
         r_g=(0.0, 0.0, 0.0),
         r_b=(0.0, 0.0, 0.0),
         shapes=(_buoyancy(entry),),
+        displaced=rho * volume(entry),
+        gravity_growth=environment.growth,
     )
 
 

@@ -30,7 +30,7 @@ TERM = re.compile(r"([XYZKMN])([uvwpqr])([uvwpqr])(d{0,2})")
 
 def appendages(vehicle: VehicleFile, environment: Environment) -> Appendages:
     """All of a checked vehicle."""
-    rho, g = environment.density, environment.gravity_mps2
+    rho, g = environment.density, environment.gravity
     servos = [_fin_servo(f"fins.{name}", fin) for name, fin in vehicle.fins.items()]
     servos += [
         ServoParams(

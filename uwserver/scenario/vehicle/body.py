@@ -55,7 +55,7 @@ def matrices(vehicle: VehicleFile) -> Matrices:
 
 def buoyancy_and_weight(vehicle: VehicleFile, environment: Environment) -> tuple[float, float]:
     """Buoyancy fully submerged, and weight, N."""
-    g = environment.gravity_mps2
+    g = environment.gravity
     return environment.density * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
 
 
@@ -77,6 +77,7 @@ def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], env
         r_b=vehicle.buoyancy.center_frd_m,
         shapes=tuple(map(_shape, vehicle.buoyancy.shapes.values())),
         displaced=environment.density * vehicle.buoyancy.volume_m3,
+        gravity_growth=environment.growth,
         thrusters=tuple(
             thruster_params(name, thruster, devices[name], environment.density)
             for name, thruster in vehicle.thrusters.items()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import get_args
 
-from msgspec import UNSET
-
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.ports import Field
 from uwserver.scenario.files.convert import Report
@@ -61,7 +59,7 @@ def check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTabl
 
 
 def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:
-    if world.origin_lat_deg is UNSET or world.origin_lon_deg is UNSET:
+    if world.origin is None:
         report(path, "needs to know where N lies: give [world] origin_lat_deg and origin_lon_deg")
     try:
         year = year_of(instant(world.epoch_utc))

@@ -14,7 +14,7 @@ from uwserver.environment.waves import WavesConfig
 from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.files.wording import not_built
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.water.tables import GRAVITY_MPS2, Environment
 
 WRONG = 0.005
 """Part by which the density of forces may lie outside of what the water has anywhere: a round number for sea water is no contradiction."""
@@ -24,7 +24,7 @@ BREAKING = 1.0 / 16.0
 """Hs over the deep-water length of the peak period, beyond which seas break (IMO's and DNV's limit for the steepest seas is near 1/15)."""
 
 
-_EARTHLY = Node(Environment().gravity_mps2)
+_EARTHLY = Node(GRAVITY_MPS2)
 
 
 def check_density(scenario: Node, report: Report, warn: Report) -> None:
@@ -32,7 +32,7 @@ def check_density(scenario: Node, report: Report, warn: Report) -> None:
     environment: Environment | None = scenario.at("environment").value
     if environment is None or isinstance(environment.water, UnsetType) or environment.water.hydrostatics == "uniform":
         return
-    column = WaterColumn(environment.water, environment.gravity_mps2, environment.density)
+    column = WaterColumn(environment.water, environment.gravity, environment.density, environment.growth)
     density, least, most = environment.density, column.density.min(), column.density.max()
     given = not isinstance(environment.density_kgpm3, UnsetType)
     path: KeyPath = ("environment", "density_kgpm3" if given else "water")

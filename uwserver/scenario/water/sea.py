@@ -29,7 +29,7 @@ def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Wate
     steady = [environment.current.velocity_ned_mps]
     steady += [flow.velocity_ned_mps for flow in flows.values() if isinstance(flow, UniformConfig)]
     north, east, down = (sum(components) for components in zip(*steady, strict=True))
-    density, gravity, column = environment.density, environment.gravity_mps2, environment.water
+    density, gravity, column = environment.density, environment.gravity, environment.water
     return Water(
         density=density,
         gravity=gravity,
@@ -37,7 +37,8 @@ def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Wate
         atmospheric_pressure=environment.atmospheric_pressure_pa,
         current=(north, east, down),
         sea=_sea(environment, flows, rate_hz, streams),
-        given=None if isinstance(column, UnsetType) else WaterColumn(column, gravity, density),
+        given=None if isinstance(column, UnsetType) else WaterColumn(column, gravity, density, environment.growth),
+        growth=environment.growth,
     )
 
 
@@ -55,7 +56,7 @@ def _sea(
             drifts.append(Drift(flow, rate_hz, streams(f"environment/currents/{name}")))
     if not isinstance(environment.waves, UnsetType):
         direction = rad(environment.waves.direction_deg)
-        waves = wave_rows(environment.waves, direction, environment.gravity_mps2, streams("environment/waves"))
+        waves = wave_rows(environment.waves, direction, environment.gravity, streams("environment/waves"))
     if environment.surface_level_m:
         waves = np.concatenate([waves, [(_LONG, 0.0, _LONG, 0.0, environment.surface_level_m, 0.0, np.inf)]])
     rows = np.concatenate(profiles)

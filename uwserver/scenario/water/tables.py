@@ -5,15 +5,19 @@ from __future__ import annotations
 from typing import Annotated
 
 from msgspec import UNSET, Meta, UnsetType, field
+from msgspec.structs import replace
 
 from uwserver.environment.column import ColumnConfig, surface_density
 from uwserver.environment.currents import CurrentConfig
+from uwserver.environment.earth import GRAVITY_GROWTH, normal_gravity
 from uwserver.environment.waves import WavesConfig
 from uwserver.table import NonNegative, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
 
 SEA_WATER_KGPM3 = 1025.0
 """Density where nobody says what the water is like."""
+GRAVITY_MPS2 = 9.81
+"""Gravity where nobody says where on the Earth it is."""
 
 
 class Current(Table, kw_only=True, frozen=True):
@@ -27,6 +31,9 @@ class Environment(Table, kw_only=True, frozen=True):
 
     Attributes:
         density_kgpm3: which forces act with, at every depth; default: that of `water` at the surface, or 1025.
+        gravity_mps2: at the surface; default: that of the ellipsoid at `[world] origin_lat_deg` (WGS 84, Somigliana), or 9.81. Weight, buoyancy,
+            pressure, waves and accelerometers all have it.
+        gravity_growth_pm: relative growth per metre of depth; default: 2.26e-7 (TEOS-10) on a rotating Earth, else 0.
         surface_level_m: of the still surface above z = 0, as the tide has it.
         water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
             default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
@@ -36,7 +43,8 @@ class Environment(Table, kw_only=True, frozen=True):
     """
 
     density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] | UnsetType = UNSET
-    gravity_mps2: Annotated[float, Meta(ge=0, le=30)] = 9.81
+    gravity_mps2: Annotated[float, Meta(ge=0, le=30)] | UnsetType = UNSET
+    gravity_growth_pm: Annotated[float, Meta(ge=0, le=1e-5)] | UnsetType = UNSET
     temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
     surface_level_m: Annotated[float, Meta(ge=-20, le=20)] = 0.0
@@ -44,6 +52,30 @@ class Environment(Table, kw_only=True, frozen=True):
     water: ColumnConfig | UnsetType = UNSET
     currents: dict[str, CurrentConfig] = field(default_factory=dict)
     waves: WavesConfig | UnsetType = UNSET
+
+    def on_earth(self, latitude: float | None, rotating: bool) -> Environment:
+        """The same with the gravity of a place on the Earth where none is given.
+
+        Args:
+            latitude: of N's origin, rad; None where nobody says.
+            rotating: whether the Earth turns and is round.
+        """
+        given = self
+        if latitude is not None and isinstance(given.gravity_mps2, UnsetType):
+            given = replace(given, gravity_mps2=normal_gravity(latitude))
+        if rotating and isinstance(given.gravity_growth_pm, UnsetType):
+            given = replace(given, gravity_growth_pm=GRAVITY_GROWTH)
+        return given
+
+    @property
+    def gravity(self) -> float:
+        """`gravity_mps2` or its default, m/s2."""
+        return GRAVITY_MPS2 if isinstance(self.gravity_mps2, UnsetType) else self.gravity_mps2
+
+    @property
+    def growth(self) -> float:
+        """`gravity_growth_pm` or its default, 1/m."""
+        return 0.0 if isinstance(self.gravity_growth_pm, UnsetType) else self.gravity_growth_pm
 
     @property
     def density(self) -> float:

@@ -1,4 +1,4 @@
-"""Checks of time: rates, the epoch, and the clock."""
+"""Checks of time and place: rates, the epoch, the clock, and where N lies."""
 
 from __future__ import annotations
 
@@ -34,6 +34,15 @@ def _neighbours(rate_hz: float, physics_hz: float) -> tuple[float, float]:
         return max(rate for rate in whole if rate < rate_hz), min(rate for rate in whole if rate > rate_hz)
     ratio = physics_hz / rate_hz
     return physics_hz / math.ceil(ratio), physics_hz / math.floor(ratio)
+
+
+def check_earth(world: WorldTable, report: Report) -> None:
+    """The place is whole, and what turns has one."""
+    if (world.origin_lat_deg is UNSET) != (world.origin_lon_deg is UNSET):
+        report(("world",), "give origin_lat_deg and origin_lon_deg, or none of the two")
+    elif world.rotating and world.origin is None:
+        text = 'an Earth that turns needs a place on it: give origin_lat_deg and origin_lon_deg, or earth = "flat"'
+        report(("world", "earth"), text)
 
 
 def check_time(world: WorldTable, report: Report) -> None:

@@ -36,6 +36,9 @@ class WorldTable(Table, kw_only=True, frozen=True):
     rate_hz: physics ticks a second; every sensor rate divides it.
     epoch_utc: RFC 3339 instant of t = 0.
     origin_lat_deg, origin_lon_deg: where N's origin lies (WGS84); needed by what is given in latitude and longitude.
+    earth: flat: N is an inertial frame, and gravity is the same at every depth. rotating: gyroscopes feel the Earth's rate and the transport
+        rate, accelerometers what Coriolis' term adds, and gravity grows with depth; needs origin_lat_deg and origin_lon_deg. Default: rotating
+        where these are given.
     engine: of contacts: auto (Bullet where it is installed, else coal), bullet or coal. A recording
         names the one that auto stood for.
     threads: that step the world, from 1 to 16: they share the loops over bodies, sensors and autopilots where there are enough of these. auto:
@@ -46,6 +49,19 @@ class WorldTable(Table, kw_only=True, frozen=True):
     epoch_utc: str = "2026-01-01T00:00:00Z"
     origin_lat_deg: Latitude | UnsetType = UNSET
     origin_lon_deg: float | UnsetType = UNSET
+    earth: Literal["flat", "rotating"] | UnsetType = UNSET
     engine: Literal["auto", "bullet", "coal"] = "auto"
     threads: Literal["auto"] | Annotated[int, Meta(ge=1, le=16)] = "auto"
     clock: Clock = Clock()
+
+    @property
+    def origin(self) -> tuple[float, float] | None:
+        """Latitude and longitude of N's origin, degrees; None where they are not both given."""
+        if isinstance(self.origin_lat_deg, UnsetType) or isinstance(self.origin_lon_deg, UnsetType):
+            return None
+        return self.origin_lat_deg, self.origin_lon_deg
+
+    @property
+    def rotating(self) -> bool:
+        """`earth` or its default: whether it turns."""
+        return self.origin is not None if isinstance(self.earth, UnsetType) else self.earth == "rotating"

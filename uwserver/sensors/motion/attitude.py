@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from uwserver.frames import Quat
+from uwserver.frames import Quat, Vec3
 from uwserver.modifiers.base import Memory, Number
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
@@ -20,11 +20,14 @@ from uwserver.sensors.bank import (
     begins,
     multiply,
     place_of,
+    q_NB,
     q_NS,
     quat_from_rpy,
     reading_of,
     record,
+    rotate,
     rpy_from_quat,
+    v_NB_B,
 )
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative, Positive
@@ -42,6 +45,9 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
         heading_turn_on_deg: standard deviation of a constant error of heading, drawn once a run.
         noise_deg: standard deviation of white noise about each axis.
         secant_latitude: a gyrocompass finds north from the Earth's rotation: the errors of heading grow by 1 / cos(latitude).
+        told_speed: whether a gyrocompass is told its speed and latitude. One that is not takes the turn of the level as it moves for a part of
+            the Earth's: on a rotating Earth its heading is then wrong by the speed to the north over the Earth's own at that latitude (half a
+            degree at 2 m/s and 60 degrees north).
         settling_s: from the start of a run until the output is valid.
     """
 
@@ -53,6 +59,7 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
     heading_turn_on_deg: NonNegative = 0.0
     noise_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
     secant_latitude: bool = False
+    told_speed: bool = True
     settling_s: NonNegative = 0.0
 
     @property
@@ -80,10 +87,19 @@ class AttitudeMemory(Memory):
 
 _RECORD = record(
     [
-        ("heading_sigma", "f8"), ("tilt_sigma", "f8"), ("tau", "f8"), ("noise", "f8"), ("secant", "i8"), ("magnetic", "i8"), ("settling", "f8"),
+        ("heading_sigma", "f8"), ("tilt_sigma", "f8"), ("tau", "f8"), ("noise", "f8"), ("secant", "i8"), ("steaming", "i8"),
+        ("magnetic", "i8"), ("settling", "f8"),
     ],
     [("heading", "f8"), ("tilt_x", "f8"), ("tilt_y", "f8"), ("turn_on", "f8")],
 )  # fmt: skip
+
+
+@compiled
+def _steaming_error(now: Array, v_N: Vec3) -> float:
+    """Of a gyrocompass that is not told its speed (rad): it settles where the level does not turn about its east (Titterton 2004, 13.4)."""
+    place = place_of(now)
+    across, along = v_N[0] * place.curvature[0], v_N[1] * place.curvature[1]
+    return math.atan2(across, place.rate[0] + along)
 
 
 @compiled
@@ -101,6 +117,8 @@ def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
     heading = m.heading + m.turn_on + row.noise * d
     if row.secant != 0:
         heading /= math.cos(place_of(now).latitude)
+    if row.steaming != 0 and place_of(now).rotating != 0:
+        heading += _steaming_error(now, rotate(q_NB(head, now), v_NB_B(head, now)))
     disturbed: Quat = multiply(quat_from_rpy(m.tilt_x + row.noise * e, m.tilt_y + row.noise * f, heading), q)
     return disturbed
 
@@ -147,6 +165,7 @@ class Attitude(BankSensor):
         c = self._config
         row["heading_sigma"], row["tilt_sigma"], row["tau"] = rad(c.heading_sigma_deg), rad(c.tilt_sigma_deg), c.tau_s
         row["noise"], row["secant"], row["magnetic"] = rad(c.noise_deg), c.secant_latitude, c.north == "magnetic"
+        row["steaming"] = c.secant_latitude and not c.told_speed
         row["settling"] = c.settling_s
 
     def turn_on_row(self, memory: Any) -> None:

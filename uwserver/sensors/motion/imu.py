@@ -13,13 +13,13 @@ from uwserver.sensors.bank import (
     Bank,
     BankSensor,
     begins,
+    inertial_rate,
     p_NB,
     q_SB,
     reading_of,
     record,
     rotate,
     specific_force,
-    w_NB_B,
     water_property,
 )
 from uwserver.sensors.base import Pose, SensorTable
@@ -68,8 +68,8 @@ _RECORD = record(
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Specific force from the equations of motion, with lever arm and gravity."""
-    f_S, w_S = specific_force(head, now), rotate(q_SB(head), w_NB_B(head, now))
+    """Specific force from the equations of motion, with lever arm and gravity; on a rotating Earth, what that adds to both."""
+    f_S, w_S = specific_force(head, now), rotate(q_SB(head), inertial_rate(head, now))
     if head.exact == 0:
         w_S = disturbed(row.gyroscope, row.m.gyroscope, head, 0, w_S)
         f_S = disturbed(row.accelerometer, row.m.accelerometer, head, TRIAD_LANES, f_S)
@@ -93,7 +93,13 @@ class Imu(BankSensor):
     needs_rates = True
     fields = (
         Field("f_S", "m/s^2", "specific force at the mount; (0, 0, -g) at rest and level", "S", (3,)),
-        Field("w_S", "rad/s", "angular rate of the vehicle relative to N", "S", (3,)),
+        Field(
+            "w_S",
+            "rad/s",
+            'angular rate of the vehicle against the stars; with [world] earth = "flat", against N',
+            "S",
+            (3,),
+        ),
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
     bank = Bank(_RECORD, run)

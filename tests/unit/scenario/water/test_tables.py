@@ -14,7 +14,7 @@ from uwserver.scenario.water.tables import SEA_WATER_KGPM3, Environment
 
 def test_defaults_are_sea_water_at_rest() -> None:
     water = Environment()
-    assert (water.density, water.gravity_mps2, water.temperature_degc) == (SEA_WATER_KGPM3, 9.81, 10.0)
+    assert (water.density, water.gravity, water.temperature_degc) == (SEA_WATER_KGPM3, 9.81, 10.0)
     assert water.atmospheric_pressure_pa == 101_325.0
     assert water.current.velocity_ned_mps == (0.0, 0.0, 0.0)
     assert water.currents == {}

@@ -12,6 +12,7 @@ from sensor_rig import (
     started,
 )
 
+from uwserver.environment.earth import EARTH_RATE, Earth
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import (
     AttitudeConfig,
@@ -51,3 +52,18 @@ def test_a_gyrocompass_settles_first(scope):
     config = AttitudeConfig(rate_hz=10, settling_s=300.0)
     assert started(config).sense(at(scope, 299.9)).values == [(None,) * 4, None]
     assert started(config).sense(at(scope, 300.0)).valid
+
+
+@pytest.mark.parametrize(("told", "turns"), [(False, True), (False, False), (True, True)])
+@pytest.mark.parametrize(("latitude_deg", "north_mps"), [(60.0, 2.0), (-40.0, -5.0), (0.0, 1.0)])
+def test_a_gyrocompass_that_is_not_told_its_speed(scope, told, turns, latitude_deg, north_mps):
+    """It is wrong by the speed north over the Earth's own to the east (Bowditch, ch. 6): half a degree at 2 m/s and 60 degrees north."""
+    config = AttitudeConfig(rate_hz=10, secant_latitude=True, told_speed=told)
+    moving = scope(
+        earth=Earth(rad(latitude_deg), 0.0, rotating=turns), q_NB=quat_from_rpy(0, 0, 1.0),
+        v_NB_B=(north_mps * math.cos(1.0), -north_mps * math.sin(1.0), 0.0),
+    )  # fmt: skip
+    heading = started(config, mount=Pose()).sense(moving).values[1]
+    across = 6.378e6 * math.cos(rad(latitude_deg)) * EARTH_RATE
+    expected = 0.0 if told or not turns else math.atan(north_mps / across)
+    assert heading - 1.0 == pytest.approx(expected, rel=0.01, abs=1e-9)
