@@ -68,14 +68,16 @@ def scenario_tree(raw: dict[str, Any], adapters: Mapping[str, type], converter: 
 
 
 def _on_earth(tree: Node) -> Node:
-    """A scenario's tables with the gravity of its place on the Earth."""
+    """A scenario's tables with the gravity of its place on the Earth, and whether that turns, written out: a recording tells them."""
     world: WorldTable | None = tree.at("world").value
     environment: Environment | None = tree.at("environment").value
     if world is None or environment is None:
         return tree
     placed = environment.on_earth(None if world.origin is None else rad(world.origin[0]), world.rotating)
-    scenario = None if tree.value is None else msgspec.structs.replace(tree.value, environment=placed)
-    return Node(scenario, {**tree.parts, "environment": Node(placed, tree.at("environment").parts)})
+    world = msgspec.structs.replace(world, earth="rotating" if world.rotating else "flat")
+    scenario = None if tree.value is None else msgspec.structs.replace(tree.value, world=world, environment=placed)
+    parts = {"world": Node(world, tree.at("world").parts), "environment": Node(placed, tree.at("environment").parts)}
+    return Node(scenario, {**tree.parts, **parts})
 
 
 def _open(source: str | Path | Scenario) -> Document:

@@ -54,18 +54,16 @@ class Environment(Table, kw_only=True, frozen=True):
     waves: WavesConfig | UnsetType = UNSET
 
     def on_earth(self, latitude: float | None, rotating: bool) -> Environment:
-        """The same with the gravity of a place on the Earth where none is given.
+        """The same with the gravity of a place on the Earth where none is given, written out.
 
         Args:
             latitude: of N's origin, rad; None where nobody says.
             rotating: whether the Earth turns and is round.
         """
-        given = self
-        if latitude is not None and isinstance(given.gravity_mps2, UnsetType):
-            given = replace(given, gravity_mps2=normal_gravity(latitude))
-        if rotating and isinstance(given.gravity_growth_pm, UnsetType):
-            given = replace(given, gravity_growth_pm=GRAVITY_GROWTH)
-        return given
+        there = (GRAVITY_MPS2 if latitude is None else normal_gravity(latitude)), (GRAVITY_GROWTH if rotating else 0.0)
+        gravity = there[0] if isinstance(self.gravity_mps2, UnsetType) else self.gravity_mps2
+        growth = there[1] if isinstance(self.gravity_growth_pm, UnsetType) else self.gravity_growth_pm
+        return replace(self, gravity_mps2=gravity, gravity_growth_pm=growth)
 
     @property
     def gravity(self) -> float:
