@@ -80,6 +80,7 @@ def strip_rows(line: HullLine, r_b: Vec3, wave_number: float) -> Records:
         rows["share"], rows["place"] = 0.5 * weights, places
         # Of Gauss-Legendre points, up to a common factor (Wang and Xiang 2012).
         rows["barycentric"] = (-1.0) ** np.arange(n) * np.sqrt((1.0 - places**2) * weights)
+        rows["bend"] = places / (1.0 - places**2)
     return rows
 
 

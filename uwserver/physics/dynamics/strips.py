@@ -12,7 +12,7 @@ from typing import Any
 
 from uwserver.physics.dynamics.scratch import DU_DT, EXTRA, NU, NU_R, PULL, STREAM, STREAM_RATE, WATER
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.layout import FLOW_T
 
 
@@ -98,14 +98,21 @@ def _to_origin(b: Any, motion: Array) -> None:
     motion[2] -= motion[3] * b[1] - motion[4] * b[0]
 
 
+@inlined
+def _gap(place: float, other: float) -> float:
+    """From a strip to a place on the hull; not 0, which would make the interpolation 0 / 0."""
+    gap = place - other
+    return gap if abs(gap) > 1e-9 else 1e-9
+
+
 @compiled
 def mount_velocity(
     body: Any, strips: Array, x: float, y: float, z: float, R: Array, work: Array
 ) -> tuple[float, float, float]:
     """Velocity (m/s, B) of a point (B, m) of the body through the water at that point.
 
-    Without strips the water is that of work[NU_R]. With them it is interpolated along the hull (`along_hull` was there), and goes on
-    across it, and beyond its ends, by its gradient.
+    Without strips the water is that of work[NU_R]. With them it is interpolated along the hull after Hermite, from its velocity and gradient
+    at each strip (`along_hull` was there), and goes on across the hull, and beyond its ends, by its gradient.
     """
     nu = work[NU_R] if body.strip_count == 0 else work[NU]
     p, q, r = nu[3], nu[4], nu[5]
@@ -126,20 +133,20 @@ def mount_velocity(
     north = R[0, 0] * dx + R[0, 1] * dy + R[0, 2] * dz
     east = R[1, 0] * dx + R[1, 1] * dy + R[1, 2] * dz
     down = R[2, 0] * dx + R[2, 1] * dy + R[2, 2] * dz
-    total = 0.0
+    total, a = 0.0, body.strip_axis
+    for k in range(body.strip_first, body.strip_first + body.strip_count):
+        total += strips[k].barycentric / _gap(place, strips[k].place)
     for i in range(3):
         extra[i] = 0.0
     for k in range(body.strip_first, body.strip_first + body.strip_count):
         strip = strips[k]
-        gap = place - strip.place
-        if abs(gap) < 1e-9:  # at the strip the formula is 0 / 0
-            gap = 1e-9
-        weight = strip.barycentric / gap
-        total += weight
-        G = strip.gradient
+        G, gap = strip.gradient, _gap(place, strip.place)
+        part = strip.barycentric / gap / total
+        value, ahead = (1.0 - 2.0 * strip.bend * gap) * part * part, gap * part * part * body.strip_half
+        gn, ge, gd = part * north + ahead * R[0, a], part * east + ahead * R[1, a], part * down + ahead * R[2, a]
         for i in range(3):
-            extra[i] += weight * (strip.u[i] + G[i, 0] * north + G[i, 1] * east + G[i, 2] * down)
-    ux, uy, uz = extra[0] / total, extra[1] / total, extra[2] / total
+            extra[i] += value * strip.u[i] + G[i, 0] * gn + G[i, 1] * ge + G[i, 2] * gd
+    ux, uy, uz = extra[0], extra[1], extra[2]
     return (
         vx - (R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz),
         vy - (R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz),

@@ -230,7 +230,10 @@ HULL = _record(
 STRIP = _record(
     _f8("r", 3),  # in B, m
     _f8("share"),  # of the hull; the shares of a body add up to 1
-    _f8("place barycentric"),  # on the hull from -1 to 1, and the weight of the strip in the barycentric formula
+    _f8("place"),  # on the hull from -1 to 1
+    _f8(
+        "barycentric bend"
+    ),  # of interpolation: its weight, and the slope there of the polynomial that is 1 at this strip alone
     # The water there in N, at the place and instant for which `flows` was filled, as in its rows: place, velocity, its rate, its gradient.
     _f8("p v v_t", 3),
     _f8("gradient", 3, 3),

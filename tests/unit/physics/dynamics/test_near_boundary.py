@@ -38,7 +38,9 @@ def world(params: BodyParams, z: float, floor: float = math.inf, dt: float = 0.0
 def test_a_cylinder_at_a_wall_has_the_series_in_bipolar_coordinates(height: float) -> None:
     """M / (rho pi a^2) = 1 + 4 sinh^2 alpha sum n exp(-3 n alpha) / sinh(n alpha), cosh alpha = h / a: found without images."""
     alpha = math.acosh(height)
-    series = 4.0 * math.sinh(alpha) ** 2 * sum(n * math.exp(-3 * n * alpha) / math.sinh(n * alpha) for n in range(1, 150))
+    series = (
+        4.0 * math.sinh(alpha) ** 2 * sum(n * math.exp(-3 * n * alpha) / math.sinh(n * alpha) for n in range(1, 150))
+    )
     assert growth(NEAR_CYLINDER, height, 1.0) == pytest.approx((series, series), rel=1e-6)
 
 

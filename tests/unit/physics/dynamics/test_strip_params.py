@@ -79,3 +79,5 @@ def test_the_weights_interpolate_polynomials() -> None:
     cubic = 1.0 + rows["place"] - 2.0 * rows["place"] ** 3
     assert len(rows) >= 4
     assert np.sum(weights * cubic) / np.sum(weights) == pytest.approx(1.0 + at - 2.0 * at**3)
+    others = [[1.0 / (a - b) for b in rows["place"] if b != a] for a in rows["place"]]
+    np.testing.assert_allclose(rows["bend"], np.sum(others, axis=1), atol=1e-9)
