@@ -17,6 +17,7 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.physics.kernel.records import joined
 from uwserver.physics.kernel.team import ALONE
+from uwserver.physics.saved_rows import check_rows
 
 
 @cache
@@ -45,11 +46,6 @@ def _sea_kernel() -> ModuleType:
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
-_FLAGS = dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1) | dict.fromkeys(
-    ("stuck", "form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2
-)
-"""Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
-
 Saved = dict[str, bytes]
 """All that changes in a run, by the name of the array, and of the contacts' arrays."""
 
@@ -60,7 +56,7 @@ class Hydrodynamics:
     Attributes:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
         flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
-        sea: water that moves otherwise than uniformly and steadily; None for none.
+        floor: depth of the level bottom for bodies that are added from now on, m; inf for none.
         params: of each body, as added; `change` does not touch them.
         thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
             (`layout`).
@@ -75,7 +71,8 @@ class Hydrodynamics:
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
         self.collider: Collider | None = None
-        self.sea: layout.SeaRows | None = None
+        self._sea: layout.SeaRows | None = None
+        self._wave_number, self.floor = 0.0, np.inf
         self._rows_of, self._table_row = cache(rows_of), cache(table_row)
         self._lag_row = cache(partial(lag_row, dt=dt))
         self._loaded: tuple[bool, ...] = ()
@@ -99,6 +96,7 @@ class Hydrodynamics:
         self.weights: Records = np.zeros(0, layout.WEIGHT)
         self.derivatives: Records = np.zeros(0, layout.DERIVATIVE)
         self.hulls: Records = np.zeros(0, layout.HULL)
+        self.strips: Records = np.zeros(0, layout.STRIP)
         self.scratch: Records = np.zeros(self._threads, layout.SCRATCH)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
         self.touched: Impulses = NO_IMPULSES
@@ -116,8 +114,9 @@ class Hydrodynamics:
 
     def _append(self, bodies: Sequence[BodyParams]) -> None:
         count, first = len(bodies), len(self.thrusters)
-        for name, rows in appended(vars(self), [self._rows_of(body) for body in bodies]).items():
+        for name, rows in appended(vars(self), [self._rows_of(body, self._wave_number) for body in bodies]).items():
             setattr(self, name, rows)
+        self.bodies["floor"][len(self.params) :] = self.floor
         known = len(self._tables), len(self._lags)
         numbers = table_numbers(bodies, self._tables, self._lags)
         self.thrusters["table"][first:], self.thrusters["lag"][first:] = numbers.T
@@ -138,7 +137,7 @@ class Hydrodynamics:
 
     def _set_body(self, row: int, new: Records) -> None:
         places = (name for name in layout.BODY.names or () if name.endswith(("_first", "_count")))
-        for name in ("fitted", "retired", "external", "acted", *places):
+        for name in ("floor", "fitted", "retired", "external", "acted", *places):
             new[name] = self.bodies[name][row]
         self.bodies[row] = new[0]
 
@@ -156,7 +155,7 @@ class Hydrodynamics:
 
         What changes are new arrays, as when a body is added, so that `go_back` undoes it.
         """
-        fresh = self._rows_of(self.params[row])
+        fresh = self._rows_of(self.params[row], self._wave_number)
         for name in _RUNNING:
             setattr(self, name, getattr(self, name).copy())
         self._set_body(row, fresh.bodies.copy())
@@ -180,7 +179,7 @@ class Hydrodynamics:
 
     def arrays(self) -> dict[str, Any]:
         """All rows as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
-        rows = ((name, value) for name, value in self.__dict__.items() if name not in ("collider", "sea"))
+        rows = ((name, value) for name, value in self.__dict__.items() if name not in ("collider", "_sea"))
         return {name: dict(value) if isinstance(value, dict) else value for name, value in rows}
 
     def go_back(self, arrays: dict[str, Any]) -> None:
@@ -206,7 +205,7 @@ class Hydrodynamics:
             size = count * array.dtype.itemsize * int(np.prod(array.shape[1:]))
             if rest or len(saved[name]) != size:
                 raise ValueError(f'{len(saved[name])} bytes of "{name}", not {size}')
-            _check_rows(name, np.frombuffer(saved[name], array.dtype), array)
+            check_rows(name, np.frombuffer(saved[name], array.dtype), array)
         q = np.frombuffer(saved["state"]).reshape(-1, layout.STATE_SIZE)[:, layout.Q : layout.Q + 4]
         # Bounded first, as the square of a number that is no part of a rotation may be too large to be one.
         if (np.abs(q) > 2.0).any() or (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
@@ -274,6 +273,22 @@ class Hydrodynamics:
         self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
         self.table = layout.addresses(layout.WORLD, vars(self))
         self._fitted = any(len(getattr(self, name)) for name in layout.Fitted._fields if name != "values")
+
+    @property
+    def sea(self) -> layout.SeaRows | None:
+        """Water that moves otherwise than uniformly and steadily; None for none. Its waves decide how many strips long hulls have."""
+        return self._sea
+
+    @sea.setter
+    def sea(self, sea: layout.SeaRows | None) -> None:
+        waves = np.zeros((0, layout.WAVE_SIZE)) if sea is None else sea.waves
+        self._sea = sea
+        self._wave_number = float(np.max(waves[:, layout.WAVE_K], initial=0.0))
+        strips = [self._rows_of(body, self._wave_number).strips for body in self.params]
+        counts = np.array([len(rows) for rows in strips], np.int64)
+        self.strips = joined(strips, layout.STRIP)
+        self.bodies["strip_count"], self.bodies["strip_first"] = counts, np.cumsum(counts) - counts
+        self._gather()
 
     @property
     def currents(self) -> FloatArray:
@@ -377,23 +392,3 @@ class Hydrodynamics:
 
 
 _CONTACTS = (*Contacts._fields, "impulse")
-_ENDLESS = ("rate",)
-"""Numbers that may be infinite: a servo without a limit. While it is stuck its rate is 0, and a state of before must still fit."""
-
-
-def _check_rows(name: str, new: Any, now: Any) -> None:
-    """Raise ValueError for numbers that are not finite (but for what may be without a limit), and for whole numbers that cannot be."""
-    if new.dtype.names is None:
-        if new.dtype.kind == "f" and not np.isfinite(new).all():
-            raise ValueError(f'"{name}" holds what is not finite')
-        return
-    for field in new.dtype.names:
-        after, before = new[field], now[field]
-        if after.dtype.kind == "f":
-            if not (np.isfinite(after) | ((after == np.inf) & (field in _ENDLESS))).all():
-                raise ValueError(f'"{name}" holds a {field} that is not finite')
-        elif field in _FLAGS:
-            if ((after < 0) | (after > _FLAGS[field])).any():
-                raise ValueError(f'"{name}" holds an impossible {field}')
-        elif (after != before).any():
-            raise ValueError(f'"{name}" is of other bodies ({field})')

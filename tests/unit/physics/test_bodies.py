@@ -10,12 +10,10 @@ from uwserver_bench.proofs.colliders import Floor
 from uwserver_bench.proofs.contact_forms import FEET, OFF_DIAGONAL, vehicle
 
 from uwserver.frames import quat_from_rpy
-from uwserver.physics import bodies
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import Appendages, HullParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
-from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, PROFILE_SIZE, SHAPE_BOX, WAVE_SIZE, Q, SeaRows
 
@@ -327,15 +325,23 @@ def test_the_state_of_other_bodies_is_refused() -> None:
         hydro.check(saved)
 
 
-def test_whole_numbers_that_change_are_those_of_the_rows() -> None:
-    """A state from outside may set them; another name would let none of them pass, or a wrong one."""
-    rows = (layout.BODY, layout.THRUSTER, layout.WRENCH)
-    whole = {name for dtype in rows for name in dtype.names or () if dtype[name].kind == "i"}
-    assert set(bodies._FLAGS) <= whole
-
-
 def test_currents_are_the_water_of_the_bodies() -> None:
     hydro = deep(coupled(D_L=np.eye(6)))
     hydro.currents[0] = 0.3, 0.0, 0.0
     hydro.advance(0.0)
     assert hydro.state[0, NU] > 0.0
+
+
+def test_other_masses_leave_strips_and_bottom_as_they_are() -> None:
+    """What a copy with its own added mass does."""
+    k = 0.7
+    wave = np.array([[k, 0.0, k, np.sqrt(9.81 * k), 0.1, 0.0, np.inf]])
+    hydro = Hydrodynamics((), DT)
+    hydro.sea, hydro.floor = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), wave), 70.0
+    hydro.add(replace(coupled(), length=3.0))
+    before = hydro.bodies.copy()
+    assert before["strip_count"][0] > 2
+    hydro.change(0, replace(hydro.params[0], M_A=2.0 * hydro.params[0].M_A))
+    for name in ("strip_first", "strip_count", "strip_half", "strip_turn", "strip_moment", "floor"):
+        np.testing.assert_array_equal(hydro.bodies[name], before[name])
+    assert hydro.bodies["floor"][0] == 70.0

@@ -111,7 +111,8 @@ def _strike(
     """`fitted` has a copy of the servos, or is None for a world without appendages."""
     present, state = model_at(table), state_at(table)
     model = Model(
-        present.bodies, present.shapes, present.thrusters.copy(), present.tables, present.lags, present.wrenches, present.forces
+        present.bodies, present.shapes, present.thrusters.copy(), present.tables, present.lags, present.wrenches, present.forces,
+        present.strips,
     )  # fmt: skip
     k = contacts.gap.shape[0]
     slot_a, slot_b = np.empty(k, np.int64), np.empty(k, np.int64)

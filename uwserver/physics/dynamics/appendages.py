@@ -9,22 +9,12 @@ from uwserver.physics.dynamics.foil import foil_force
 from uwserver.physics.dynamics.fossen import find_water, gravity_over_surface
 from uwserver.physics.dynamics.immersion import depth_below, disc_fraction, immersion, upward
 from uwserver.physics.dynamics.propeller import propeller_force
-from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, UP, WATER
+from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, STREAM, UP, WATER
+from uwserver.physics.dynamics.strips import along_hull, mount_velocity
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, separate
 from uwserver.physics.kernel.layout import Fitted, Model
 from uwserver.physics.kernel.rotation import rotation
-
-
-@compiled
-def _mount_velocity(r: Array, work: Array) -> tuple[float, float, float]:
-    """Velocity (m/s, B) through the water of a point r (B, m) of the body whose nu_r is in work[NU_R]."""
-    p, q, s = work[NU_R, 3], work[NU_R, 4], work[NU_R, 5]
-    return (
-        work[NU_R, 0] + q * r[2] - s * r[1],
-        work[NU_R, 1] + s * r[0] - p * r[2],
-        work[NU_R, 2] + p * r[1] - q * r[0],
-    )
 
 
 @compiled
@@ -45,9 +35,11 @@ def _disc(r: Array, radius: float, depth: float, work: Array) -> float:
 
 
 @compiled
-def _add_foil(foil: Any, angle: float, scale: float, work: Array, tau: int) -> None:
-    """work[tau] += lift and drag of one FOIL row at an angle (rad)."""
-    x, y, z = _mount_velocity(foil.r, work)
+def _add_foil(
+    foil: Any, velocity: tuple[float, float, float], angle: float, scale: float, work: Array, tau: int
+) -> None:
+    """work[tau] += lift and drag of one FOIL row that moves through the water with a velocity (m/s, B), at an angle (rad)."""
+    x, y, z = velocity
     c, n = foil.chord, foil.normal
     ahead, across = x * c[0] + y * c[1] + z * c[2], x * n[0] + y * n[1] + z * n[2]
     square = x * x + y * y + z * z if foil.whole != 0 else ahead * ahead + across * across
@@ -58,9 +50,11 @@ def _add_foil(foil: Any, angle: float, scale: float, work: Array, tau: int) -> N
 
 
 @compiled
-def _add_propeller(propeller: Any, speed: float, scale: float, work: Array) -> None:
-    """work[ACTUATED] += thrust and reaction torque of one PROPELLER row at a shaft speed (rad/s)."""
-    x, y, z = _mount_velocity(propeller.r, work)
+def _add_propeller(
+    propeller: Any, velocity: tuple[float, float, float], speed: float, scale: float, work: Array
+) -> None:
+    """work[ACTUATED] += thrust and reaction torque of one PROPELLER row that moves with a velocity (m/s, B), at a shaft speed (rad/s)."""
+    x, y, z = velocity
     a = propeller.axis
     advance = math.sqrt(x * x + y * y + z * z) if propeller.whole != 0 else x * a[0] + y * a[1] + z * a[2]
     thrust, torque = propeller_force(propeller, speed, advance)
@@ -86,8 +80,9 @@ def _add_weight(weight: Any, value: float, R: Array, work: Array) -> None:
 
 
 @compiled
-def _add_hull(hull: Any, fraction: float, work: Array) -> None:
-    """work[PASSIVE] += damping that fades with speed, and cross-flow drag of the strips: midpoint rule, local sway v + x r, heave w - x q."""
+def _add_hull(hull: Any, body: Any, strips: Array, fraction: float, R: Array, work: Array) -> None:
+    """work[PASSIVE] += damping that fades with speed, and cross-flow drag: midpoint rule, local sway v + x r, heave w - x q, less that of the
+    water at the place where the body has strips."""
     u, v, w, q, r = work[NU_R, 0], work[NU_R, 1], work[NU_R, 2], work[NU_R, 4], work[NU_R, 5]
     fading = fraction * math.exp(-hull.fade * math.sqrt(u * u + v * v + w * w))
     for i in range(6):
@@ -95,6 +90,8 @@ def _add_hull(hull: Any, fraction: float, work: Array) -> None:
     for k in range(hull.strips):
         x = hull.first + k * hull.spacing
         sway, heave = v + x * r, w - x * q
+        if body.strip_count > 0:
+            _, sway, heave = mount_velocity(body, strips, x, 0.0, 0.0, R, work)
         if hull.joint != 0:
             speed = math.sqrt(sway * sway + heave * heave)
             drag = (hull.sway * sway * sway + hull.heave * heave * heave) / speed if speed > 0.0 else 0.0
@@ -127,9 +124,14 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
     for i in range(6):
         work[NU, i] = work[NU_R, i] = s[source, 7 + i]
         work[ACTUATED, i] = work[PASSIVE, i] = 0.0
-    find_water(body, s, source, t, flow, R, work)
-    for i in range(3):
-        work[NU_R, i] -= R[0, i] * work[WATER, 0] + R[1, i] * work[WATER, 1] + R[2, i] * work[WATER, 2]
+    if body.strip_count > 0:
+        along_hull(body, model.strips, s, source, t, flow, R, work)
+        for i in range(6):
+            work[NU_R, i] -= work[STREAM, i]
+    else:
+        find_water(body, s, source, t, flow, R, work)
+        for i in range(3):
+            work[NU_R, i] -= R[0, i] * work[WATER, 0] + R[1, i] * work[WATER, 1] + R[2, i] * work[WATER, 2]
     depth = depth_below(flow, s[source, 0], s[source, 1], s[source, 2], t)
     near_surface = body.shape_count > 0 and depth < body.radius
     fraction = 1.0
@@ -140,16 +142,19 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
     for k in range(body.foil_first, body.foil_first + body.foil_count):
         foil = fitted.foils[k]
         scale = _disc(foil.r, foil.radius, depth, work) if near_surface else 1.0
+        velocity = mount_velocity(body, model.strips, foil.r[0], foil.r[1], foil.r[2], R, work)
         if foil.servo < 0:
-            _add_foil(foil, 0.0, scale, work, PASSIVE)
+            _add_foil(foil, velocity, 0.0, scale, work, PASSIVE)
         else:
             scale *= fitted.servos[foil.servo].efficiency
-            _add_foil(foil, fitted.values[foil.servo, stage], scale, work, ACTUATED)
+            _add_foil(foil, velocity, fitted.values[foil.servo, stage], scale, work, ACTUATED)
     for k in range(body.propeller_first, body.propeller_first + body.propeller_count):
         propeller = fitted.propellers[k]
         scale = _disc(propeller.r, 0.5 * propeller.diameter, depth, work) if near_surface else 1.0
         scale *= fitted.servos[propeller.servo].efficiency
-        _add_propeller(propeller, fitted.values[propeller.servo, stage], scale, work)
+        r = propeller.r
+        velocity = mount_velocity(body, model.strips, r[0], r[1], r[2], R, work)
+        _add_propeller(propeller, velocity, fitted.values[propeller.servo, stage], scale, work)
     for k in range(body.weight_first, body.weight_first + body.weight_count):
         weight = fitted.weights[k]
         value = fitted.values[weight.servo, stage]
@@ -166,4 +171,4 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
             value = fitted.values[term.servo, stage]
             work[ACTUATED, term.axis] += force * servo.efficiency * (value if term.power == 1 else value * value)
     for k in range(body.hull_first, body.hull_first + body.hull_count):
-        _add_hull(fitted.hulls[k], fraction, work)
+        _add_hull(fitted.hulls[k], body, model.strips, fraction, R, work)

@@ -9,7 +9,16 @@ import numpy as np
 
 from uwserver.physics.dynamics.appendage_params import appendage_rows, servo_rows
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, ForceTable, body_row, shape_rows, thruster_row, wrench_rows
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    ForceTable,
+    body_row,
+    line_of,
+    shape_rows,
+    thruster_row,
+    wrench_rows,
+)
+from uwserver.physics.dynamics.strip_params import strip_rows
 from uwserver.physics.kernel.arrays import IntArray, Records
 from uwserver.physics.kernel.layout import WORLD
 from uwserver.physics.kernel.records import joined
@@ -31,14 +40,20 @@ class BodyRows(NamedTuple):
     weights: Records
     derivatives: Records
     hulls: Records
+    strips: Records
 
 
 _KINDS = {name: "wrench" if name == "wrenches" else name[:-1] for name in BodyRows._fields[1:]}
 """What a BODY row calls its range of an array."""
 
 
-def rows_of(body: BodyParams) -> BodyRows:
-    """All rows of a body; whoever wants to change them takes a copy."""
+def rows_of(body: BodyParams, wave_number: float = 0.0) -> BodyRows:
+    """All rows of a body; whoever wants to change them takes a copy.
+
+    Args:
+        body: in a sea with waves of at most
+        wave_number: rad/m; 0 without waves.
+    """
     made = BodyRows(
         bodies=body_row(body),
         shapes=shape_rows(body),
@@ -46,6 +61,7 @@ def rows_of(body: BodyParams) -> BodyRows:
         wrenches=wrench_rows(body.wrenches),
         servos=servo_rows(body.appendages),
         **appendage_rows(body.appendages, 0),
+        strips=strip_rows(line_of(body), body.r_b, wave_number),
     )
     for name, kind in _KINDS.items():
         made.bodies[f"{kind}_count"] = len(getattr(made, name))

@@ -34,7 +34,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.physics.kernel.rotation import rotation
 from uwserver.physics.kernel.sharing import share
 
-bodies_at = array_at(WORLD, "bodies")
+bodies_at, strips_at = array_at(WORLD, "bodies"), array_at(WORLD, "strips")
 
 # A row of water at a point: velocity (3), its partial derivative by time (3), its gradient (3, 3; row i: derivatives of component i),
 # elevation, its slopes along x and y and its rate, and the dynamic pressure as a head (m).
@@ -126,12 +126,12 @@ def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> 
 
 @entry
 def fill_flows(table: Array, sea: Any, t: float, ahead: float) -> None:
-    """The water at the centre of buoyancy of each body, `ahead` seconds after t on the path that its present velocity leads to.
+    """The water at the centre of buoyancy and the strips of each body, `ahead` seconds after t on the path that its present velocity leads to.
 
     Taken at the middle of a tick, water that is linear in place and time within the tick is right to second order.
 
     Args:
-        table: of the world's rows (`handles`): flows (n, FLOW_SIZE) out.
+        table: of the world's rows (`handles`): flows (n, FLOW_SIZE) and the water in strips out.
         sea: `SeaRows`.
         t, ahead: s.
     """
@@ -140,18 +140,13 @@ def fill_flows(table: Array, sea: Any, t: float, ahead: float) -> None:
 
 @compiled
 def _fill_range(first: int, end: int, me: int, table: Array, sea: Any, t: float, ahead: float) -> None:
-    bodies, state, flows = bodies_at(table), state_at(table), flows_at(table)
+    bodies, state, flows, strips = bodies_at(table), state_at(table), flows_at(table), strips_at(table)
     R, point, p = np.empty((3, 3)), np.empty(POINT_SIZE), np.empty(3)
     kind = WAVY if sea.waves.shape[0] > 0 else MOVING
     for n in range(first, end):
         x, r, flow = state[n], bodies[n].r_b, flows[n]
         rotation(x[3], x[4], x[5], x[6], R)
-        vx = x[7] + x[11] * r[2] - x[12] * r[1]
-        vy = x[8] + x[12] * r[0] - x[10] * r[2]
-        vz = x[9] + x[10] * r[1] - x[11] * r[0]
-        for i in range(3):
-            mount = R[i, 0] * r[0] + R[i, 1] * r[1] + R[i, 2] * r[2]
-            p[i] = x[i] + mount + ahead * (R[i, 0] * vx + R[i, 1] * vy + R[i, 2] * vz)
+        _place_ahead(x, R, r, ahead, p)
         water_at(sea, p[0], p[1], p[2], t + ahead, point)
         for i in range(FLOW_PLANE - FLOW_V):
             flow[FLOW_V + i] = point[V + i]  # velocity, rate and gradient stand alike in both
@@ -161,3 +156,22 @@ def _fill_range(first: int, end: int, me: int, table: Array, sea: Any, t: float,
         for i in range(3):
             flow[FLOW_P + i] = p[i]
         flow[FLOW_T], flow[FLOW_KIND] = t + ahead, kind
+        for k in range(bodies[n].strip_first, bodies[n].strip_first + bodies[n].strip_count):
+            strip = strips[k]
+            _place_ahead(x, R, strip.r, ahead, p)
+            water_at(sea, p[0], p[1], p[2], t + ahead, point)
+            for i in range(3):
+                strip.p[i], strip.v[i], strip.v_t[i] = p[i], point[V + i], point[V_T + i]
+                for j in range(3):
+                    strip.gradient[i, j] = point[GRADIENT + 3 * i + j]
+
+
+@compiled
+def _place_ahead(x: Array, R: Array, r: Array, ahead: float, p: Array) -> None:
+    """Where (p, N) the point r (B) of a body in the state x will be after `ahead` seconds with its present velocity."""
+    vx = x[7] + x[11] * r[2] - x[12] * r[1]
+    vy = x[8] + x[12] * r[0] - x[10] * r[2]
+    vz = x[9] + x[10] * r[1] - x[11] * r[0]
+    for i in range(3):
+        mount = R[i, 0] * r[0] + R[i, 1] * r[1] + R[i, 2] * r[2]
+        p[i] = x[i] + mount + ahead * (R[i, 0] * vx + R[i, 1] * vy + R[i, 2] * vz)

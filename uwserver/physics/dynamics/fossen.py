@@ -6,6 +6,9 @@ about the body origin, with nu_r = nu - nu_c. The water does not turn: nu_c = [R
 turning body frame, with dv_c/dt along the body's path. Water that accelerates (waves, shear, a drifting current) has a pressure gradient, which
 pulls at a body as at the water that it displaces: the Froude-Krylov force rho V Du/Dt at r_b. Both Coriolis terms are in Kirchhoff form, from
 the momenta p = M nu:  C(nu) nu = [w x p_1; v x p_1 + w x p_2]; they do no work by construction.
+
+A hull with strips (`strips`), in waves, sees water that turns: nu_c = [v_c; w_c], the rigid motion that fits the water along it best, and the
+Froude-Krylov force has a moment of its own.
 """
 
 from __future__ import annotations
@@ -25,14 +28,28 @@ from uwserver.physics.dynamics.scratch import (
     NU,
     NU_R,
     PASSIVE,
+    PULL,
+    STREAM,
+    STREAM_RATE,
     TAU,
     UP,
     WATER,
 )
+from uwserver.physics.dynamics.strips import along_hull, mount_velocity
 from uwserver.physics.dynamics.thruster import add_thrust
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined, separate
-from uwserver.physics.kernel.layout import FLOW_GRADIENT, FLOW_KIND, FLOW_P, FLOW_T, FLOW_V, FLOW_V_T, STEADY, Model
+from uwserver.physics.kernel.layout import (
+    FLOW_GRADIENT,
+    FLOW_KIND,
+    FLOW_P,
+    FLOW_T,
+    FLOW_V,
+    FLOW_V_T,
+    NEAR_NOTHING,
+    STEADY,
+    Model,
+)
 from uwserver.physics.kernel.rotation import rotation
 
 
@@ -138,7 +155,41 @@ def find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array
 
 
 @inlined
-def _add_current(body: Any, moving: bool, R: Array, cx: float, cy: float, cz: float, held: float, work: Array) -> None:
+def _add_inertia(body: Any, M_A: Array, work: Array, source: int, scale: float, target: int) -> None:
+    """work[target] += scale M_A work[source], with M_A (6, 6) of `near_boundary` for a body that asks for it."""
+    if body.near_form != NEAR_NOTHING:
+        _multiply_add(M_A, body.form_M_A, work, source, scale, target)
+    else:
+        _multiply_add(body.M_A, body.form_M_A, work, source, scale, target)
+
+
+@compiled
+def _add_change_of_mass(body: Any, M_A_z: Array, R: Array, held: float, work: Array) -> None:
+    """work[TAU] += what M_A does that changes with depth (`near_boundary`), at r_b."""
+    nu_r, b = work[NU_R], body.r_b
+    vx = nu_r[0] + nu_r[4] * b[2] - nu_r[5] * b[1]
+    vy = nu_r[1] + nu_r[5] * b[0] - nu_r[3] * b[2]
+    vz = nu_r[2] + nu_r[3] * b[1] - nu_r[4] * b[0]
+    for i in range(6):
+        work[EXTRA, i] = 0.0
+    _multiply_add(M_A_z, body.form_M_A, work, NU_R, held, EXTRA)
+    sinking, pull = R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz, 0.0
+    for i in range(6):
+        pull += 0.5 * work[EXTRA, i] * nu_r[i]
+        work[TAU, i] -= sinking * work[EXTRA, i]
+    fx, fy, fz = pull * R[2, 0], pull * R[2, 1], pull * R[2, 2]
+    work[TAU, 0] += fx
+    work[TAU, 1] += fy
+    work[TAU, 2] += fz
+    work[TAU, 3] += b[1] * fz - b[2] * fy
+    work[TAU, 4] += b[2] * fx - b[0] * fz
+    work[TAU, 5] += b[0] * fy - b[1] * fx
+
+
+@inlined
+def _add_current(
+    body: Any, M_A: Array, moving: bool, R: Array, cx: float, cy: float, cz: float, held: float, work: Array
+) -> None:
     """work[TAU] += M_A nu_c_dot for the current (cx, cy, cz) in B."""
     nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
     work[EXTRA, 0] = nu5 * cy - nu4 * cz
@@ -148,7 +199,7 @@ def _add_current(body: Any, moving: bool, R: Array, cx: float, cy: float, cz: fl
     if moving:
         for i in range(3):
             work[EXTRA, i] += R[0, i] * work[WATER, 3] + R[1, i] * work[WATER, 4] + R[2, i] * work[WATER, 5]
-    _multiply_add(body.M_A, body.form_M_A, work, EXTRA, held, TAU)
+    _add_inertia(body, M_A, work, EXTRA, held, TAU)
 
 
 @compiled
@@ -218,14 +269,21 @@ def derivative(
         work[MOMENTUM, i] = 0.0
         if work[EXTERNAL, i] != 0.0:
             work[TAU, i] += work[EXTERNAL, i]
-    moving = find_water(body, s, source, t, flow, R, work)
+    striped = body.strip_count > 0
+    moving = striped or find_water(body, s, source, t, flow, R, work)
+    if striped:
+        along_hull(body, model.strips, s, source, t, flow, R, work)
     ux, uy, uz = work[WATER, 0], work[WATER, 1], work[WATER, 2]
     cx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
     cy = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
     cz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
-    work[NU_R, 0] -= cx
-    work[NU_R, 1] -= cy
-    work[NU_R, 2] -= cz
+    if striped:
+        for i in range(6):
+            work[NU_R, i] -= work[STREAM, i]
+    else:
+        work[NU_R, 0] -= cx
+        work[NU_R, 1] -= cy
+        work[NU_R, 2] -= cz
 
     depth = depth_below(flow, s[source, 0], s[source, 1], s[source, 2], t)
     near_surface = body.shape_count > 0 and depth < body.radius
@@ -236,7 +294,11 @@ def derivative(
         upward(flow, R, work[UP])
         fraction = immersion(body, model.shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
-        add_thrust(model.thrusters[k], model.forces[k, stage], depth, near_surface, work)
+        r = model.thrusters[k].r
+        if striped:
+            vx, vy, vz = mount_velocity(body, model.strips, r[0], r[1], r[2], R, work)
+            work[EXTRA, 0], work[EXTRA, 1], work[EXTRA, 2] = vx, vy, vz
+        add_thrust(model.thrusters[k], model.forces[k, stage], depth, near_surface, striped, work)
     for k in range(body.wrench_first, body.wrench_first + body.wrench_count):
         _add_prescribed(model.wrenches[k], t, R, work)
     for i in range(6):
@@ -247,16 +309,29 @@ def derivative(
     _add_restoring(body, R, fraction, gravity_over_surface(body, s[source, 2]), work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)
+    if striped:
+        for i in range(3):
+            work[TAU, 3 + i] += fraction * body.displaced * work[PULL, i]
 
     _multiply_add(body.M_RB, body.form_M_RB, work, NU, 1.0, MOMENTUM)
     _subtract_coriolis(work, NU)
     for i in range(6):
         work[MOMENTUM, i] = 0.0
-    _multiply_add(body.M_A, body.form_M_A, work, NU_R, held, MOMENTUM)
+    _add_inertia(body, w.M_A, work, NU_R, held, MOMENTUM)
+    if striped:  # the momentum is seen from axes that turn with the body, not with the water
+        for i in range(3, 6):
+            work[NU_R, i] += work[STREAM, i]
     _subtract_coriolis(work, NU_R)
+    if striped:
+        for i in range(3, 6):
+            work[NU_R, i] -= work[STREAM, i]
+    if body.near_form != NEAR_NOTHING:
+        _add_change_of_mass(body, w.M_A_z, R, held, work)
     _subtract_damping(body, fraction, work)
-    if moving or cx != 0.0 or cy != 0.0 or cz != 0.0:
-        _add_current(body, moving, R, cx, cy, cz, held, work)
+    if striped:
+        _add_inertia(body, w.M_A, work, STREAM_RATE, held, TAU)
+    elif moving or cx != 0.0 or cy != 0.0 or cz != 0.0:
+        _add_current(body, w.M_A, moving, R, cx, cy, cz, held, work)
 
     for i in range(6):
         work[EXTRA, i] = 0.0

@@ -15,6 +15,7 @@ import numpy as np
 from uwserver.physics.dynamics.appendages import appendages
 from uwserver.physics.dynamics.fossen import derivative
 from uwserver.physics.dynamics.immersion import depth_below, immersion, upward
+from uwserver.physics.dynamics.near_boundary import set_near_mass
 from uwserver.physics.dynamics.scratch import (
     ACTUATED,
     APPLIED,
@@ -27,13 +28,14 @@ from uwserver.physics.dynamics.scratch import (
     PASSIVE,
     STAGE,
     STATE,
+    STREAM,
 )
 from uwserver.physics.dynamics.servo import advance_servo
 from uwserver.physics.dynamics.thruster import advance_lag, lagged, set_demand
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry, inlined
 from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at, team_at
-from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, STATE_SIZE, Model
+from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, NEAR_NOTHING, STATE_SIZE, Model
 from uwserver.physics.kernel.linear import solve
 from uwserver.physics.kernel.rotation import rotation
 from uwserver.physics.kernel.sharing import share
@@ -49,7 +51,7 @@ LEAST_RATES = 24
 
 
 @compiled
-def _damping_rate(body: Any, s: Array, flow: Array, dt: float) -> float:
+def _damping_rate(body: Any, s: Array, work: Array, flow: Array, dt: float) -> float:
     """Upper bound of the fastest damping rate, 1/s, in a tick that starts at s[STATE] with the derivative s[K1].
 
     Quadratic damping has no rate at rest: a light body under a sudden force needs the speed that it will have.
@@ -61,6 +63,8 @@ def _damping_rate(body: Any, s: Array, flow: Array, dt: float) -> float:
         reached = max(abs(nu), abs(nu + dt * s[K1, 7 + j]))
         if j < 3:
             reached += speed
+        elif body.strip_count > 0:
+            reached += abs(work[STREAM, j])
         rate += body.rate_Q[j] * reached
         if j == 0:
             rate += body.rate_S * reached
@@ -75,20 +79,25 @@ def _hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt:
     """
     fraction = 1.0
     reach = body.radius + dt * (abs(x[7]) + abs(x[8]) + abs(x[9]) + abs(flow[FLOW_PLANE + 3]))
-    if body.shape_count > 0 and depth_below(flow, x[0], x[1], x[2], t) < reach:
+    near_surface = body.shape_count > 0 and depth_below(flow, x[0], x[1], x[2], t) < reach
+    near = body.near_form != NEAR_NOTHING
+    if near_surface or near:
         R, half = w.R, 0.5 * dt
         rotation(x[3], x[4], x[5], x[6], R)
         on_x = x[0] + half * (R[0, 0] * x[7] + R[0, 1] * x[8] + R[0, 2] * x[9])
         on_y = x[1] + half * (R[1, 0] * x[7] + R[1, 1] * x[8] + R[1, 2] * x[9])
         on_z = x[2] + half * (R[2, 0] * x[7] + R[2, 1] * x[8] + R[2, 2] * x[9])
-        upward(flow, R, w.small[0])
-        fraction = immersion(body, shapes, depth_below(flow, on_x, on_y, on_z, t + half), w.small[2], w.small)
-    if fraction == 1.0:
+        if near:
+            set_near_mass(body, on_x, on_y, on_z, t + half, flow, w)
+        if near_surface:
+            upward(flow, R, w.small[0])
+            fraction = immersion(body, shapes, depth_below(flow, on_x, on_y, on_z, t + half), w.small[2], w.small)
+    if fraction == 1.0 and not near:
         for i in range(6):
             for j in range(6):
                 w.M_inv[i, j] = body.M_inv[i, j]
     else:
-        M = body.M_RB + fraction * body.M_A
+        M = body.M_RB + fraction * (w.M_A if near else body.M_A)
         for i in range(6):
             for j in range(6):
                 w.M_inv[i, j] = 1.0 if i == j else 0.0
@@ -201,7 +210,7 @@ def _implicit(model: Model, fitted: Any, body: Any, flow: Array, t: float, h: fl
         appendages(model, fitted, body, flow, t + 0.5 * h, STATE, 2, w)
     derivative(model, body, flow, t + 0.5 * h, held, STATE, K1, 2, w)
     speed = abs(work[NU_R, 0])
-    A = body.M_RB + held * body.M_A
+    A = body.M_RB + held * (w.M_A if body.near_form != NEAR_NOTHING else body.M_A)
     delta = np.zeros((6, 1))
     for i in range(6):
         for j in range(6):
@@ -244,7 +253,7 @@ def step_body(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float
     if fitted is not None:
         _present_appendages(model, fitted, body, flow, t, w)
     derivative(model, body, flow, t, held, STATE, K1, 0, w)
-    need = _damping_rate(body, w.s, flow, dt) * dt / STABLE
+    need = _damping_rate(body, w.s, w.work, flow, dt) * dt / STABLE
     level, steps = 0, 1
     while steps < need and level < MAX_LEVEL:
         level += 1

@@ -9,8 +9,19 @@ import numpy as np
 from uwserver.frames import Vec3
 from uwserver.physics.dynamics.appendage_params import Appendages, appendage_rates
 from uwserver.physics.dynamics.lag import Lag
+from uwserver.physics.dynamics.strip_params import HullLine, hull_line
 from uwserver.physics.kernel.arrays import FloatArray, Records
-from uwserver.physics.kernel.layout import BODY, LAG, SHAPE, TABLE, TABLE_SIZE, TABLE_VOLTAGES, THRUSTER, WRENCH
+from uwserver.physics.kernel.layout import (
+    BODY,
+    LAG,
+    NEAR_NOTHING,
+    SHAPE,
+    TABLE,
+    TABLE_SIZE,
+    TABLE_VOLTAGES,
+    THRUSTER,
+    WRENCH,
+)
 
 
 @dataclass(frozen=True)
@@ -46,6 +57,21 @@ class ThrusterParams:
     drag: float = 0.0
     disc_radius: float = 0.05
     installed: float = 1.0
+    cross_loss: float = 0.0
+    ventilates: bool = False
+
+    @property
+    def reach(self) -> float:
+        """Farthest place from the origin whose depth decides its thrust, m."""
+        return float(np.linalg.norm(self.r)) + (1.3 if self.ventilates else 1.0) * self.disc_radius
+
+
+@dataclass(frozen=True)
+class NearBoundary:
+    """What a hull is taken for where surface or bottom change its added mass: `form` of `layout`, and the radius (m)."""
+
+    form: int = NEAR_NOTHING
+    radius: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +87,8 @@ class BodyParams:
         gravity_growth: of both with depth, relative, 1/m.
         displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
         appendages: fins, propellers, ballast, and what the hull's shape adds to the matrices.
+        length: of the hull along x, over which it feels waves, m; None: that of the shapes; 0: none, it feels them at r_b alone.
+        near: how surface and bottom change M_A.
     """
 
     M_RB: FloatArray
@@ -78,6 +106,8 @@ class BodyParams:
     displaced: float | None = None
     gravity_growth: float = 0.0
     appendages: Appendages = field(default=Appendages())
+    length: float | None = None
+    near: NearBoundary = field(default=NearBoundary())
 
 
 def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> FloatArray:
@@ -140,10 +170,19 @@ def body_row(body: BodyParams) -> Records:
         )
         for shape in shape_rows(body)
     ]
-    reach += [float(np.linalg.norm(t.r)) + t.disc_radius for t in body.thrusters] + [body.appendages.reach]
+    reach += [thruster.reach for thruster in body.thrusters] + [body.appendages.reach]
     row["fitted"] = int(body.appendages != Appendages())
     row["radius"] = max(reach, default=0.0)
+    line = line_of(body)
+    row["strip_axis"], row["strip_half"] = line.axis, line.half
+    row["strip_turn"], row["strip_moment"] = line.turn, line.moment
+    row["near_form"], row["near_radius"], row["floor"] = body.near.form, body.near.radius, np.inf
     return row
+
+
+def line_of(body: BodyParams) -> HullLine:
+    """The line along which a body has strips in waves."""
+    return hull_line(shape_rows(body), body.r_b, body.length)
 
 
 def shape_rows(body: BodyParams) -> Records:
@@ -170,7 +209,7 @@ def _line(params: ThrusterParams) -> FloatArray:
 def thruster_row(params: ThrusterParams, table: int, lag: int) -> Records:
     """The THRUSTER row (1), at rest, with the rows of its force table and lag."""
     row = np.zeros(1, THRUSTER)
-    for name in ("r", "voltage", "inflow", "drag", "disc_radius", "installed"):
+    for name in ("r", "voltage", "inflow", "drag", "disc_radius", "installed", "cross_loss", "ventilates"):
         row[name] = getattr(params, name)
     row["per_velocity"] = row["per_force"] = _line(params)
     row["per_force"][0, 3:] += params.torque_per_force * row["per_force"][0, :3]

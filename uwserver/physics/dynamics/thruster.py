@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 from uwserver.physics.dynamics.immersion import disc_fraction
-from uwserver.physics.dynamics.scratch import NU_R, TAU, UP
+from uwserver.physics.dynamics.scratch import EXTRA, NU_R, TAU, UP
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 
 MOST_INFLOW = 2.0
@@ -92,26 +92,63 @@ def lagged(thruster: Any, lag: Any) -> float:
 
 
 @compiled
-def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, work: Array) -> None:
+def ventilated(submergence: float) -> float:
+    """Thrust of a ventilating propeller over that deep below, by the depth of its hub in radii.
+
+    1 - 0.675 (1 - 0.769 h/R)^1.258 from -0.48, where nothing is left, to 1.3: loss of disc area and ventilation together (Minsaas, Faltinsen
+    and Persson 1983; Smogeli 2006), of a propeller under heavy load, in calm water. How ventilation comes and goes in time is left out.
+    """
+    if submergence >= 1.3:
+        return 1.0
+    return float(max(0.0, 1.0 - 0.675 * (1.0 - 0.769 * submergence) ** 1.258))
+
+
+@inlined
+def _across(thruster: Any, va: float, moved: bool, work: Array) -> float:
+    """Square of the speed of the mount through the water across the axis, which it passes along at va."""
+    if moved:
+        x, y, z = work[EXTRA, 0], work[EXTRA, 1], work[EXTRA, 2]
+    else:
+        r = thruster.r
+        p, q, s = work[NU_R, 3], work[NU_R, 4], work[NU_R, 5]
+        x = work[NU_R, 0] + q * r[2] - s * r[1]
+        y = work[NU_R, 1] + s * r[0] - p * r[2]
+        z = work[NU_R, 2] + p * r[1] - q * r[0]
+    return float(max(0.0, x * x + y * y + z * z - va * va))
+
+
+@compiled
+def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, moved: bool, work: Array) -> None:
     """work[TAU] += one thruster's wrench (6, about the body origin in B); work[NU_R] is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
     mount through the water along the axis. It takes the whole thrust at most, and against the propeller it adds no more than MOST_INFLOW
-    lets it. What remains of a stopped propeller is its drag, where the hull's damping has not got it. Thrust scales with the submerged part
-    of the disc, for which `depth` (m) is that of the body origin below the surface and work[UP] the surface's normal in B.
+    lets it. What remains of a stopped propeller is its drag, where the hull's damping has not got it. A stream across the axis bends the jet
+    to the hull (Coanda): exp(-c V_t^2) of the thrust remains, where the thruster says c (Palmer, Hearn and Stevenson 2008, of tunnels).
+    Thrust scales with the submerged part of the disc, or by `ventilated`; `depth` (m) is that of the body origin below the surface and
+    work[UP] the surface's normal in B. Where the water differs along the hull (`moved`), work[EXTRA, :3] has the velocity of the mount.
     """
     if force == 0.0 and thruster.drag == 0.0:
         return
-    if thruster.inflow != 0.0 or thruster.drag != 0.0:
+    if thruster.inflow != 0.0 or thruster.drag != 0.0 or thruster.cross_loss != 0.0:
         va = 0.0
-        for i in range(6):
-            va += thruster.per_velocity[i] * work[NU_R, i]
+        if moved:
+            for i in range(3):
+                va += thruster.per_velocity[i] * work[EXTRA, i]
+        else:
+            for i in range(6):
+                va += thruster.per_velocity[i] * work[NU_R, i]
+        if thruster.cross_loss != 0.0:
+            force *= math.exp(-thruster.cross_loss * _across(thruster, va, moved, work))
         most = MOST_INFLOW * force
         force -= thruster.inflow * math.sqrt(abs(force)) * va
         force = min(max(force, min(most, 0.0)), max(most, 0.0)) - thruster.drag * abs(va) * va
     if near_surface:
         r = thruster.r
         hub = depth - work[UP, 0] * r[0] - work[UP, 1] * r[1] - work[UP, 2] * r[2]
-        force *= disc_fraction(hub, thruster.disc_radius)
+        if thruster.ventilates != 0:
+            force *= ventilated(hub / thruster.disc_radius)
+        else:
+            force *= disc_fraction(hub, thruster.disc_radius)
     for i in range(6):
         work[TAU, i] += force * thruster.per_force[i]

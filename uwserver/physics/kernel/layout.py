@@ -43,6 +43,9 @@ TABLE_VOLTAGES = 8
 
 SHAPE_BOX, SHAPE_SPHERE = 0, 1
 
+NEAR_NOTHING, NEAR_SPHERE, NEAR_CYLINDER = 0, 1, 2
+"""What a hull is taken for where surface or bottom change its added mass; the cylinder lies along x of B."""
+
 FREE, STUCK, STUCK_AT = 0, 1, 2
 """Whether a thruster listens to its commands."""
 
@@ -85,6 +88,14 @@ BODY = _record(
     _f8("rate_S"),
     _f8("radius"),  # no part of the buoyancy shapes is farther from the origin, m
     _ranges("shape thruster wrench"),  # without shapes it is always fully submerged
+    _ranges("strip"),  # of a long hull in waves
+    _i8("strip_axis"),  # of B, along which they lie
+    _f8("strip_half"),  # half the length that they share, m, about r_b
+    # What the turning of the water along the hull becomes about each axis of B (1/m2), and the first moment of its acceleration (1).
+    _f8("strip_turn strip_moment", 3),
+    _i8("near_form"),  # how M_A changes near surface and bottom: NEAR_NOTHING, NEAR_SPHERE or NEAR_CYLINDER
+    _f8("near_radius"),  # of that sphere or cylinder, m
+    _f8("floor"),  # depth of the level bottom, m, inf for none
     _i8("in_contact"),  # 1: contacts act on the body in this tick
     _f8("contact", 6),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
     _f8("external", 6),  # wrench in the coming tick, about the origin in B; constant in the tick, and zero after it
@@ -112,6 +123,10 @@ THRUSTER = _record(
     _i8("lag"),  # row of the lags
     _f8("voltage"),
     _f8("installed"),  # installed thrust over open-water thrust
+    _f8("cross_loss"),  # c in exp(-c V_t^2) for the speed V_t across the axis, s2/m2
+    _i8(
+        "ventilates"
+    ),  # 1: loses thrust near the surface by ventilation, 0: by the part of the disc that is out of the water
     _f8("efficiency"),  # 1 healthy, 0 dead
     _f8("command"),  # u in -1..1, or N with by_force
     _i8("by_force"),
@@ -213,11 +228,26 @@ HULL = _record(
     _i8("joint"),  # 1: drag by the resultant of both cross flows, 0: by each alone
 )
 
+STRIP = _record(
+    _f8("r", 3),  # in B, m
+    _f8("share"),  # of the hull; the shares of a body add up to 1
+    _f8("place"),  # on the hull from -1 to 1
+    _f8(
+        "barycentric bend"
+    ),  # of interpolation: its weight, and the slope there of the polynomial that is 1 at this strip alone
+    # The water there in N, at the place and instant for which `flows` was filled, as in its rows: place, velocity, its rate, its gradient.
+    _f8("p v v_t", 3),
+    _f8("gradient", 3, 3),
+    _f8("u", 3),  # velocity of the water there at the present stage, N
+)
+"""A point of a long hull in waves."""
+
 SCRATCH = _record(
     _f8("s", 6, STATE_SIZE),  # states and their derivatives, in the rows of `dynamics.scratch`
-    _f8("work", 14, 6),  # of `fossen.derivative`, likewise
+    _f8("work", 17, 6),  # of `fossen.derivative`, likewise
     _f8("R", 3, 3),  # R_NB
     _f8("M_inv", 6, 6),  # inverse of M_RB + held M_A, which holds in a step
+    _f8("M_A M_A_z", 6, 6),  # M_A near surface and bottom, and its derivative by depth; of a body that asks for it
     _f8("small", 3, 3),
     _i8("diverged"),  # the first body that this thread found diverged in the tick
 )
@@ -231,6 +261,7 @@ class Model(NamedTuple):
         bodies: (n) BODY.
         shapes: SHAPE rows of all bodies; likewise the others.
         forces: (m, 3) work space: lagged thrust of each thruster at the three stage times of a step, N.
+        strips: STRIP rows of all bodies.
     """
 
     bodies: Array
@@ -240,6 +271,7 @@ class Model(NamedTuple):
     lags: Array
     wrenches: Array
     forces: Array
+    strips: Array
 
 
 class Fitted(NamedTuple):
@@ -294,6 +326,7 @@ WORLD: Forms = {
     "tables": TABLE,
     "lags": LAG,
     "wrenches": WRENCH,
+    "strips": STRIP,
     "servos": SERVO,
     "foils": FOIL,
     "propellers": PROPELLER,

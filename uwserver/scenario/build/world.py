@@ -12,6 +12,7 @@ from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.population import ScenarioPopulation
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.solids.tables import FlatSeabed
 from uwserver.scenario.water.sea import water_of
 from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
@@ -38,6 +39,8 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
     seed = scenario.seed if seed is None else seed
     water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
     hydro.sea = None if water.sea is None else water.sea.rows
+    if isinstance(scenario.seabed, FlatSeabed):
+        hydro.floor = scenario.seabed.depth_m
     if not prepared:
         prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)

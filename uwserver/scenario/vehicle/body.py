@@ -13,9 +13,16 @@ from msgspec import UNSET, UnsetType
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    BuoyancyShape,
+    ForceTable,
+    NearBoundary,
+    ThrusterParams,
+    rigid_body_inertia,
+)
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
+from uwserver.physics.kernel.layout import NEAR_CYLINDER, NEAR_SPHERE, SHAPE_BOX, SHAPE_SPHERE, TABLE_SIZE
 from uwserver.scenario.vehicle.appendages import appendages
 from uwserver.scenario.vehicle.tables import (
     BoxShape,
@@ -28,6 +35,7 @@ from uwserver.scenario.vehicle.tables import (
     ThrusterDevice,
     VehicleFile,
 )
+from uwserver.scenario.vehicle.tables import NearBoundary as NearBoundaryTable
 from uwserver.scenario.water.tables import Environment
 
 
@@ -84,6 +92,8 @@ def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], env
         ),
         appendages=appendages(vehicle, environment),
         wrenches=1 + len(own_actuators(vehicle)),
+        length=None if isinstance(vehicle.buoyancy.length_m, UnsetType) else vehicle.buoyancy.length_m,
+        near=_near(vehicle.added_mass.near_boundary),
     )
 
 
@@ -126,6 +136,8 @@ def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, densi
         drag=0.125 * math.pi * density * propeller.diameter_m**2 * stopped,
         disc_radius=0.5 * propeller.diameter_m,
         installed=thruster.installed_factor,
+        cross_loss=thruster.cross_flow_loss_s2pm2,
+        ventilates=thruster.ventilates,
     )
 
 
@@ -176,6 +188,12 @@ def lag(table: LagTable) -> Lag:
     b = [c / lead for c in reversed(table.numerator)] + [0.0] * (3 - len(table.numerator))
     a = [c / lead for c in reversed(table.denominator[1:])]
     return Lag(tuple(b), tuple(a))
+
+
+def _near(table: NearBoundaryTable | UnsetType) -> NearBoundary:
+    if isinstance(table, UnsetType):
+        return NearBoundary()
+    return NearBoundary({"cylinder": NEAR_CYLINDER, "sphere": NEAR_SPHERE}[table.form], table.radius_m)
 
 
 def _shape(shape: BoxShape | SphereShape) -> BuoyancyShape:

@@ -61,10 +61,16 @@ class SphereShape(Table, tag="sphere", tag_field="kind", kw_only=True, frozen=Tr
 
 class Buoyancy(Sourced, kw_only=True, frozen=True):
     """Displaced volume and its centre r_b. `shapes` give its form near the surface: they are moved and weighted together so that all of
-    them submerged displace `volume_m3` at `center_frd_m`. Without shapes the vehicle is always submerged."""
+    them submerged displace `volume_m3` at `center_frd_m`. Without shapes the vehicle is always submerged.
+
+    Attributes:
+        length_m: of the hull along x, over which it feels waves, as of a hull of one section throughout; 0: it feels them at `center_frd_m`
+            alone. Default: by the second moment of the shapes along their longest axis, which is the edge of a box; 0 without shapes.
+    """
 
     volume_m3: Annotated[float, Meta(ge=0)]
     center_frd_m: Vector3 = (0.0, 0.0, 0.0)
+    length_m: NonNegative | UnsetType = UNSET
     shapes: dict[str, BoxShape | SphereShape] = field(default_factory=dict)
 
 
@@ -75,11 +81,29 @@ class Coefficients(Sourced, kw_only=True, frozen=True):
     matrix: Matrix6 | UnsetType = UNSET
 
 
+class NearBoundary(Sourced, kw_only=True, frozen=True):
+    """How added mass changes near the surface and above a flat seabed, by the method of images; for a hull that lies about level.
+
+    Attributes:
+        form: what the hull is taken for: a cylinder along x, which changes all but surge and roll, or a sphere, which changes surge, sway and
+            heave.
+        radius_m: of it; depth and height are those of `center_frd_m` of the buoyancy.
+    """
+
+    form: Literal["cylinder", "sphere"]
+    radius_m: Positive
+
+
 class AddedMass(Coefficients, kw_only=True, frozen=True):
-    """M_A at `reference_density_kgpm3`; `symmetrise` accepts a published asymmetric matrix and takes its symmetric part."""
+    """M_A at `reference_density_kgpm3`; `symmetrise` accepts a published asymmetric matrix and takes its symmetric part.
+
+    Attributes:
+        near_boundary: how it changes near surface and bottom; default: not at all.
+    """
 
     reference_density_kgpm3: Positive = 1025.0
     symmetrise: bool = False
+    near_boundary: NearBoundary | UnsetType = UNSET
 
 
 class Damping(Table, kw_only=True, frozen=True):
@@ -114,6 +138,10 @@ class Thruster(Sourced, kw_only=True, frozen=True):
         inflow_factor: scales the device's loss of thrust with the inflow.
         damping_includes_stopped: whether the vehicle's damping has the drag of its stopped thrusters, as that of a towed or an identified
             vehicle has. If not, each adds its device's `stopped_drag`.
+        ventilates: loses thrust near the surface by ventilation too, 1 - 0.675 (1 - 0.769 h/R)^1.258 down to h = 1.3 R, and not only by
+            the part of its disc that is out of the water.
+        cross_flow_loss_s2pm2: c in exp(-c V_t^2), the part of the thrust that a stream V_t across the axis leaves, as it bends the jet to the
+            hull (tunnel thrusters).
     """
 
     device: Name
@@ -124,6 +152,8 @@ class Thruster(Sourced, kw_only=True, frozen=True):
     installed_factor: Annotated[float, Meta(gt=0, le=1.5)] = 1.0
     inflow_factor: Annotated[float, Meta(ge=0)] = 1.0
     damping_includes_stopped: bool = True
+    ventilates: bool = False
+    cross_flow_loss_s2pm2: NonNegative = 0.0
 
 
 class Autopilot(Sourced, kw_only=True, frozen=True):

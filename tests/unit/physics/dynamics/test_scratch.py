@@ -29,6 +29,9 @@ def test_rows_of_work_are_apart_and_the_two_of_up_are_free() -> None:
         "ACTUATED",
         "PASSIVE",
         "EXTERNAL",
+        "STREAM",
+        "STREAM_RATE",
+        "PULL",
     )
     rows = rows_of(*names)
     assert len({*rows, scratch.UP + 1}) == len(names) + 1 == SCRATCH["work"].shape[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,17 @@ import pytest
 
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import ForceTable, ThrusterParams, lag_row, table_row, thruster_row
-from uwserver.physics.dynamics.scratch import NU_R, TAU, UP
-from uwserver.physics.dynamics.thruster import MOST_INFLOW, add_thrust, advance_lag, lagged, set_demand, table_force
-from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
+from uwserver.physics.dynamics.scratch import EXTRA, NU_R, TAU, UP
+from uwserver.physics.dynamics.thruster import (
+    MOST_INFLOW,
+    add_thrust,
+    advance_lag,
+    lagged,
+    set_demand,
+    table_force,
+    ventilated,
+)
+from uwserver.physics.kernel.layout import FREE, SCRATCH, STUCK, STUCK_AT
 
 TABLE = ForceTable(
     (12.0, 16.0), (((-1.0, -30.0), (-0.1, 0.0), (0.1, 0.0), (1.0, 40.0)), ((-1.0, -50.0), (-0.1, 0.0), (0.1, 0.0), (1.0, 60.0)))
@@ -98,11 +107,14 @@ def test_the_lag_goes_by_half_sub_steps_and_efficiency_scales_what_comes_out() -
     assert lagged(row, lag) == pytest.approx(5.0 * (1.0 - np.exp(-0.375)))
 
 
-def wrench(row: Any, force: float, nu_r: Any = (0.0,) * 6, depth: float = 10.0, near: bool = False) -> Any:
-    work = np.zeros((14, 6))
+def wrench(
+    row: Any, force: float, nu_r: Any = (0.0,) * 6, depth: float = 10.0, near: bool = False, mount: Any = None
+) -> Any:
+    work = np.zeros(SCRATCH["work"].shape)
     work[NU_R], work[UP, :3] = nu_r, (0.0, 0.0, -1.0)
+    work[EXTRA, :3] = (0.0, 0.0, 0.0) if mount is None else mount
     work[TAU] = 1.0  # it adds to what is there
-    add_thrust(row, force, depth, near, work)
+    add_thrust(row, force, depth, near, mount is not None, work)
     return work[TAU] - 1.0
 
 
@@ -168,3 +180,36 @@ def test_a_stopped_one_drags_by_the_square_of_the_speed_along_its_axis(u: float)
     np.testing.assert_allclose(found, [-3.0 * u * abs(u), 0.0, 0.0, 0.0, 0.0, 0.2 * 3.0 * u * abs(u)])
     assert wrench(row, 0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 2.0))[0] == pytest.approx(3.0 * 0.4**2)
     assert wrench(row, 0.0, (u, *[0.0] * 5), depth=-1.0, near=True)[0] == 0.0
+
+
+def test_a_ventilating_propeller_loses_thrust_before_it_comes_out() -> None:
+    """The curve joins 1 at 1.3 radii and 0 at half a radius above the water; at the surface a third is left (Smogeli 2006)."""
+    np.testing.assert_allclose([ventilated(h) for h in (2.0, 1.3, 0.0, -0.6)], [1.0, 1.0, 0.325, 0.0], atol=1e-4)
+    assert ventilated(1.2999) == pytest.approx(1.0, abs=1e-3)
+    assert ventilated(0.5) == pytest.approx(1.0 - 0.675 * (1.0 - 0.769 * 0.5) ** 1.258)
+    falling = [ventilated(h) for h in np.linspace(1.4, -0.5, 50)]
+    assert all(a >= b for a, b in pairwise(falling))
+    for row, part in ((thruster(), 1.0), (thruster(ventilates=1), ventilated(1.0))):
+        assert wrench(row, 10.0, depth=0.05, near=True)[0] == pytest.approx(10.0 * part)
+
+
+def test_only_a_thruster_that_ventilates_reaches_beyond_its_disc() -> None:
+    assert replace(PARAMS, ventilates=True).reach - PARAMS.reach == pytest.approx(0.3 * PARAMS.disc_radius)
+
+
+def test_a_stream_across_the_axis_takes_thrust() -> None:
+    """exp(-c V_t^2), at the mount; along the axis it takes none."""
+    row = thruster(cross_loss=0.4)
+    assert wrench(row, 10.0, (3.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0] == pytest.approx(10.0)
+    # yawing at 0.5 rad/s moves the mount (0.1, 0.2, 0) by (-0.1, 0.05)
+    moving = (1.0, 2.0, 0.5, 0.0, 0.0, 0.5)
+    assert wrench(row, 10.0, moving)[0] == pytest.approx(10.0 * np.exp(-0.4 * (2.05**2 + 0.5**2)))
+    assert wrench(thruster(), 10.0, moving)[0] == 10.0
+
+
+def test_the_velocity_of_the_mount_counts_where_it_is_given() -> None:
+    """Along a hull in waves the water differs from place to place."""
+    row, elsewhere = thruster(inflow=1.0, cross_loss=0.4), (9.0,) * 6
+    expected = 10.0 * np.exp(-0.4 * 0.25)
+    expected -= np.sqrt(expected) * 0.7
+    assert wrench(row, 10.0, elsewhere, mount=(0.7, 0.3, 0.4))[0] == pytest.approx(expected)

@@ -41,6 +41,12 @@ def state_of(world: World, name: str) -> np.ndarray:
     return world.hydro.state[world.vehicles[name].row].copy()
 
 
+def test_bodies_know_the_level_bottom_also_those_that_come_later() -> None:
+    world = world_of()
+    assert world.hydro.bodies["floor"].tolist() == [10.0] * len(world.hydro.bodies)
+    assert world.hydro.floor == 10.0
+
+
 def test_a_spawned_vehicle_is_like_one_that_was_there() -> None:
     world = world_of()
     assert set(world.vehicles) == {"rov", "crate"}

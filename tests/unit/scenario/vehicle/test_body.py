@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from uwserver.actuators import ActuatorTable, ForceTorqueConfig
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE
+from uwserver.physics.kernel.layout import NEAR_CYLINDER, NEAR_NOTHING, SHAPE_BOX, SHAPE_SPHERE
 from uwserver.scenario.vehicle.body import (
     body_params,
     buoyancy_and_weight,
@@ -131,6 +131,44 @@ def test_factors_of_the_installation(tiny, motor) -> None:
         "left", replace(tiny.thrusters["left"], installed_factor=0.8, inflow_factor=0.5), device, 1025.0
     )
     assert (found.installed, found.inflow) == (0.8, 1.0)
+
+
+def test_losses_of_thrust_are_off_unless_asked_for(tiny, motor) -> None:
+    plain = thruster_params("left", tiny.thrusters["left"], motor, 1025.0)
+    assert (plain.ventilates, plain.cross_loss) == (False, 0.0)
+    thruster = replace(tiny.thrusters["left"], ventilates=True, cross_flow_loss_s2pm2=0.35)
+    found = thruster_params("left", thruster, motor, 1025.0)
+    assert (found.ventilates, found.cross_loss) == (True, 0.35)
+    body = body_params(changed_thruster(tiny, thruster), dict.fromkeys(tiny.thrusters, motor), SEA)
+    rows = Hydrodynamics([body], 0.01).thrusters
+    assert rows["ventilates"].tolist() == [1] + [0] * (len(rows) - 1)
+    assert rows["cross_loss"].tolist() == [0.35] + [0.0] * (len(rows) - 1)
+
+
+def changed_thruster(vehicle: VehicleFile, left: Any) -> VehicleFile:
+    return replace(vehicle, thrusters={**vehicle.thrusters, "left": left})
+
+
+def test_length_and_boundaries_are_those_of_the_file(raw_vehicle, motor: ThrusterDevice) -> None:
+    """Without the keys the length is that of the shapes, and the added mass the same everywhere."""
+    devices = dict.fromkeys(raw_vehicle.get("thrusters", {}), motor)
+    plain = body_params(changed(raw_vehicle), devices, SEA)
+    assert (plain.length, plain.near.form) == (None, NEAR_NOTHING)
+    near = {**SOURCE, "form": "cylinder", "radius_m": 0.15}
+    given = changed(
+        raw_vehicle,
+        buoyancy={**raw_vehicle["buoyancy"], "length_m": 2.5},
+        added_mass={**raw_vehicle["added_mass"], "near_boundary": near},
+    )
+    found = body_params(given, devices, SEA)
+    assert (found.length, found.near.form, found.near.radius) == (2.5, NEAR_CYLINDER, 0.15)
+    row = Hydrodynamics([found], 0.01).bodies[0]
+    assert (row["strip_half"], row["near_form"], row["near_radius"], row["floor"]) == (
+        1.25,
+        NEAR_CYLINDER,
+        0.15,
+        np.inf,
+    )
 
 
 def test_a_stopped_thruster_drags_where_the_damping_has_not_got_it(tiny, motor) -> None:

@@ -1,0 +1,33 @@
+"""What arrays from outside must be like, to become those of bodies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+_FLAGS = dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1) | dict.fromkeys(
+    ("stuck", "form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2
+)
+"""Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
+_ENDLESS = ("rate", "floor")
+"""Numbers that may be infinite: the rate of a servo without a limit, and the depth of no bottom. While a servo is stuck its
+rate is 0, and a state of before must still fit."""
+
+
+def check_rows(name: str, new: Any, now: Any) -> None:
+    """Raise ValueError for numbers that are not finite (but for what may be without a limit), and for whole numbers that cannot be."""
+    if new.dtype.names is None:
+        if new.dtype.kind == "f" and not np.isfinite(new).all():
+            raise ValueError(f'"{name}" holds what is not finite')
+        return
+    for field in new.dtype.names:
+        after, before = new[field], now[field]
+        if after.dtype.kind == "f":
+            if not (np.isfinite(after) | ((after == np.inf) & (field in _ENDLESS))).all():
+                raise ValueError(f'"{name}" holds a {field} that is not finite')
+        elif field in _FLAGS:
+            if ((after < 0) | (after > _FLAGS[field])).any():
+                raise ValueError(f'"{name}" holds an impossible {field}')
+        elif (after != before).any():
+            raise ValueError(f'"{name}" is of other bodies ({field})')
