@@ -245,21 +245,22 @@ class Hydrodynamics:
             for name, array in self._running()
             if name in _CONTACTS
         }
-        impulse = found.pop("impulse")
-        self.touched = Impulses(Contacts(**found), impulse)
+        impulse, hold = found.pop("impulse"), found.pop("hold")
+        self.touched = Impulses(Contacts(**found), impulse, hold)
 
     def _running(self) -> Iterator[tuple[str, Any]]:
         for name in _RUNNING:
             yield name, getattr(self, name)
         yield from self.touched.contacts._asdict().items()
         yield "impulse", self.touched.impulse
+        yield "hold", self.touched.hold
 
     def _forget_contacts(self, row: int) -> None:
         """Else who comes into this row would begin with the impulses of who left it."""
-        contacts, impulse = self.touched
+        contacts, impulse, hold = self.touched
         others = (contacts.body_a != row) & (contacts.body_b != row)
         if others.any():
-            self.touched = Impulses(Contacts(*(column[others] for column in contacts)), impulse[others])
+            self.touched = Impulses(Contacts(*(column[others] for column in contacts)), impulse[others], hold[others])
         else:
             self.touched = NO_IMPULSES
             self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
@@ -318,11 +319,12 @@ class Hydrodynamics:
         """The stages are those of `contact.step`."""
         kernel, old = _contact_kernel(), self.touched
         strike = kernel.strike_fitted if self._fitted else kernel.strike
-        struck = strike(self.table, contacts, old.contacts.key, old.impulse, t, self.dt)
+        struck = strike(self.table, contacts, old.contacts.key, old.contacts.point, old.hold, t, self.dt)
         diverged = int(self._move(t))
         if diverged < 0:
-            self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
-            kernel.settle(self.table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+            impulse, hold = np.empty((2, len(contacts.gap), 3))
+            self.touched = Impulses(contacts, impulse, hold)
+            kernel.settle(self.table, struck, contacts, self.dt, impulse, hold, self.contact_nu_dot)
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
@@ -376,7 +378,7 @@ class Hydrodynamics:
         return kinetic_energy(self.bodies, self.state, self.currents)
 
 
-_CONTACTS = (*Contacts._fields, "impulse")
+_CONTACTS = (*Contacts._fields, "impulse", "hold")
 _ENDLESS = ("rate",)
 """Numbers that may be infinite: a servo without a limit. While it is stuck its rate is 0, and a state of before must still fit."""
 
