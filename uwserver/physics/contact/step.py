@@ -121,7 +121,7 @@ def _strike(
     R, drift, warm = np.empty((3, 3)), np.empty((k, 3)), np.zeros((k, 3))
     _warm_start(contacts, old_key, old_hold, constraints.axes, warm)
     set_drift(contacts, constraints, start, old_key, old_point, dt, R, drift)
-    apply_forces(rows, bodies, constraints, point, drift, warm, dt)
+    apply_forces(rows, bodies, constraints, point, drift, warm, t, dt)
     share(team_at(table), predict, (table, model, fitted, bodies, t, dt, predicted, M_inv), m, LEAST_BODIES)
     for i in range(m):
         clear_contact(rows[bodies[i]])
@@ -143,7 +143,7 @@ def _strike(
         _solve_held(constraints, i, bias, contacts.friction, bounced, hold, change)
         _await_touch(contacts, constraints, i, bias, jump, warm, late, bounced, hold)
     _sum_up(constraints, hold, change)
-    apply_forces(rows, bodies, constraints, point, drift, hold, dt)
+    apply_forces(rows, bodies, constraints, point, drift, hold, t, dt)
     for i in range(m):
         for j in range(6):
             state[bodies[i], 7 + j] += jump[i, j]

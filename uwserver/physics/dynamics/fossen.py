@@ -176,11 +176,13 @@ def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
 
 
 @compiled
-def _add_contact(body: Any, s: Array, source: int, R: Array, work: Array) -> None:
-    """work[TAU] += force and moment of the body's contacts, which are given in N; the moment about N's origin, as a contact stays in its place."""
-    F = body.contact
+def _add_contact(body: Any, s: Array, source: int, t: float, R: Array, work: Array) -> None:
+    """work[TAU] += force and moment of the body's contacts, which are given in N: the moment about N's origin, as contacts go ways of their own."""
+    F, lapse = body.contact, t - body.contact[9]
     x, y, z = s[source, 0], s[source, 1], s[source, 2]
-    mx, my, mz = F[3] - (y * F[2] - z * F[1]), F[4] - (z * F[0] - x * F[2]), F[5] - (x * F[1] - y * F[0])
+    mx = F[3] + lapse * F[6] - (y * F[2] - z * F[1])
+    my = F[4] + lapse * F[7] - (z * F[0] - x * F[2])
+    mz = F[5] + lapse * F[8] - (x * F[1] - y * F[0])
     for i in range(3):
         work[TAU, i] += R[0, i] * F[0] + R[1, i] * F[1] + R[2, i] * F[2]
         work[TAU, 3 + i] += R[0, i] * mx + R[1, i] * my + R[2, i] * mz
@@ -236,7 +238,7 @@ def derivative(
         work[APPLIED, i] = work[TAU, i]
         work[TAU, i] += work[PASSIVE, i]
     if body.in_contact != 0:
-        _add_contact(body, s, source, R, work)
+        _add_contact(body, s, source, t, R, work)
     _add_restoring(body, R, fraction * body.buoyancy, work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)
