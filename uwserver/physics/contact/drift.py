@@ -66,5 +66,5 @@ def set_drift(
 def _surface_way(x: Array, way: Array, point: Array) -> float:
     """How far (m) a point of a body can go within the tick, at most."""
     dx, dy, dz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
-    arm = math.sqrt(dx * dx + dy * dy + dz * dz)
-    return math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) + way[3] * arm
+    along = math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+    return along + float(way[3]) * math.sqrt(dx * dx + dy * dy + dz * dz)

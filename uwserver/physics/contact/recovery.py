@@ -42,21 +42,24 @@ def recover(constraints: Constraints, M_inv: Array, gap: Array, dt: float, now: 
     smooth, free = np.zeros(k), np.zeros(k, np.bool_)
     for i in range(constraints.bounds.shape[0] - 1):
         solve_island(constraints, i, bias, smooth, free, impulse, displacement)
+    before = now.copy()
     for i in range(m):
         moves = False
         for j in range(6):
             moves = moves or displacement[i, j] != 0.0
         if moves:
-            _displace(now[i], displacement[i], M_inv[i], dt)
+            _displace(now[i], displacement[i], dt)
+    for i in range(constraints.bounds.shape[0] - 1):
+        _keep_momentum(constraints, i, M_inv, before, now)
 
 
 @compiled
-def _displace(x: Array, velocity: Array, M_inv: Array, dt: float) -> None:
-    """Carry the pose of x (13) on for dt at a velocity (6) in its axes. Its own velocity changes so that the momentum keeps its direction in N."""
-    before, after = np.empty((3, 3)), np.empty((3, 3))
-    rotation(x[3], x[4], x[5], x[6], before)
+def _displace(x: Array, velocity: Array, dt: float) -> None:
+    """Carry the pose of x (13) on for dt at a velocity (6) in its axes."""
+    R = np.empty((3, 3))
+    rotation(x[3], x[4], x[5], x[6], R)
     for i in range(3):
-        x[i] += dt * (before[i, 0] * velocity[0] + before[i, 1] * velocity[1] + before[i, 2] * velocity[2])
+        x[i] += dt * (R[i, 0] * velocity[0] + R[i, 1] * velocity[1] + R[i, 2] * velocity[2])
     rate = math.sqrt(velocity[3] ** 2 + velocity[4] ** 2 + velocity[5] ** 2)
     half = 0.5 * dt * rate
     s = 0.5 * dt if half < 1e-8 else math.sin(half) / rate
@@ -65,17 +68,57 @@ def _displace(x: Array, velocity: Array, M_inv: Array, dt: float) -> None:
     norm = math.sqrt(x[3] ** 2 + x[4] ** 2 + x[5] ** 2 + x[6] ** 2)
     for i in range(3, 7):
         x[i] /= norm
-    rotation(x[3], x[4], x[5], x[6], after)
-    momentum, turned = np.empty((6, 1)), np.zeros(6)
+
+
+@compiled
+def _keep_momentum(constraints: Constraints, island: int, M_inv: Array, before: Array, now: Array) -> None:
+    """Give displaced bodies the velocities with which they and the water keep their momentum in N, linear and angular about its origin.
+
+    Of an island that touches nothing fixed; the others keep their velocities in B, and so their kinetic energy.
+    """
+    order, bounds = constraints.order, constraints.bounds
+    there = np.zeros(now.shape[0], np.bool_)
+    for k in range(bounds[island], bounds[island + 1]):
+        c = order[k]
+        if constraints.slot_b[c] < 0:
+            return
+        there[constraints.slot_a[c]] = there[constraints.slot_b[c]] = True
+    h, won, whole, R = np.zeros((now.shape[0], 6)), np.zeros(3), 0.0, np.empty((3, 3))
+    for i in range(now.shape[0]):
+        if there[i]:
+            whole += _momentum(M_inv[i], before[i], R, h[i])
+            x, y, z = now[i, 0] - before[i, 0], now[i, 1] - before[i, 1], now[i, 2] - before[i, 2]
+            won[0] += y * h[i, 2] - z * h[i, 1]
+            won[1] += z * h[i, 0] - x * h[i, 2]
+            won[2] += x * h[i, 1] - y * h[i, 0]
+    for i in range(now.shape[0]):
+        if there[i]:
+            share = _inertia(M_inv[i]) / whole
+            rotation(now[i, 3], now[i, 4], now[i, 5], now[i, 6], R)
+            for r in range(6):
+                now[i, 7 + r] = 0.0
+                for j in range(3):
+                    for n in range(3):
+                        spin = h[i, 3 + n] - share * won[n]
+                        now[i, 7 + r] += (M_inv[i, r, j] * h[i, n] + M_inv[i, r, 3 + j] * spin) * R[n, j]
+
+
+@compiled
+def _inertia(M_inv: Array) -> float:
+    """A mean moment of inertia, by which bodies share a change of angular momentum."""
+    return 1.0 / float(M_inv[3, 3] + M_inv[4, 4] + M_inv[5, 5])
+
+
+@compiled
+def _momentum(M_inv: Array, x: Array, R: Array, h: Array) -> float:
+    """h (6) = linear and angular momentum about the body's origin in N, of a body and its water at x (13); returns `_inertia`."""
+    own = np.empty((6, 1))
     for i in range(6):
-        momentum[i, 0] = x[7 + i]
-    solve(M_inv.copy(), momentum)
+        own[i, 0] = x[7 + i]
+    solve(M_inv.copy(), own)
+    rotation(x[3], x[4], x[5], x[6], R)
     for i in range(3):
         for j in range(3):
-            turn = after[0, i] * before[0, j] + after[1, i] * before[1, j] + after[2, i] * before[2, j]
-            turned[i] += turn * momentum[j, 0]
-            turned[3 + i] += turn * momentum[3 + j, 0]
-    for i in range(6):
-        x[7 + i] = 0.0
-        for j in range(6):
-            x[7 + i] += M_inv[i, j] * turned[j]
+            h[i] += R[i, j] * own[j, 0]
+            h[3 + i] += R[i, j] * own[3 + j, 0]
+    return _inertia(M_inv)

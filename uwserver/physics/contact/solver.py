@@ -60,23 +60,19 @@ def set_axes(normal: Array, axes: Array) -> None:
 
 
 @compiled
-def set_jacobian(
-    x: Array, point: Array, drift: Array, part: float, axes: Array, sign: float, R: Array, rows: Array, c: int, block: int
-) -> None:  # fmt: skip
+def set_jacobian(x: Array, point: Array, axes: Array, sign: float, R: Array, rows: Array, c: int, block: int) -> None:
     """The Jacobian of one body at contact c, rows[c, block].
 
     Args:
         x: (13) state of the body.
-        point, drift, part: the contact (3) in N, m; it is at point + part drift.
+        point: (3) in N, m.
         axes: (3, 3) normal and tangents in N.
         sign: 1 for body a, -1 for body b.
         R: (3, 3) work space, receives R_NB.
         rows: (k, 4, 3, 6) out.
     """
     rotation(x[3], x[4], x[5], x[6], R)
-    dx = point[0] - x[0] + part * drift[0]
-    dy = point[1] - x[1] + part * drift[1]
-    dz = point[2] - x[2] + part * drift[2]
+    dx, dy, dz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
     rx = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
     ry = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
     rz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
@@ -115,23 +111,13 @@ def relative_velocity(rows: Array, c: int, d: int, nu: Array, a: int, b: int) ->
 
 
 @compiled
-def set_jacobians(
-    constraints: Constraints, state: Array, point: Array, drift: Array, part: float, rows: Array, R: Array
-) -> None:
-    """Jacobians of all contacts for the poses in `state` (m, 13).
-
-    Args:
-        constraints: tell the bodies and axes.
-        state: (m, 13).
-        point, drift, part: (k, 3) in N, m; the contacts are at point + part drift.
-        rows: (k, 4, 3, 6) out.
-        R: (3, 3) work space.
-    """
+def set_jacobians(constraints: Constraints, state: Array, point: Array, rows: Array, R: Array) -> None:
+    """Jacobians of all contacts at points (k, 3), for the poses in `state` (m, 13), to rows (k, 4, 3, 6); R (3, 3) is work space."""
     slot_a, slot_b, axes = constraints.slot_a, constraints.slot_b, constraints.axes
     for c in range(point.shape[0]):
-        set_jacobian(state[slot_a[c]], point[c], drift[c], part, axes[c], 1.0, R, rows, c, J_A)
+        set_jacobian(state[slot_a[c]], point[c], axes[c], 1.0, R, rows, c, J_A)
         if slot_b[c] >= 0:
-            set_jacobian(state[slot_b[c]], point[c], drift[c], part, axes[c], -1.0, R, rows, c, J_B)
+            set_jacobian(state[slot_b[c]], point[c], axes[c], -1.0, R, rows, c, J_B)
 
 
 @compiled

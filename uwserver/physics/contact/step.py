@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.contact.forces import Struck, apply_forces, clear_contact
 from uwserver.physics.contact.drift import set_drift
+from uwserver.physics.contact.forces import Struck, apply_forces, clear_contact
 from uwserver.physics.contact.islands import fill_slots, find_islands
 from uwserver.physics.contact.recovery import recover
 from uwserver.physics.contact.solver import (
@@ -126,7 +126,7 @@ def _strike(
     for i in range(m):
         clear_contact(rows[bodies[i]])
 
-    set_jacobians(constraints, start, point, drift, 0.0, constraints.rows, R)
+    set_jacobians(constraints, start, point, constraints.rows, R)
     set_responses(constraints, M_inv)
     hit, hold, jump, change = np.zeros((k, 3)), warm.copy(), np.zeros((m, 6)), np.zeros((m, 6))
     bounced, late = np.zeros(k, np.bool_), np.full(k, -1.0)
@@ -136,7 +136,7 @@ def _strike(
         set_drift(contacts, constraints, start, old_key, old_point, dt, R, drift)
 
     bias, ahead = np.empty((k, 3)), np.empty((k, 4, 3, 6))
-    set_jacobians(constraints, predicted, point, drift, 1.0, ahead, R)
+    set_jacobians(constraints, predicted, point + drift, ahead, R)
     _set_velocities(constraints, ahead, predicted[:, 7:], bias)
     _leave_open(contacts.gap, dt, bias)
     for i in range(constraints.bounds.shape[0] - 1):
@@ -305,7 +305,7 @@ def settle(
     for i in range(m):
         clear_contact(rows[struck.bodies[i]])
     bias, R, rest = np.empty((k, 3)), np.empty((3, 3)), np.zeros((m, 6))
-    set_jacobians(constraints, now, contacts.point, struck.drift, 1.0, constraints.rows, R)
+    set_jacobians(constraints, now, contacts.point + struck.drift, constraints.rows, R)
     set_responses(constraints, struck.M_inv)
     _set_velocities(constraints, constraints.rows, now[:, 7:], bias)
     _leave_open(contacts.gap, dt, bias)
