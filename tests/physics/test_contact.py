@@ -73,9 +73,9 @@ def world_momentum(body: BodyParams, x: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.4])
-@pytest.mark.parametrize(("e", "bar"), [(0.5, 1e-7), (0.0, 1e-3)])
-def test_momentum_is_conserved_across_a_hit(e: float, bar: float, friction: float) -> None:
-    """Through whole ticks at 240 Hz, with spinning anisotropic bodies; a tick that stays in contact is first order."""
+@pytest.mark.parametrize("e", [0.5, 0.0])
+def test_momentum_is_conserved_across_a_hit(e: float, friction: float) -> None:
+    """Through whole ticks at 240 Hz, with spinning anisotropic bodies, and while they stay in contact."""
     bodies = [vehicle(DIAGONAL), vehicle(2.0 * DIAGONAL, mass=20.0)]
     hydro = Hydrodynamics(bodies, DT)
     place(hydro, 0, np.array([-0.6, -0.1, 0.0]), (0.2, -0.3, 0.5), np.array([1.0, -0.2, 0.1, 0.3, 0.2, -0.4]))
@@ -93,7 +93,7 @@ def test_momentum_is_conserved_across_a_hit(e: float, bar: float, friction: floa
     after = [world_momentum(b, x) for b, x in zip(bodies, hydro.state, strict=True)]
     scale = float(np.linalg.norm(before[0][0]))
     for i in (0, 1):
-        np.testing.assert_allclose(after[0][i] + after[1][i], before[0][i] + before[1][i], rtol=0.0, atol=bar * scale)
+        np.testing.assert_allclose(after[0][i] + after[1][i], before[0][i] + before[1][i], rtol=0.0, atol=1e-7 * scale)
 
 
 @pytest.mark.parametrize("M_A", [DIAGONAL, OFF_DIAGONAL], ids=["diagonal", "off-diagonal"])

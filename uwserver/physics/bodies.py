@@ -244,21 +244,21 @@ class Hydrodynamics:
             for name, array in self._running()
             if name in _CONTACTS
         }
-        impulse = found.pop("impulse")
-        self.touched = Impulses(Contacts(**found), impulse)
+        impulses = [found.pop(name) for name in _IMPULSES]
+        self.touched = Impulses(Contacts(**found), *impulses)
 
     def _running(self) -> Iterator[tuple[str, Any]]:
         for name in _RUNNING:
             yield name, getattr(self, name)
         yield from self.touched.contacts._asdict().items()
-        yield "impulse", self.touched.impulse
+        yield from zip(_IMPULSES, self.touched[1:], strict=True)
 
     def _forget_contacts(self, row: int) -> None:
         """Else who comes into this row would begin with the impulses of who left it."""
-        contacts, impulse = self.touched
+        contacts, *impulses = self.touched
         others = (contacts.body_a != row) & (contacts.body_b != row)
         if others.any():
-            self.touched = Impulses(Contacts(*(column[others] for column in contacts)), impulse[others])
+            self.touched = Impulses(Contacts(*(column[others] for column in contacts)), *(i[others] for i in impulses))
         else:
             self.touched = NO_IMPULSES
             self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
@@ -333,11 +333,11 @@ class Hydrodynamics:
         """The stages are those of `contact.step`."""
         kernel, old = _contact_kernel(), self.touched
         strike = kernel.strike_fitted if self._fitted else kernel.strike
-        struck = strike(self.table, contacts, old.contacts.key, old.impulse, t, self.dt)
+        struck = strike(self.table, contacts, old.contacts.key, old.contacts.point, old.hold, t, self.dt)
         diverged = int(self._move(t))
         if diverged < 0:
-            self.touched = Impulses(contacts, np.empty((len(contacts.gap), 3)))
-            kernel.settle(self.table, struck, contacts, self.dt, self.touched.impulse, self.contact_nu_dot)
+            self.touched = Impulses(contacts, *np.empty((2, len(contacts.gap), 3)))
+            kernel.settle(self.table, struck, contacts, self.dt, *self.touched[1:], self.contact_nu_dot)
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
@@ -391,4 +391,5 @@ class Hydrodynamics:
         return kinetic_energy(self.bodies, self.state, self.currents)
 
 
-_CONTACTS = (*Contacts._fields, "impulse")
+_IMPULSES = Impulses._fields[1:]
+_CONTACTS = (*Contacts._fields, *_IMPULSES)

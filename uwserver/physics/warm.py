@@ -83,10 +83,10 @@ def _strike(fitted: bool) -> None:
 
     nothing, old = Hydrodynamics((), _DT).table, NO_IMPULSES
     if fitted:
-        step.strike_fitted(nothing, NO_CONTACTS, old.contacts.key, old.impulse, 0.0, _DT)
+        step.strike_fitted(nothing, NO_CONTACTS, old.contacts.key, old.contacts.point, old.hold, 0.0, _DT)
         return
-    struck = step.strike(nothing, NO_CONTACTS, old.contacts.key, old.impulse, 0.0, _DT)
-    step.settle(nothing, struck, NO_CONTACTS, _DT, np.empty((0, 3)), np.empty((0, 6)))
+    struck = step.strike(nothing, NO_CONTACTS, old.contacts.key, old.contacts.point, old.hold, 0.0, _DT)
+    step.settle(nothing, struck, NO_CONTACTS, _DT, old.impulse, old.hold, np.empty((0, 6)))
 
 
 def _free(fitted: bool) -> None:

@@ -141,7 +141,7 @@ class Wiring:
 
     def touches(self) -> list[Touch]:
         """Contacts of the last tick that carry an impulse, the strongest first."""
-        contacts, impulses = self._hydro.touched
+        contacts, impulses, _ = self._hydro.touched
         found = []
         for k in range(len(impulses)):
             a, b = int(contacts.body_a[k]), int(contacts.body_b[k])

@@ -58,10 +58,12 @@ class Impulses(NamedTuple):
     Attributes:
         contacts: where.
         impulse: (k, 3) on body a, in N, N s.
+        hold: (k, 3) likewise, without hits: where the next tick starts from.
     """
 
     contacts: Contacts
     impulse: FloatArray
+    hold: FloatArray
 
 
-NO_IMPULSES = Impulses(NO_CONTACTS, np.zeros((0, 3)))
+NO_IMPULSES = Impulses(NO_CONTACTS, np.zeros((0, 3)), np.zeros((0, 3)))

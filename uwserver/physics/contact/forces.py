@@ -1,12 +1,14 @@
-"""How contact impulses act on bodies within a tick: hits at once, what holds as a force (compiled)."""
+"""How contact impulses act on bodies within a tick: hits at once, what holds as a force (compiled).
+
+Both act on the two bodies of a contact at one point of N, with opposite signs, so they change neither the linear nor the angular momentum of
+the two. A force that holds is constant in the tick, and its point moves on with the contact.
+"""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from uwserver.physics.contact.solver import Constraints, add_response
+from uwserver.physics.contact.solver import Constraints
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 
@@ -16,62 +18,73 @@ class Struck(NamedTuple):
 
     Attributes:
         bodies: (m) rows of the bodies near a contact.
-        start: (m, 13) their states at the start of the tick.
         M_inv: (m, 6, 6).
         constraints: of the contacts.
-        impulse: (k, 3) along the axes, N s.
-        bounced: (k) whether the contact was a hit that bounces.
-        change: (m, 6) of nu by all impulses of the tick.
+        drift: (k, 3) how far each contact goes in N within the tick, m.
+        hit: (k, 3) impulse at the start of the tick along the axes, N s.
+        hold: (k, 3) impulse of the force over the tick, likewise.
+        final: (k) whether nothing is to be added at the end of the tick.
+        change: (m, 6) of nu by all these impulses.
     """
 
     bodies: Array
-    start: Array
     M_inv: Array
     constraints: Constraints
-    impulse: Array
-    bounced: Array
+    drift: Array
+    hit: Array
+    hold: Array
+    final: Array
     change: Array
 
 
 @compiled
-def apply_impulses(bodies: Array, struck: Struck, point: Array, state: Array, dt: float) -> None:
-    """Let hits change the velocity at once, and give what holds to the BODY rows as a force over the tick."""
-    jump, constraints = np.zeros(struck.change.shape), struck.constraints
+def apply_forces(
+    rows: Array, bodies: Array, constraints: Constraints, point: Array, drift: Array, hold: Array, t: float, dt: float
+) -> None:  # fmt: skip
+    """Give impulses to the BODY rows as a force over the tick.
+
+    Args:
+        rows: of all bodies.
+        bodies: (m) rows of those that the constraints name.
+        constraints: of k contacts.
+        point: (k, 3) at the start of the tick, in N, m.
+        drift, hold: as in `Struck`.
+        t, dt: start and length of the tick, s.
+    """
     for c in range(point.shape[0]):
-        a, b, impulse = constraints.slot_a[c], constraints.slot_b[c], struck.impulse[c]
-        if impulse[0] <= 0.0:
+        if hold[c, 0] <= 0.0:
             continue
-        if struck.bounced[c]:
-            add_response(constraints.rows, c, impulse, a, b, jump)
-        else:
-            _add_force(bodies[struck.bodies[a]], struck.start[a], point[c], constraints.axes[c], impulse, 1.0 / dt)
-            if b >= 0:
-                _add_force(bodies[struck.bodies[b]], struck.start[b], point[c], constraints.axes[c], impulse, -1.0 / dt)
-    for i in range(struck.bodies.shape[0]):
-        for j in range(6):
-            state[struck.bodies[i], 7 + j] += jump[i, j]
+        a, b, axes = constraints.slot_a[c], constraints.slot_b[c], constraints.axes[c]
+        _add_force(rows[bodies[a]], point[c], drift[c], axes, hold[c], 1.0, t, dt)
+        if b >= 0:
+            _add_force(rows[bodies[b]], point[c], drift[c], axes, hold[c], -1.0, t, dt)
 
 
 @compiled
-def _add_force(body: Any, p: Array, point: Array, axes: Array, impulse: Array, scale: float) -> None:
-    """Add a force, scale times the impulse at the point, to the BODY row of a body whose origin is at p."""
+def _add_force(
+    body: Any, point: Array, drift: Array, axes: Array, impulse: Array, sign: float, t: float, dt: float
+) -> None:
+    """Add to a BODY row the force of one contact, and its moment."""
     body.in_contact = 1
-    wrench = body.contact
-    F = np.zeros(3)
+    wrench, scale = body.contact, sign / dt
+    wrench[9] = t
     for d in range(3):
-        for i in range(3):
-            F[i] += scale * impulse[d] * axes[d, i]
-    x, y, z = point[0] - p[0], point[1] - p[1], point[2] - p[2]
-    for i in range(3):
-        wrench[i] += F[i]
-    wrench[3] += y * F[2] - z * F[1]
-    wrench[4] += z * F[0] - x * F[2]
-    wrench[5] += x * F[1] - y * F[0]
+        size = scale * impulse[d]
+        fx, fy, fz = size * axes[d, 0], size * axes[d, 1], size * axes[d, 2]
+        wrench[0] += fx
+        wrench[1] += fy
+        wrench[2] += fz
+        wrench[3] += point[1] * fz - point[2] * fy
+        wrench[4] += point[2] * fx - point[0] * fz
+        wrench[5] += point[0] * fy - point[1] * fx
+        wrench[6] += (drift[1] * fz - drift[2] * fy) / dt
+        wrench[7] += (drift[2] * fx - drift[0] * fz) / dt
+        wrench[8] += (drift[0] * fy - drift[1] * fx) / dt
 
 
 @compiled
 def clear_contact(body: Any) -> None:
     """No contact acts on a BODY row."""
     body.in_contact = 0
-    for i in range(6):
+    for i in range(10):
         body.contact[i] = 0.0

@@ -111,9 +111,9 @@ def relative_velocity(rows: Array, c: int, d: int, nu: Array, a: int, b: int) ->
 
 
 @compiled
-def set_jacobians(constraints: Constraints, state: Array, point: Array, R: Array) -> None:
-    """Jacobians of all contacts at points (k, 3), for the poses in `state` (m, 13); R (3, 3) is work space."""
-    slot_a, slot_b, axes, rows = constraints.slot_a, constraints.slot_b, constraints.axes, constraints.rows
+def set_jacobians(constraints: Constraints, state: Array, point: Array, rows: Array, R: Array) -> None:
+    """Jacobians of all contacts at points (k, 3), for the poses in `state` (m, 13), to rows (k, 4, 3, 6); R (3, 3) is work space."""
+    slot_a, slot_b, axes = constraints.slot_a, constraints.slot_b, constraints.axes
     for c in range(point.shape[0]):
         set_jacobian(state[slot_a[c]], point[c], axes[c], 1.0, R, rows, c, J_A)
         if slot_b[c] >= 0:

@@ -1,27 +1,28 @@
-"""One tick of bodies that touch (compiled): the free step as a trial, impulses at its start, the real step, and what is left at its end.
+"""One tick of bodies that touch (compiled): hits at its start, the free step as a trial, the real step, and what is left at its end.
 
-    1. predict: every body near a contact does the free RK4 step as a trial.
-    2. strike:  impulses, so that the velocity at the end of the tick satisfies the contacts. They act as a force over the tick, so a body
-                at rest stays at rest within it too; a hit that bounces is reversed at its start. Bodies without an impulse keep their
-                free step, bit for bit.
-    3. The real RK4 step of all bodies (`integrator.advance`), with them: drag, Munk moment and thrust act on the true motion.
-    4. settle:  the small rest that the change of those forces leaves is removed at the new pose. A body that stays in contact moves by the
-                velocity it ends with, so that one at rest stays where it is; one that bounced keeps its RK4 pose. Penetration is
-                recovered by a displacement that never enters the velocity (split impulse), so it adds no kinetic energy.
+    1. strike:  hits first: impulses at the start of the tick, so that no gap closes further within it than it is open; those that bounce
+                reverse the approach. Then every body near a contact does the free RK4 step as a trial, and what holds is chosen so that the
+                velocity at the end of the tick satisfies the contacts. It acts as a force over the tick, so a body at rest stays at rest
+                within it too. Bodies without an impulse keep their free step, bit for bit.
+    2. The real RK4 step of all bodies (`integrator.advance`), with them: drag, Munk moment and thrust act on the true motion.
+    3. settle:  the small rest that the change of those forces leaves is removed at the new pose. Penetration is recovered by a displacement
+                that never enters the velocity (split impulse), so it adds no kinetic energy.
 
-All impulses act through the full 6x6 inverse of M_RB + held M_A. Bodies that touch each other form islands, solved one by one: a contact
-elsewhere in the world changes nothing.
+All impulses act through the full 6x6 inverse of M_RB + held M_A, on both bodies at one point of N. A contact goes on within the tick as it
+went in the last one (`drift`): a ball's rolls along with it, a corner's stays where it stands. Bodies that touch each other form islands,
+solved one by one: a contact elsewhere in the world changes nothing.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
-from uwserver.physics.contact.forces import Struck, apply_impulses, clear_contact
+from uwserver.physics.contact.drift import set_drift
+from uwserver.physics.contact.forces import Struck, apply_forces, clear_contact
 from uwserver.physics.contact.islands import fill_slots, find_islands
+from uwserver.physics.contact.recovery import recover
 from uwserver.physics.contact.solver import (
     Constraints,
     add_response,
@@ -37,13 +38,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at, team_at
 from uwserver.physics.kernel.layout import STATE_SIZE, Fitted, Model
-from uwserver.physics.kernel.rotation import product, rotation
+from uwserver.physics.kernel.rotation import rotation
 from uwserver.physics.kernel.sharing import share
 
 BOUNCE_SPEED = 0.01  # m/s: slower hits do not bounce, or a body at rest would tremble
-SLOP = 1e-5  # m of penetration that is left alone; Bullet's own figure
-RECOVERY = 0.2  # part of the penetration beyond that is recovered each tick
-MAX_RECOVERY = 0.5  # m/s
 
 
 @compiled
@@ -65,48 +63,51 @@ def predict(
 
 
 @compiled
-def _warm_start(key: Array, old_key: Array, old_impulse: Array, axes: Array, impulse: Array) -> None:
-    """impulse (k, 3) along the axes from the tick before, where the same contact was there."""
+def _warm_start(contacts: Any, old_key: Array, old_hold: Array, axes: Array, hold: Array) -> None:
+    """hold (k, 3) along the axes from the tick before, where the same contact was there; zeros in."""
     old = old_key.shape[0]
-    for c in range(key.shape[0]):
+    for c in range(hold.shape[0]):
         for j in range(old):
             o = (c + j) % old  # the order seldom changes
-            if old_key[o] == key[c]:
-                for d in range(3):
-                    impulse[c, d] = 0.0
+            if old_key[o] == contacts.key[c]:
+                for d in range(1 if contacts.friction[c] <= 0.0 else 3):
                     for i in range(3):
-                        impulse[c, d] += axes[c, d, i] * old_impulse[o, i]
-                impulse[c, 0] = max(0.0, impulse[c, 0])
+                        hold[c, d] += axes[c, d, i] * old_hold[o, i]
+                hold[c, 0] = max(0.0, hold[c, 0])
                 break
 
 
 @entry
-def strike(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float) -> Struck:
-    """Stages 1 and 2 in a world without appendages: impulses at the start of the tick; the states receive the new velocities.
+def strike(
+    table: Array, contacts: Any, old_key: Array, old_point: Array, old_hold: Array, t: float, dt: float
+) -> Struck:
+    """Stage 1 in a world without appendages: the states receive the velocities after the hits, the BODY rows what holds.
 
     Args:
         table: of the world, as for `integrator.advance`.
         contacts: `contacts.Contacts`.
-        old_key, old_impulse: (j), (j, 3, in N) of the tick before, for the warm start.
+        old_key, old_point, old_hold: (j), (j, 3), (j, 3, in N) of the tick before: what held then begins this one.
         t, dt: start and length of the tick, s.
     """
-    return _strike(table, None, contacts, old_key, old_impulse, t, dt)
+    return _strike(table, None, contacts, old_key, old_point, old_hold, t, dt)
 
 
 @entry
-def strike_fitted(table: Array, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float) -> Struck:
+def strike_fitted(
+    table: Array, contacts: Any, old_key: Array, old_point: Array, old_hold: Array, t: float, dt: float
+) -> Struck:
     """`strike` for a world where a body has appendages."""
     present = fitted_at(table)
     trial = Fitted(
         present.servos.copy(), present.foils, present.propellers, present.weights, present.derivatives, present.hulls,
         present.values,
     )  # fmt: skip
-    return _strike(table, trial, contacts, old_key, old_impulse, t, dt)
+    return _strike(table, trial, contacts, old_key, old_point, old_hold, t, dt)
 
 
 @compiled
 def _strike(
-    table: Array, fitted: Any, contacts: Any, old_key: Array, old_impulse: Array, t: float, dt: float
+    table: Array, fitted: Any, contacts: Any, old_key: Array, old_point: Array, old_hold: Array, t: float, dt: float
 ) -> Struck:
     """`fitted` has a copy of the servos, or is None for a world without appendages."""
     present, state = model_at(table), state_at(table)
@@ -114,101 +115,189 @@ def _strike(
         present.bodies, present.shapes, present.thrusters.copy(), present.tables, present.lags, present.wrenches, present.forces,
         present.strips,
     )  # fmt: skip
-    k = contacts.gap.shape[0]
-    slot_a, slot_b = np.empty(k, np.int64), np.empty(k, np.int64)
-    slot_of, bodies = np.full(state.shape[0], -1), np.empty(state.shape[0], np.int64)
-    m = fill_slots(contacts.body_a, slot_of, bodies, 0, slot_a)
-    m = fill_slots(contacts.body_b, slot_of, bodies, m, slot_b)
-    bodies = bodies[:m].copy()
-    order, bounds = np.empty(k, np.int64), np.empty(k + 1, np.int64)
-    islands = find_islands(slot_a, slot_b, m, order, bounds)
-
+    bodies, constraints = _connect(contacts, state.shape[0])
+    rows, point = model.bodies, contacts.point
+    k, m = contacts.gap.shape[0], bodies.shape[0]
     start, predicted, M_inv = state[bodies], np.empty((m, STATE_SIZE)), np.empty((m, 6, 6))
+    R, drift, warm = np.empty((3, 3)), np.empty((k, 3)), np.zeros((k, 3))
+    _warm_start(contacts, old_key, old_hold, constraints.axes, warm)
+    set_drift(contacts, constraints, start, old_key, old_point, dt, R, drift)
+    apply_forces(rows, bodies, constraints, point, drift, warm, t, dt)
     share(team_at(table), predict, (table, model, fitted, bodies, t, dt, predicted, M_inv), m, LEAST_BODIES)
+    for i in range(m):
+        clear_contact(rows[bodies[i]])
 
-    axes, rows, gains = np.empty((k, 3, 3)), np.empty((k, 4, 3, 6)), np.empty((k, 2))
-    for c in range(k):
-        set_axes(contacts.normal[c], axes[c])
-    constraints = Constraints(slot_a, slot_b, order, bounds[: islands + 1].copy(), axes, rows, gains)
-    bias, R = np.empty((k, 3)), np.empty((3, 3))
-    nu, nu_free = start[:, 7:], predicted[:, 7:]
-    set_jacobians(constraints, predicted, contacts.point, R)
-    _set_velocities(constraints, nu_free, bias)
-    set_jacobians(constraints, start, contacts.point, R)
+    set_jacobians(constraints, start, point, constraints.rows, R)
     set_responses(constraints, M_inv)
+    hit, hold, jump, change = np.zeros((k, 3)), warm.copy(), np.zeros((m, 6)), np.zeros((m, 6))
+    bounced, late = np.zeros(k, np.bool_), np.full(k, -1.0)
+    if _hit(contacts, constraints, start[:, 7:], predicted[:, 7:], dt, hit, bounced, late):
+        _sum_up(constraints, hit, jump)
+        _follow(start, predicted, jump, dt, R)
+        set_drift(contacts, constraints, start, old_key, old_point, dt, R, drift)
 
-    impulse, change = np.zeros((k, 3)), np.zeros((m, 6))
-    bounced, frozen = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
-    _warm_start(contacts.key, old_key, old_impulse, axes, impulse)
-    _set_targets(contacts, constraints, nu, dt, bias, bounced, impulse)
-    for c in range(k):
-        add_response(rows, c, impulse[c], slot_a[c], slot_b[c], change)
-    for i in range(islands):
-        solve_island(constraints, i, bias, contacts.friction, frozen, impulse, change)
-    _drop_untouched(slot_a, slot_b, impulse, change)
-    struck = Struck(bodies, start, M_inv, constraints, impulse, bounced, change)
-    apply_impulses(model.bodies, struck, contacts.point, state, dt)
-    return struck
+    bias, ahead = np.empty((k, 3)), np.empty((k, 4, 3, 6))
+    set_jacobians(constraints, predicted, point + drift, ahead, R)
+    _set_velocities(constraints, ahead, predicted[:, 7:], bias)
+    _leave_open(contacts.gap, dt, bias)
+    for i in range(constraints.bounds.shape[0] - 1):
+        _solve_held(constraints, i, bias, contacts.friction, bounced, hold, change)
+        _await_touch(contacts, constraints, i, bias, jump, warm, late, bounced, hold)
+    _sum_up(constraints, hold, change)
+    apply_forces(rows, bodies, constraints, point, drift, hold, t, dt)
+    for i in range(m):
+        for j in range(6):
+            state[bodies[i], 7 + j] += jump[i, j]
+            change[i, j] += jump[i, j]
+    return Struck(bodies, M_inv, constraints, drift, hit, hold, bounced, change)
 
 
 @compiled
-def _set_velocities(constraints: Constraints, nu: Array, bias: Array) -> None:
+def _connect(contacts: Any, count: int) -> tuple[Array, Constraints]:
+    """Rows of the bodies at contacts, of `count` there are, and the constraints between them, whose rows are yet to be set."""
+    k = contacts.gap.shape[0]
+    slot_a, slot_b = np.empty(k, np.int64), np.empty(k, np.int64)
+    slot_of, bodies = np.full(count, -1), np.empty(count, np.int64)
+    m = fill_slots(contacts.body_a, slot_of, bodies, 0, slot_a)
+    m = fill_slots(contacts.body_b, slot_of, bodies, m, slot_b)
+    order, bounds = np.empty(k, np.int64), np.empty(k + 1, np.int64)
+    islands = find_islands(slot_a, slot_b, m, order, bounds)
+    axes = np.empty((k, 3, 3))
+    for c in range(k):
+        set_axes(contacts.normal[c], axes[c])
+    rows, gains = np.empty((k, 4, 3, 6)), np.empty((k, 2))
+    return bodies[:m].copy(), Constraints(slot_a, slot_b, order, bounds[: islands + 1].copy(), axes, rows, gains)
+
+
+@compiled
+def _hit(
+    contacts: Any, constraints: Constraints, nu: Array, nu_free: Array, dt: float, hit: Array, bounced: Array, late: Array
+) -> bool:  # fmt: skip
+    """What contacts that would close within the tick ask for at its start; returns whether there are any.
+
+    Args:
+        contacts, constraints: as for `strike`.
+        nu, nu_free: (m, 6) at the start of the tick, and at the end of the trial.
+        dt: s.
+        hit: (k, 3) out, impulses; zeros in.
+        bounced: (k) out, whether a hit bounces.
+        late: (k) out, part of the tick that a hit which does not bounce comes after its start; -1 for what is no hit, or a slow one.
+    """
+    k, rows = contacts.gap.shape[0], constraints.rows
+    bias = np.empty((k, 3))
+    _set_velocities(constraints, rows, nu, bias)
+    closes = False
+    for c in range(k):
+        approach, e, gap = bias[c, 0], contacts.restitution[c], contacts.gap[c]
+        if approach < -BOUNCE_SPEED:
+            later = relative_velocity(rows, c, 0, nu_free, constraints.slot_a[c], constraints.slot_b[c])
+            if gap + dt * min(approach, later) < 0.0:
+                bounced[c] = e > 0.0
+                late[c] = -1.0 if bounced[c] else min(1.0, -max(0.0, gap) / (dt * approach))
+        bias[c, 0] += e * approach if bounced[c] else max(0.0, gap) / dt
+        closes = closes or bias[c, 0] < 0.0
+    if closes:
+        frozen = np.zeros(k, np.bool_)
+        jump = np.zeros(nu.shape)
+        for i in range(constraints.bounds.shape[0] - 1):
+            solve_island(constraints, i, bias, contacts.friction, frozen, hit, jump)
+    return closes
+
+
+@compiled
+def _solve_held(
+    constraints: Constraints, island: int, bias: Array, friction: Array, apart: Array, hold: Array, change: Array
+) -> None:
+    """Impulses `hold` (k, 3) of the force over the tick, none in contacts that are `apart` (k); those it has at first are in the bias."""
+    for k in range(constraints.bounds[island], constraints.bounds[island + 1]):
+        c = constraints.order[k]
+        if apart[c]:
+            for d in range(3):
+                hold[c, d] = -hold[c, d]
+            add_response(constraints.rows, c, hold[c], constraints.slot_a[c], constraints.slot_b[c], change)
+            hold[c] = 0.0
+    solve_island(constraints, island, bias, friction, apart, hold, change)
+
+
+@compiled
+def _await_touch(
+    contacts: Any, constraints: Constraints, island: int, bias: Array, jump: Array, warm: Array, late: Array, bounced: Array,
+    hold: Array,
+) -> None:  # fmt: skip
+    """Where a hit comes within the tick, let what held before it hold until then: `hold` becomes the mean over the tick.
+
+    The hit itself is divided between the start and the end of the tick as it comes early or late in it. So a body that rocks from one edge to
+    another is carried by the first until the second touches. `settle` must leave the island as it is, so its contacts become `bounced`.
+    """
+    order, bounds = constraints.order, constraints.bounds
+    first = 2.0
+    for k in range(bounds[island], bounds[island + 1]):
+        if late[order[k]] >= 0.0:
+            first = min(first, late[order[k]])
+    if first == 0.0 or first > 1.0:
+        return
+    before, bias_before, change = warm.copy(), bias.copy(), np.zeros(jump.shape)
+    apart = bounced.copy()
+    for k in range(bounds[island], bounds[island + 1]):
+        c = order[k]
+        apart[c] = bounced[c] or late[c] >= 0.0
+        for d in range(3):
+            bias_before[c, d] -= relative_velocity(
+                constraints.rows, c, d, jump, constraints.slot_a[c], constraints.slot_b[c]
+            )
+    _solve_held(constraints, island, bias_before, contacts.friction, apart, before, change)
+    for k in range(bounds[island], bounds[island + 1]):
+        c = order[k]
+        bounced[c] = True
+        for d in range(3):
+            hold[c, d] += first * (before[c, d] - hold[c, d])
+
+
+@compiled
+def _follow(start: Array, predicted: Array, jump: Array, dt: float, R: Array) -> None:
+    """Let the states (m, 13) at the start and the end of the free step have the velocity after the hits, and the way that it makes."""
+    for i in range(start.shape[0]):
+        rotation(start[i, 3], start[i, 4], start[i, 5], start[i, 6], R)
+        for j in range(3):
+            predicted[i, j] += dt * (R[j, 0] * jump[i, 0] + R[j, 1] * jump[i, 1] + R[j, 2] * jump[i, 2])
+        for j in range(6):
+            start[i, 7 + j] += jump[i, j]
+            predicted[i, 7 + j] += jump[i, j]
+
+
+@compiled
+def _set_velocities(constraints: Constraints, rows: Array, nu: Array, bias: Array) -> None:
     """bias (k, 3) = w of all contacts at the velocities nu (m, 6)."""
     for c in range(bias.shape[0]):
         for d in range(3):
-            bias[c, d] = relative_velocity(constraints.rows, c, d, nu, constraints.slot_a[c], constraints.slot_b[c])
+            bias[c, d] = relative_velocity(rows, c, d, nu, constraints.slot_a[c], constraints.slot_b[c])
 
 
 @compiled
-def _set_targets(
-    contacts: Any, constraints: Constraints, nu: Array, dt: float, bias: Array, bounced: Array, impulse: Array
-) -> None:
-    """What each contact asks of the velocity: at the start of the tick where it bounces, at the end where it holds.
-
-    Args:
-        nu: (m, 6) at the start of the tick.
-        bias: (k, 3) in: w at the end of the free step; out: as `solve_island` has it.
-        bounced: (k) out.
-        impulse: (k, 3) warm start, in and out.
-    """
-    rows, slot_a, slot_b = constraints.rows, constraints.slot_a, constraints.slot_b
-    for c in range(contacts.gap.shape[0]):
-        approach = relative_velocity(rows, c, 0, nu, slot_a[c], slot_b[c])
-        e, gap = contacts.restitution[c], contacts.gap[c]
-        if e > 0.0 and approach < -BOUNCE_SPEED and gap + dt * bias[c, 0] < 0.0:
-            bounced[c] = True
-            bias[c, 0] = (1.0 + e) * approach
-            for d in range(1, 3):
-                bias[c, d] = relative_velocity(rows, c, d, nu, slot_a[c], slot_b[c])
-            impulse[c] = 0.0
-        else:
-            bias[c, 0] += max(0.0, gap) / dt
-        if contacts.friction[c] <= 0.0:
-            impulse[c, 1] = impulse[c, 2] = 0.0
+def _leave_open(gap: Array, dt: float, bias: Array) -> None:
+    """Allow each contact to close what it is open."""
+    for c in range(bias.shape[0]):
+        bias[c, 0] += max(0.0, gap[c]) / dt
 
 
 @compiled
-def _drop_untouched(slot_a: Array, slot_b: Array, impulse: Array, change: Array) -> None:
-    """Clear what rounding left in the velocity changes of bodies without any impulse."""
-    touched = np.zeros(change.shape[0], np.bool_)
-    for c in range(slot_a.shape[0]):
-        if impulse[c, 0] > 0.0:
-            touched[slot_a[c]] = True
-            if slot_b[c] >= 0:
-                touched[slot_b[c]] = True
-    for i in range(change.shape[0]):
-        if not touched[i]:
-            for j in range(6):
-                change[i, j] = 0.0
+def _sum_up(constraints: Constraints, impulse: Array, change: Array) -> None:
+    """change (m, 6) of nu by impulses (k, 3)."""
+    change[:, :] = 0.0
+    for c in range(impulse.shape[0]):
+        add_response(constraints.rows, c, impulse[c], constraints.slot_a[c], constraints.slot_b[c], change)
 
 
 @entry
-def settle(table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Array, contact_nu_dot: Array) -> None:
-    """Stage 4, after the real step: the rest of the impulses, poses, recovery.
+def settle(
+    table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Array, hold_N: Array, contact_nu_dot: Array
+) -> None:
+    """Stage 3, after the real step: the rest of the impulses, recovery.
 
     Args:
         table: of the world; what contacts did to its BODY rows is cleared, and its states become those at the end of the tick.
         impulse_N: (k, 3) out, impulse on body a in N, N s.
+        hold_N: (k, 3) out, that of it which was no hit.
         contact_nu_dot: (n, 6) out, mean acceleration in B by contacts in the tick; zeros for the others.
     """
     rows, state, constraints = model_at(table).bodies, state_at(table), struck.constraints
@@ -217,89 +306,34 @@ def settle(table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Ar
     for i in range(m):
         clear_contact(rows[struck.bodies[i]])
     bias, R, rest = np.empty((k, 3)), np.empty((3, 3)), np.zeros((m, 6))
-    nu = now[:, 7:]
-    set_jacobians(constraints, now, contacts.point, R)
+    set_jacobians(constraints, now, contacts.point + struck.drift, constraints.rows, R)
     set_responses(constraints, struck.M_inv)
-    _set_velocities(constraints, nu, bias)
-    for c in range(k):
-        bias[c, 0] += max(0.0, contacts.gap[c]) / dt
+    _set_velocities(constraints, constraints.rows, now[:, 7:], bias)
+    _leave_open(contacts.gap, dt, bias)
     for i in range(constraints.bounds.shape[0] - 1):
-        if _any_impulse(constraints, i, struck.impulse):
-            solve_island(constraints, i, bias, contacts.friction, struck.bounced, struck.impulse, rest)
-    held = np.zeros(m, np.bool_)
-    _sum_up(struck, impulse_N, held)
+        if _any_impulse(struck, i):
+            solve_island(constraints, i, bias, contacts.friction, struck.final, struck.hold, rest)
+    for c in range(k):
+        for j in range(3):
+            hit = hold = 0.0
+            for d in range(3):
+                hit += constraints.axes[c, d, j] * struck.hit[c, d]
+                hold += constraints.axes[c, d, j] * struck.hold[c, d]
+            impulse_N[c, j], hold_N[c, j] = hit + hold, hold
     contact_nu_dot[:, :] = 0.0
     for i in range(m):
         for j in range(6):
             now[i, 7 + j] += rest[i, j]
             contact_nu_dot[struck.bodies[i], j] = (struck.change[i, j] + rest[i, j]) / dt
-        if held[i]:
-            _move(struck.start[i], nu[i], dt, R, now[i])
-    _recover(struck, contacts, dt, R, now)
+    recover(constraints, struck.M_inv, contacts.gap, dt, now)
     for i in range(m):
         state[struck.bodies[i]] = now[i]
 
 
 @compiled
-def _sum_up(struck: Struck, impulse_N: Array, held: Array) -> None:
-    """Impulses in N, and which bodies (m) stay in contact."""
-    slot_a, slot_b, axes = struck.constraints.slot_a, struck.constraints.slot_b, struck.constraints.axes
-    for c in range(slot_a.shape[0]):
-        for i in range(3):
-            impulse_N[c, i] = 0.0
-            for d in range(3):
-                impulse_N[c, i] += axes[c, d, i] * struck.impulse[c, d]
-        if struck.impulse[c, 0] > 0.0 and not struck.bounced[c]:
-            held[slot_a[c]] = True
-            if slot_b[c] >= 0:
-                held[slot_b[c]] = True
-
-
-@compiled
-def _any_impulse(constraints: Constraints, island: int, impulse: Array) -> bool:
+def _any_impulse(struck: Struck, island: int) -> bool:
     found = False
-    for k in range(constraints.bounds[island], constraints.bounds[island + 1]):
-        found = found or impulse[constraints.order[k], 0] > 0.0
+    for k in range(struck.constraints.bounds[island], struck.constraints.bounds[island + 1]):
+        c = struck.constraints.order[k]
+        found = found or struck.hit[c, 0] > 0.0 or struck.hold[c, 0] > 0.0
     return found
-
-
-@compiled
-def _move(start: Array, velocity: Array, dt: float, R: Array, x: Array) -> None:
-    """Pose of x (13) = pose of `start` carried on for dt at `velocity` (6), whose linear part is in the axes of x."""
-    rotation(x[3], x[4], x[5], x[6], R)
-    for i in range(3):
-        x[i] = start[i] + dt * (R[i, 0] * velocity[0] + R[i, 1] * velocity[1] + R[i, 2] * velocity[2])
-    rate = math.sqrt(velocity[3] ** 2 + velocity[4] ** 2 + velocity[5] ** 2)
-    half = 0.5 * dt * rate
-    s = 0.5 * dt if half < 1e-8 else math.sin(half) / rate
-    w, a, b, c = math.cos(half), s * velocity[3], s * velocity[4], s * velocity[5]
-    x[3], x[4], x[5], x[6] = product(start[3], start[4], start[5], start[6], w, a, b, c)
-    norm = math.sqrt(x[3] ** 2 + x[4] ** 2 + x[5] ** 2 + x[6] ** 2)
-    for i in range(3, 7):
-        x[i] /= norm
-
-
-@compiled
-def _recover(struck: Struck, contacts: Any, dt: float, R: Array, now: Array) -> None:
-    """Displace bodies out of each other, by part of the penetration a tick."""
-    k, m = contacts.gap.shape[0], struck.bodies.shape[0]
-    bias, deep = np.zeros((k, 3)), False
-    for c in range(k):
-        gap = contacts.gap[c]
-        if gap < -SLOP:
-            bias[c, 0] = max(RECOVERY * (gap + SLOP) / dt, -MAX_RECOVERY)
-            deep = True
-        else:
-            bias[c, 0] = max(0.0, gap) / dt
-    if not deep:
-        return
-    impulse, displacement = np.zeros((k, 3)), np.zeros((m, 6))
-    smooth, free = np.zeros(k), np.zeros(k, np.bool_)
-    for i in range(struck.constraints.bounds.shape[0] - 1):
-        solve_island(struck.constraints, i, bias, smooth, free, impulse, displacement)
-    for i in range(m):
-        moves = False
-        for j in range(6):
-            moves = moves or displacement[i, j] != 0.0
-        if moves:
-            _move(now[i].copy(), displacement[i], dt, R, now[i])

@@ -236,12 +236,16 @@ def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
 
 
 @compiled
-def _add_contact(body: Any, R: Array, work: Array) -> None:
-    """work[TAU] += force and moment of the body's contacts, which are given in N."""
-    F = body.contact
+def _add_contact(body: Any, s: Array, source: int, t: float, R: Array, work: Array) -> None:
+    """work[TAU] += force and moment of the body's contacts, which are given in N: the moment about N's origin, as contacts go ways of their own."""
+    F, lapse = body.contact, t - body.contact[9]
+    x, y, z = s[source, 0], s[source, 1], s[source, 2]
+    mx = F[3] + lapse * F[6] - (y * F[2] - z * F[1])
+    my = F[4] + lapse * F[7] - (z * F[0] - x * F[2])
+    mz = F[5] + lapse * F[8] - (x * F[1] - y * F[0])
     for i in range(3):
         work[TAU, i] += R[0, i] * F[0] + R[1, i] * F[1] + R[2, i] * F[2]
-        work[TAU, 3 + i] += R[0, i] * F[3] + R[1, i] * F[4] + R[2, i] * F[5]
+        work[TAU, 3 + i] += R[0, i] * mx + R[1, i] * my + R[2, i] * mz
 
 
 @separate
@@ -305,7 +309,7 @@ def derivative(
         work[APPLIED, i] = work[TAU, i]
         work[TAU, i] += work[PASSIVE, i]
     if body.in_contact != 0:
-        _add_contact(body, R, work)
+        _add_contact(body, s, source, t, R, work)
     _add_restoring(body, R, fraction, gravity_over_surface(body, s[source, 2]), work)
     if moving:
         _add_froude_krylov(R, fraction * body.displaced, work)

@@ -97,7 +97,7 @@ BODY = _record(
     _f8("near_radius"),  # of that sphere or cylinder, m
     _f8("floor"),  # depth of the level bottom, m, inf for none
     _i8("in_contact"),  # 1: contacts act on the body in this tick
-    _f8("contact", 6),  # their force (N) and moment about the origin (N m), both in N; constant in the tick
+    _f8("contact", 10),  # their force (N), moment about N's origin (N m) and its rate (N m/s), in N, from when on (s)
     _f8("external", 6),  # wrench in the coming tick, about the origin in B; constant in the tick, and zero after it
     _f8("acted", 6),  # the one that acted in the last tick
     _i8("retired"),  # 1: removed from the world; the kernel passes it over

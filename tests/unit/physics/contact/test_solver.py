@@ -63,7 +63,7 @@ def problem(
         normal = [0.0, 0.0, 1.0] + 0.2 * rng.normal(size=3)  # of one side, so that the bodies are not jammed
         set_axes(normal / np.linalg.norm(normal), constraints.axes[c])
     M_inv = np.array([inertia(seed), inertia(seed + 1)])
-    set_jacobians(constraints, state, points, np.empty((3, 3)))
+    set_jacobians(constraints, state, points, constraints.rows, np.empty((3, 3)))
     set_responses(constraints, M_inv)
     nu = state[:, 7:].copy()
     w = np.array(

@@ -15,7 +15,8 @@ from uwserver_bench.proofs.colliders import Floor
 from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.collision.contacts import Contacts
-from uwserver.physics.contact.step import BOUNCE_SPEED, MAX_RECOVERY, RECOVERY, SLOP, settle, strike
+from uwserver.physics.contact.recovery import MAX_RECOVERY, RECOVERY, SLOP
+from uwserver.physics.contact.step import BOUNCE_SPEED, settle, strike
 from uwserver.physics.dynamics.appendage_params import Appendages, HullParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, ForceTable, ThrusterParams
@@ -53,7 +54,7 @@ def below(
     )  # fmt: skip
 
 
-NONE = np.zeros(0, np.int64), np.zeros((0, 3))
+NONE = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3))
 
 
 def tick(hydro: Hydrodynamics, contacts: Contacts, old: Any = NONE) -> tuple[FloatArray, FloatArray]:
@@ -62,8 +63,9 @@ def tick(hydro: Hydrodynamics, contacts: Contacts, old: Any = NONE) -> tuple[Flo
     struck = strike(table, contacts, *old, 0.0, DT)
     hydro.collider = None
     assert hydro.advance(0.0) < 0
-    impulse, nu_dot = np.empty((len(contacts.gap), 3)), np.full((len(hydro), 6), np.nan)
-    settle(table, struck, contacts, DT, impulse, nu_dot)
+    impulse, hold, nu_dot = *np.empty((2, len(contacts.gap), 3)), np.full((len(hydro), 6), np.nan)
+    settle(table, struck, contacts, DT, impulse, hold, nu_dot)
+    assert not (np.abs(hold) > np.abs(impulse) + 1e-12).any()
     return impulse, nu_dot
 
 
@@ -72,10 +74,11 @@ def test_a_resting_body_is_held_by_a_force_over_the_tick() -> None:
     before = hydro.state.copy()
     struck = strike(addresses(WORLD, vars(hydro)), below(hydro), *NONE, 0.0, DT)
     assert hydro.bodies["in_contact"][0] == 1
-    np.testing.assert_allclose(hydro.bodies["contact"][0], [0.0, 0.0, -20.0, 0.0, 0.0, 0.0], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(hydro.bodies["contact"][0], [0.0, 0.0, -20.0, *[0.0] * 7], rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(hydro.state, before)
     assert struck.bodies.tolist() == [0]
-    assert not struck.bounced[0]
+    assert not struck.final[0]
+    assert not struck.hit.any()
 
 
 def test_after_the_tick_no_contact_acts_any_more() -> None:
@@ -198,7 +201,8 @@ def test_a_warm_start_is_found_by_its_key_in_any_order() -> None:
     floor = Floor({0: feet}, friction=0.5, origin=(0.0, 0.0, 50.5))
     contacts = floor.find_contacts(hydro.state, DT)
     key, old = contacts.key[::-1].copy(), np.full((4, 3), (0.0, 0.0, -5.0 * DT))
-    for memory in ((key, old), (key + 100, old), NONE):
+    point = contacts.point[::-1].copy()
+    for memory in ((key, point, old), (key + 100, point, old), NONE):
         other = world(ball(heavy=20.0))
         other.state[:] = hydro.state
         impulse, _ = tick(other, contacts, memory)

@@ -111,16 +111,22 @@ def test_what_appendages_and_others_give_is_added() -> None:
 
 
 def test_a_contact_acts_in_n_and_is_not_of_the_applied_wrench() -> None:
+    """Its moment is about N's origin, and goes on with time: a force at a point that moves. `found` asks at t = 0."""
     body, x = full(), states(1)[0]
     hydro = Hydrodynamics([body], 0.01)
     hydro.currents[0] = CURRENT
-    contact = np.array([1.0, 2.0, 3.0, 0.4, 0.5, 0.6])
-    hydro.bodies["in_contact"], hydro.bodies["contact"] = 1, contact
-    R = np.array(matrix(x[3:7]))
-    rates, work = found(hydro, x)
-    np.testing.assert_allclose(
-        rates, expected(body, x, np.concatenate([R.T @ contact[:3], R.T @ contact[3:]])), rtol=1e-10, atol=1e-10
+    force, point, speed, since = (
+        np.array([1.0, 2.0, 3.0]),
+        x[:3] + np.array([0.4, 0.5, 0.6]),
+        np.array([0.3, -2.0, 1.0]),
+        -0.2,
     )
+    moment, rate = np.cross(point + since * speed, force), np.cross(speed, force)
+    hydro.bodies["in_contact"], hydro.bodies["contact"] = 1, [*force, *moment, *rate, since]
+    R = np.array(matrix(x[3:7]))
+    wrench = np.concatenate([R.T @ force, R.T @ np.cross(point - x[:3], force)])
+    rates, work = found(hydro, x)
+    np.testing.assert_allclose(rates, expected(body, x, wrench), rtol=1e-10, atol=1e-10)
     assert not work[APPLIED].any()
     hydro.bodies["in_contact"] = 0
     np.testing.assert_allclose(found(hydro, x)[0], expected(body, x, np.zeros(6)), rtol=1e-10, atol=1e-10)
