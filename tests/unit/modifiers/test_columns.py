@@ -52,6 +52,12 @@ def test_a_reading_comes_back_with_its_types(values):
     assert kinds(back) == kinds(values)
 
 
+def test_whole_numbers_that_are_no_floats_come_back():
+    fields = (Field("x", "m", "a number"), Field("times", "ns", "whole numbers", shape=(3,), type="int"))
+    for times in ((2**62 + 1, -(2**62) - 1, 2**63 - 1), (None, -1, 2**53 + 1)):
+        assert there_and_back(fields, (0.5, times)) == (0.5, times)
+
+
 def test_parts_of_a_vector_may_be_missing():
     fields = (Field("ranges", "m", "of beams", shape=(3,)), Field("n", "1", "a number", type="int"))
     assert there_and_back(fields, ((1.0, None, 3.0), 4)) == ((1.0, None, 3.0), 4)

@@ -172,18 +172,20 @@ class Solids:
             self._rebuild()
         if not len(self._search.bodies):
             return NO_CONTACTS
-        pairs = self._find_pairs(state, dt)
-        if not len(pairs):
+        count = self._find_pairs(state, dt)
+        if not count:
             return NO_CONTACTS
+        pairs = self._pairs[:count]
         first, lines = self._find_lines(pairs)
         return self._collect(pairs, first, lines)
 
-    def _find_pairs(self, state: FloatArray, dt: float) -> Any:
+    def _find_pairs(self, state: FloatArray, dt: float) -> int:
+        """How many shapes may touch; they stand in `_pairs`."""
         broad_phase, _, _ = _kernels()
         while True:
-            count = broad_phase.find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs)
+            count = int(broad_phase.find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs))
             if count <= len(self._pairs):
-                return self._pairs[:count]
+                return count
             self._pairs = np.zeros((2 * count, 2), np.int64)
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:
