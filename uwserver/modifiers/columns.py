@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,12 @@ WIDEST = 64
 """Whole numbers of a field that still stand among the others; more are a picture rather than a reading."""
 _NO_INT = -(1 << 63)
 """Stands for a missing whole number, as NaN does for a missing float."""
+
+
+@lru_cache(maxsize=1024)
+def columns_of(fields: tuple[Field, ...]) -> Columns:
+    """Those of some fields, the same for all sensors that have them."""
+    return Columns(fields)
 
 
 class Columns:

@@ -127,7 +127,7 @@ class Instruments:
         room, wide = self._values.shape
         if needed <= room and width <= wide:
             return
-        more, wide = (room if needed <= room else 2 * needed), max(wide, width)
+        more, wide = (room if needed <= room else needed + needed // 4), max(wide, width)
         self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
         self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
         self._free, self._room = np.concatenate([self._free, np.arange(room, more)]), more

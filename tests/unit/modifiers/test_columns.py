@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.modifiers.columns import WIDEST, Columns
+from uwserver.modifiers.columns import WIDEST, Columns, columns_of
 from uwserver.ports import Buffer, Field, Layout
 
 FIELDS = (
@@ -87,3 +87,8 @@ def test_floats_keep_all_their_bits(number):
 def test_what_has_no_floats_at_all_needs_no_row():
     assert Columns((FIELDS[2],)).width == 0
     assert there_and_back((FIELDS[2],), ("text",)) == ("text",)
+
+
+def test_sensors_of_equal_fields_have_the_same_columns():
+    again = tuple(Field(f.name, f.unit, f.doc, f.frame, f.shape, f.type) for f in FIELDS[:4])
+    assert columns_of(again) is columns_of(FIELDS[:4])
