@@ -28,6 +28,8 @@ from uwserver.physics.kernel import store
 FINISHED = "uwserver/physics/kernel/finished"
 """Where the loader looks, as a path in the wheel."""
 COMPILERS = ("numba", "llvmlite")
+WARM = ("uwserver.world.warm", "uwserver.copies.warm")
+"""Modules that compile kernels: of worlds, and of copies."""
 TIMEOUT_S = 1800.0
 ASK = """
 import json, platform
@@ -38,8 +40,9 @@ print(json.dumps({"machine": platform.machine(), "levels": LEVELS, "tags": tags,
 """
 CHECK = """
 from uwserver.physics.kernel.compiled import cache_state
+from uwserver.copies.warm import OF_COPIES
 from uwserver.world.builds import STAGES, missing
-print("" if missing(STAGES) else cache_state.folder)
+print("" if missing(STAGES) or missing(OF_COPIES.seconds, OF_COPIES) else cache_state.folder)
 """
 
 
@@ -73,7 +76,8 @@ def compile_kernels(python: Path, levels: Mapping[str, Sequence[str]], work: Pat
     files: dict[str, bytes] = {}
     for level, features in levels.items():
         environment = plain | settings(level, features)
-        run(python, "-m", "uwserver.world.warm", environment=environment, cwd=work)
+        for module in WARM:
+            run(python, "-m", module, environment=environment, cwd=work)
         folder = run(python, "-c", CHECK, environment=environment, cwd=work).strip()
         if not folder:
             raise NotBuilt(f"not all kernels were compiled for {level}: are the engines of solid things installed?")

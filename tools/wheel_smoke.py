@@ -36,6 +36,18 @@ COMMANDS = (
 )
 FINISHED = ("push_the_crate", "slope", "bluerov2_open_sea")
 """Scenarios that between them need most kernels; run where a wheel brings these."""
+COPIES = """
+schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+[vehicles.rov.autopilot]
+[vehicles.rov.sensors]
+ahrs = { kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }
+dvl = { kind = "dvl", profile = "a50", rate_hz = 8 }
+"""
+COPIED = ("copies.toml", "bluerov2_pool", "bluerov2_open_sea")
+"""Of which copies are stepped there too: the first is the scenario `COPIES`."""
+BATCH = "import sys, uwserver; uwserver.batch(sys.argv[1], 2).step(30)"
 SCHEMAS = ("scenario", "vehicle", "device")
 """Kinds of file whose JSON Schema is made for the wheel; git does not keep them."""
 INSTALLED_MB, DOWNLOAD_SLACK = 1000.0, 0.1
@@ -188,6 +200,10 @@ def check_nothing_is_compiled(scripts: Path, work: Path) -> None:
         command = ("run", scenario, "--port", "0", "--until", "0.5", "--mode", "freerun")
         run(scripts / "uwserver", *command, cwd=work, environment=clean_environment(work))
         print(f"uwserver {' '.join(command)}: ok")
+    (work / COPIED[0]).write_text(COPIES, encoding="utf-8")
+    for scenario in COPIED:
+        run(scripts / "python", "-c", BATCH, scenario, cwd=work, environment=clean_environment(work))
+        print(f"uwserver.batch of {scenario}: ok")
     compiled = sorted(path.name for path in (work / "cache").rglob("*.kernel"))
     if compiled:
         raise Fault(f"the wheel has kernels, and these were compiled all the same: {', '.join(compiled)}")

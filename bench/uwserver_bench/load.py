@@ -7,15 +7,14 @@ the server that they measure.
 from __future__ import annotations
 
 import contextlib
-import json
 import selectors
 import socket
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
+from uwserver_bench.processes import carry_out
 from uwserver_bench.rows import quantile
 
 SUBSCRIBE = b'{"jsonrpc":"2.0","id":0,"method":"subscribe","params":{"pattern":"**"}}\n'
@@ -152,13 +151,7 @@ _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"clien
 
 def main(lines: Sequence[str] | None = None) -> None:
     """Carry out tasks until stdin ends."""
-    for line in sys.stdin if lines is None else lines:
-        task = json.loads(line)
-        try:
-            result = _TASKS[task["task"]](task)
-        except (OSError, ValueError) as error:
-            result = {"failed": f"load task {task['task']}: {error}"}
-        print(json.dumps(result), flush=True)
+    carry_out(_TASKS, "load", lines=lines)
 
 
 if __name__ == "__main__":

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import selectors
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.moos_peer import MoosPeer
+from uwserver_bench.processes import carry_out
 from uwserver_bench.rows import quantile
 from uwserver_bench.traced import TICKS, open_trace
 
@@ -92,13 +91,7 @@ _TASKS: Mapping[str, Callable[[Task], dict[str, object]]] = {"flow": flow, "navi
 
 def main(lines: Sequence[str] | None = None) -> None:
     """Carry out tasks until stdin ends."""
-    for line in sys.stdin if lines is None else lines:
-        task = json.loads(line)
-        try:
-            result = _TASKS[task["task"]](task)
-        except (OSError, ValueError) as error:
-            result = {"failed": f"load task {task['task']}: {error}"}
-        print(json.dumps(result), flush=True)
+    carry_out(_TASKS, "load", lines=lines)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -62,18 +62,19 @@ class OpenWater:
     Args:
         vehicles: how many.
         sensors: let each measure with the sensors of its vehicle file, at their rates and with their errors.
+        threads: of the world.
     """
 
     dt = 1.0 / RATE_HZ
 
-    def __init__(self, vehicles: int, sensors: bool = False) -> None:
+    def __init__(self, vehicles: int, sensors: bool = False, threads: int | Literal["auto"] = "auto") -> None:
         self.name = "uwserver, physics + thrusters + sensors" if sensors else "uwserver, physics + thrusters"
         self.vehicles = vehicles
         entries = {
             f"rov{k}": VehicleEntry(model="bluerov2_heavy", position_ned_m=(5.0 * (k % 10), 5.0 * (k // 10), DEPTH_M))
             for k in range(vehicles)
         }
-        scenario = Scenario(schema=1, seed=1, world=WorldTable(rate_hz=RATE_HZ), vehicles=entries)
+        scenario = Scenario(schema=1, seed=1, world=WorldTable(rate_hz=RATE_HZ, threads=threads), vehicles=entries)
         self._world = build(load(scenario, adapters={}))
         self._sensors = sensors
         self._ports = [f"{name}/thrusters" for name in entries]

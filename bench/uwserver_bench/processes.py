@@ -10,7 +10,7 @@ import selectors
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -80,6 +80,32 @@ def serving(
             yield Served(host, port, process.pid)
         finally:
             stop(process)
+
+
+Task = Mapping[str, Any]
+
+
+def carry_out(
+    tasks: Mapping[str, Callable[[Task], Mapping[str, object]]],
+    who: str,
+    errors: tuple[type[Exception], ...] = (OSError, ValueError),
+    lines: Iterable[str] | None = None,
+) -> None:
+    """Be the process of a `Load`: carry out its tasks until stdin ends.
+
+    Args:
+        tasks: by name, what each does, and returns as its result.
+        who: this process is called in the result of a task that failed.
+        errors: by which a task fails; others end the process.
+        lines: the tasks, JSON with the name as `task`; default: of stdin.
+    """
+    for line in sys.stdin if lines is None else lines:
+        task = json.loads(line)
+        try:
+            result = tasks[task["task"]](task)
+        except errors as error:
+            result = {"failed": f"{who} task {task['task']}: {error}"}
+        print(json.dumps(result), flush=True)
 
 
 class Load:

@@ -150,8 +150,16 @@ def _rate(served: Served, seconds: float) -> float:
 def _alone(effort: dict[str, Any], say: _Say) -> list[Row]:
     """Physics and thrusters alone."""
     say("swarm: physics and thrusters alone")
-    rates = tuple(_world("thrust", vehicles=100, **effort)["of_wall_time"])
-    return [Row("swarm", "100 vehicles, physics and thrusters alone, wall time", "x realtime", rates, THRUST_BAR)]
+    title = "100 vehicles, physics and thrusters alone"
+    alone = _world("thrust", vehicles=100, one_core=True, **effort)
+    found = _world("thrust", vehicles=100, one_core=False, **effort)
+    note = "" if found["threads"] > 1 else "stepped by one thread: another did not pay here"
+    return [
+        Row("swarm", f"{title}, one core", "x realtime", tuple(alone["of_processor_time"])),
+        Row(
+            "swarm", f"{title}, all cores, wall time", "x realtime", tuple(found["of_wall_time"]), THRUST_BAR, note=note
+        ),
+    ]
 
 
 def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:

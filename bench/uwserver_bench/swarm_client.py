@@ -7,12 +7,12 @@ import json
 import re
 import selectors
 import socket
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.units import NANOSECONDS
+from uwserver_bench.processes import carry_out
 from uwserver_bench.swarm_scenario import START_M, mission, names, place
 
 PORTS = ("depth", "ahrs", "dvl", "autopilot/state")
@@ -110,13 +110,7 @@ _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"set_o
 
 def main(lines: Sequence[str] | None = None) -> None:
     """Carry out tasks until stdin ends."""
-    for line in sys.stdin if lines is None else lines:
-        task = json.loads(line)
-        try:
-            result = _TASKS[task["task"]](task)
-        except (OSError, ValueError) as error:
-            result = {"failed": f"swarm task {task['task']}: {error}"}
-        print(json.dumps(result), flush=True)
+    carry_out(_TASKS, "swarm", lines=lines)
 
 
 if __name__ == "__main__":

@@ -8,9 +8,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import itertools
-import json
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -31,7 +29,7 @@ from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver.units import NANOSECONDS
 from uwserver.world.world import World
 from uwserver_bench.physics import OpenWater
-from uwserver_bench.processes import resident_mb
+from uwserver_bench.processes import carry_out, resident_mb
 from uwserver_bench.swarm_scenario import RATE_HZ, Kind, mission, names, scenario
 
 SETTLE_TICKS = 2 * RATE_HZ
@@ -64,13 +62,19 @@ def fly(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def thrust(task: Mapping[str, Any]) -> dict[str, object]:
-    """Physics and thrusters of `vehicles` alone, commanded ten times a second: as `fly`."""
-    contender = OpenWater(task["vehicles"])
+    """Physics and thrusters of `vehicles` alone, in a world whose sensors are off, commanded ten times a second: as `fly`.
+
+    Returns:
+        Rates as of `fly`, and how many threads stepped the world, which has found out by then whether another pays.
+    """
+    contender = OpenWater(task["vehicles"], threads=1 if task["one_core"] else "auto")
     contender.prepare()
     contender.run(_TICKS)
-    return _rates(
-        [pace(lambda: contender.run(_TICKS), _TICKS, task["seconds"]) for _ in range(task["repeats"])],
-    )
+    threads = contender.world.threads
+    while threads.trial is not None:
+        contender.run(_TICKS)
+    found = [pace(lambda: contender.run(_TICKS), _TICKS, task["seconds"]) for _ in range(task["repeats"])]
+    return {"threads": threads.count, **_rates(found)}
 
 
 def read(task: Mapping[str, Any]) -> dict[str, object]:
@@ -198,13 +202,7 @@ _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {
 
 def main(lines: Sequence[str] | None = None) -> None:
     """Carry out tasks until stdin ends."""
-    for line in sys.stdin if lines is None else lines:
-        task = json.loads(line)
-        try:
-            result = _TASKS[task["task"]](task)
-        except (ScenarioError, Refused, ImportError) as error:
-            result = {"failed": f"swarm task {task['task']}: {error}"}
-        print(json.dumps(result), flush=True)
+    carry_out(_TASKS, "swarm", (ScenarioError, Refused, ImportError), lines)
 
 
 if __name__ == "__main__":

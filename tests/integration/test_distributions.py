@@ -23,6 +23,9 @@ from packaging.requirements import Requirement
 from reader import blocks
 
 import uwserver
+from uwserver.copies.warm import OF_COPIES
+from uwserver.physics.kernel.compiled import cache_state
+from uwserver.world.builds import OF_WORLDS
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -250,3 +253,23 @@ def test_all_is_every_extra_that_a_server_can_use() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     (line,) = extras["all"]
     assert Requirement(line).extras == extras.keys() - {"all", "coal", "dev", "docs", "release", "site"}
+
+
+def test_a_wheel_has_the_kernels_of_worlds_and_of_copies(tmp_path: Path) -> None:
+    """What is built is complete only when both are there."""
+    folder = tmp_path / str(cache_state.folder and cache_state.folder.name)
+    folder.mkdir(mode=0o700)
+    works = OF_WORLDS, OF_COPIES
+    kernels = [kernel for work in works for stage in work.seconds for kernel in work.kernels_of(stage)]
+    for kernel in kernels:
+        (folder / f"{kernel}-0.kernel").touch()
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    kernel_wheel = tool("kernel_wheel")
+
+    def found() -> str:
+        return str(kernel_wheel.run(sys.executable, "-c", kernel_wheel.CHECK, environment=environment, cwd=tmp_path))
+
+    assert found().strip() == str(folder)
+    (folder / f"{OF_COPIES.kernels_of('copies')[0]}-0.kernel").unlink()
+    assert found().strip() == ""
+    assert [kernel_wheel.WARM[0], kernel_wheel.WARM[1]] == [work.module for work in works]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, cast
 
 import msgspec
@@ -239,9 +240,9 @@ class Bank:
         needs = self._kept["pilots"]["c"]["need"].tolist()
         return tuple((k, need) for k, need in enumerate(needs) if need)
 
-    def hear(self, told: Any, values: FloatArray, count: int, now_ns: int) -> None:
-        """See `entries.hear_all`."""
-        self.entries.hear_all(self.table, told, values, count, now_ns)
+    def listener(self) -> Callable[[Any, FloatArray, int, int], None]:
+        """`entries.hear_all` for those that lie here now."""
+        return partial(self.entries.hear_all, self.table)
 
 
 def _records(form: np.dtype[Any], parts: Sequence[Any]) -> Any:

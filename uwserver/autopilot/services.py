@@ -26,6 +26,20 @@ Answer = Callable[[Asked], Json | Later]
 _FAR = 1e6
 _P_N = "place of the body origin in N"
 _PLACE = Argument("position_ned_m", "float", _P_N, "m", shape=(3,), minimum=-_FAR, maximum=_FAR)
+_ANYWAY = "arm even if a sensor is missing or there is water in the hull"
+_FORCE = Argument("force", "bool", _ANYWAY, required=False, default=False)
+_MODE = Argument("mode", "str", "what it holds", choices=MODES)
+_HEADING = Argument(
+    "heading_deg", "float", "heading on the way, in degrees; default: the direction of travel", required=False,
+    minimum=-1e4, maximum=1e4,
+)  # fmt: skip
+_SPEED = Argument(
+    "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
+)
+_ITEMS = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
+_INDEX = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
+_NAME = Argument("name", "str", "as get_gains tells them", choices=Gains.__struct_fields__)
+_VALUE = Argument("value", "float", "in the unit that its name or its text says")
 
 
 def services(pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
@@ -55,15 +69,12 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         pilot.moved()
         return None
 
-    anyway = "arm even if a sensor is missing or there is water in the hull"
-    force = Argument("force", "bool", anyway, required=False, default=False)
-    mode = Argument("mode", "str", "what it holds", choices=MODES)
     mode_doc = "Begin a mode, where the vehicle is; refused when a sensor that it needs is missing."
     place_doc = "Correct the dead reckoning: the vehicle is here. The depth is used only without a depth sensor."
     arm_doc = "Take over the actuators; commands from others are refused until disarm."
-    yield Service(f"{path}/arm", arm_doc, (force,)), arm
+    yield Service(f"{path}/arm", arm_doc, (_FORCE,)), arm
     yield Service(f"{path}/disarm", "Stop, and let others command the actuators."), disarm
-    yield Service(f"{path}/set_mode", mode_doc, (mode,)), set_mode
+    yield Service(f"{path}/set_mode", mode_doc, (_MODE,)), set_mode
     yield Service(f"{path}/set_position", place_doc, (_PLACE,)), set_position
 
 
@@ -99,27 +110,18 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         pilot.set_mission(())
         return None
 
-    heading = Argument(
-        "heading_deg", "float", "heading on the way, in degrees; default: the direction of travel", required=False,
-        minimum=-1e4, maximum=1e4,
-    )  # fmt: skip
-    speed = Argument(
-        "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
-    )
     near = f"distance at which it has arrived; default: {pilot.craft.arrival_m:g}"
     radius = Argument("radius_m", "float", near, "m", required=False, minimum=0.01, maximum=1e4)
-    items = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
-    index = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
     go = "Go to a place in mode guided, and stay; replies when it is there."
     put = "Replace the mission; if anything is wrong with the new one, nothing changes."
     show = "The mission, the item under way (-1 for none) and how many are done."
     begin = "Begin mode mission with this item; the autopilot must be armed."
     clear = "Remove the mission; a vehicle under way holds where it is."
-    yield Service(f"{path}/goto", go, (_PLACE, heading, speed, radius), long_running=True), goto
+    yield Service(f"{path}/goto", go, (_PLACE, _HEADING, _SPEED, radius), long_running=True), goto
     yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
-    yield Service(f"{path}/set_mission", put, (items,)), set_mission
+    yield Service(f"{path}/set_mission", put, (_ITEMS,)), set_mission
     yield Service(f"{path}/get_mission", show), get_mission
-    yield Service(f"{path}/start_mission", begin, (index,)), start_mission
+    yield Service(f"{path}/start_mission", begin, (_INDEX,)), start_mission
     yield Service(f"{path}/clear_mission", clear), clear_mission
 
 
@@ -136,10 +138,8 @@ def _gains(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         pilot.orders.gains = gains
         return None
 
-    name = Argument("name", "str", "as get_gains tells them", choices=Gains.__struct_fields__)
-    value = Argument("value", "float", "in the unit that its name or its text says")
     yield Service(f"{path}/get_gains", "Gains, limits and time-outs in use, by name."), get_gains
-    yield Service(f"{path}/set_gain", "Change one of them, until the world is reset.", (name, value)), set_gain
+    yield Service(f"{path}/set_gain", "Change one of them, until the world is reset.", (_NAME, _VALUE)), set_gain
 
 
 def _vector(value: Json) -> Vec3:

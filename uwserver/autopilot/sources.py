@@ -11,7 +11,7 @@ import numpy as np
 from uwserver.autopilot.rows import SOURCE
 from uwserver.autopilot.state import STILL
 from uwserver.frames import IDENTITY, Quat, Vec3
-from uwserver.modifiers.columns import Columns
+from uwserver.modifiers.columns import columns_of
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.ports.checks import bind
@@ -94,7 +94,7 @@ class Hearing:
         self.rows: Any = np.zeros(len(sources), SOURCE)
         self.beacons: FloatArray = np.array(list(place.beacons.values()), float).reshape(-1, 3)
         self._names = list(place.beacons)
-        self._columns = {path: Columns(source.fields) for path, source in sources.items()}
+        self._columns = {path: columns_of(source.fields) for path, source in sources.items()}
         self._place_of = {path: k for k, path in enumerate(sources)}
         self.in_words = tuple(path for path, source in sources.items() if FIELDS[source.kind][0] == "beacon")
         for row, (path, source) in zip(self.rows, sources.items(), strict=True):

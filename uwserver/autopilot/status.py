@@ -41,6 +41,9 @@ class StateSensor(IdealSensor):
         doc = f"what its actuators were told, parts of their full commands: {', '.join(names)}"
         self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
 
+    def begin(self, number: int) -> None:
+        """Nothing: it draws no random numbers."""
+
     def measure(self, scope: Scope | None) -> tuple[bool, list[Value]]:
         """Always valid: each part tells by itself whether it is."""
         pilot = self._pilot

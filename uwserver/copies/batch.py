@@ -132,8 +132,7 @@ class Batch:
     def _clocks(self) -> Clocks:
         num, den = self._rate.numerator, self._rate.denominator
         ticks = self._ticks
-        # As `World` and `Ticks` have it.
-        return Clocks(ticks, ticks * den / num, (ticks * (2 * 10**9 * den) + num) // (2 * num))
+        return Clocks(ticks, ticks * den / num, self._copies[0].world.ticks.time_of(ticks))
 
     def step(self, ticks: int = 1) -> NDArray[np.bool_]:
         """Carry all copies on by so many ticks, but for those that diverge; returns `diverged`.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,12 @@ WIDEST = 64
 """Whole numbers of a field that still stand among the others; more are a picture rather than a reading."""
 _NO_INT = -(1 << 63)
 """Stands for a missing whole number, as NaN does for a missing float."""
+
+
+@lru_cache(maxsize=1024)
+def columns_of(fields: tuple[Field, ...]) -> Columns:
+    """Those of some fields, the same for all sensors that have them."""
+    return Columns(fields)
 
 
 class Columns:
@@ -37,6 +43,7 @@ class Columns:
         self.first, self.width = tuple(first), width
         self.loose = tuple(k for k, place in enumerate(first) if place < 0)
         self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
+        self._whole = [k + i for f, k, size in self._kept if f.type == "int" and k >= 0 for i in range(size)]
         self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
 
     def loose_of(self, values: Sequence[Value]) -> tuple[Value, ...]:
@@ -45,16 +52,22 @@ class Columns:
 
     def pack(self, values: Sequence[Value], row: Any) -> None:
         """Write a reading into a row (width) of float64."""
-        whole = row.view(np.int64)
-        for value, (field, k, size) in zip(values, self._kept, strict=True):
+        numbers: list[Any] = []
+        for value, (_, k, size) in zip(values, self._kept, strict=True):
             if k < 0:
                 continue
-            parts = value if isinstance(value, tuple) else (value,) * size if value is None else (value,)
-            for i, part in enumerate(parts):
-                if field.type == "int":
-                    whole[k + i] = _NO_INT if part is None else part
-                else:
-                    row[k + i] = math.nan if part is None else part
+            if isinstance(value, tuple):
+                numbers += value
+            elif value is None:
+                numbers += (None,) * size
+            else:
+                numbers.append(value)
+        # At once, as each number by itself would cost as much as all; numpy makes NaN of None.
+        row[:] = numbers
+        if self._whole:
+            whole = row.view(np.int64)
+            for k in self._whole:
+                whole[k] = _NO_INT if numbers[k] is None else numbers[k]
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""

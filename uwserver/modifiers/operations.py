@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import convert, structs
 
 from uwserver.modifiers.base import NOTHING, Measurement, Memory, Modifier, Stream
-from uwserver.modifiers.columns import Columns
+from uwserver.modifiers.columns import columns_of
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import Elsewhere, compiled
 
@@ -84,7 +84,7 @@ class Operation(Modifier):
         """
         super().__init__(stream)
         self._kind = type(memory)
-        self.columns = Columns(stream.fields)
+        self.columns = columns_of(stream.fields)
         self.numbers: FloatArray = np.array([number for value in structs.astuple(memory) for number in _parts(value)])
         targets = [field, *more]
         self.rows = np.zeros(len(targets), OPERATION)

@@ -318,9 +318,9 @@ class Hydrodynamics:
             self._flow(t, 0.5 * self.dt)
         if self.collider is not None:
             contacts = self._detect(self.collider)
-            if len(contacts.gap):
+            if contacts is not NO_CONTACTS and len(contacts.gap):
                 return int(self._respond(contacts, t))
-            if len(self.touched.impulse):
+            if self.touched is not NO_IMPULSES:
                 self.touched = NO_IMPULSES
                 self.contact_nu_dot[:] = 0.0
         return int(self._move(t))
@@ -352,10 +352,11 @@ class Hydrodynamics:
 
     def rates_into(self, t: float, nu_dot: FloatArray, tau: FloatArray) -> None:
         """`rates_of_change` into arrays (n, 6)."""
-        self.fill_flows(t)
+        if self.sea is not None:
+            self.fill_flows(t)
         kernel = _kernel()
         (kernel.rates_of_change_fitted if self._fitted else kernel.rates_of_change)(self.table, t, nu_dot, tau)
-        if len(self.touched.impulse):
+        if self.touched is not NO_IMPULSES:
             nu_dot += self.contact_nu_dot
 
     def load_kernels(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 from msgspec import Struct
 
@@ -20,8 +19,7 @@ class Posted(Struct):
     on_reply: OnReply | None
 
 
-@dataclass(slots=True)
-class TickOutput:
+class TickOutput(Struct):
     """What one tick gives to the outside.
 
     Attributes:
@@ -31,8 +29,8 @@ class TickOutput:
     tick: int
     t_ns: int
     samples: list[Sample]
-    replies: Answers = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
+    replies: Answers = []
+    events: list[Event] = []
     ports: Mapping[str, Port] | None = None
 
 

@@ -15,8 +15,8 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -177,10 +177,10 @@ def load(bank: Bank) -> None:
             raise RuntimeError(f'{place}: numba cannot compile "{loop.__name__}" or what it calls: {error}') from error
 
 
-def read(
-    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
-) -> None:
-    """Let sensors of a kind read.
+def reader(
+    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, solids: Geometry
+) -> Callable[[float], None]:
+    """What lets sensors of a kind read at a time (s), as often as it is called, while these arrays are theirs.
 
     A loop that aims gets what `run` gets, and after it arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
     ray with which those of each sensor begin; then `Hits` of the rays that were in these arrays before. It returns how far the rays reach, m.
@@ -190,19 +190,30 @@ def read(
         heads, rows, numbers: arrays in which the sensors lie.
         due: (m) numbers of heads.
         now: the world (`surroundings.FORMS`).
-        t: time, s.
         solids: what rays can hit.
     """
     if not bank.aims:
-        _made(bank)(heads, rows, numbers, due, now, t)
-        return
+        return partial(_made(bank), heads, rows, numbers, due, now)
     origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
-    first, hits = np.zeros(len(due) + 1, np.int64), no_hits(0)
-    for aim in bank.aims:
-        reach = aim.made()(heads, rows, numbers, due, now, t, origin, direction, first, hits)
-        count = int(first[-1])
-        hits = solids.raycast(origin[:count], direction[:count], reach) if count else no_hits(0)
-    bank.run.made()(heads, rows, numbers, due, now, t, direction, first, hits)
+    first, nothing = np.zeros(len(due) + 1, np.int64), no_hits(0)
+    aims, run = [aim.made() for aim in bank.aims], bank.run.made()
+
+    def read_by_rays(t: float) -> None:
+        hits = nothing
+        for aim in aims:
+            reach = aim(heads, rows, numbers, due, now, t, origin, direction, first, hits)
+            count = int(first[-1])
+            hits = solids.raycast(origin[:count], direction[:count], reach) if count else nothing
+        run(heads, rows, numbers, due, now, t, direction, first, hits)
+
+    return read_by_rays
+
+
+def read(
+    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
+) -> None:
+    """Let sensors of a kind read once: as `reader`, at time t, s."""
+    reader(bank, heads, rows, numbers, due, now, solids)(t)
 
 
 class BankSensor(Sensor):

@@ -10,7 +10,7 @@ from msgspec import Meta, Struct, structs
 
 from uwserver.actuators import Actuator
 from uwserver.modifiers import Modifier
-from uwserver.modifiers.columns import Columns
+from uwserver.modifiers.columns import Columns, columns_of
 from uwserver.modifiers.operations import Operation
 from uwserver.ports import Items, Port, Value
 from uwserver.ports.checks import check_given
@@ -55,7 +55,7 @@ class SensorStream:
     newest: tuple[Value, ...] = ()
 
     def __post_init__(self) -> None:
-        self.columns = Columns(self.port.fields)
+        self.columns = columns_of(self.port.fields)
         operations = tuple([m for m in self.modifiers if isinstance(m, Operation)])
         self.is_ready_made = len(operations) < len(self.modifiers)
         self.operations = () if self.is_ready_made else operations

@@ -16,7 +16,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.sensors import Scope, surroundings
-from uwserver.sensors.bank import HEAD, Bank, load, read
+from uwserver.sensors.bank import HEAD, Bank, load, reader
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, STREAM
@@ -69,7 +69,8 @@ class Instruments:
         self._banks: dict[int, Pool] = {}
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
-        self._values, self._told_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
+        self._told_counts = self._counts.view(np.int64)  # quicker to look at than a record
+        self._values, self._told_values, self._room = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1)), _SLOTS
         self.next_ns, self.read_count, self._counted = NEVER, 0, (0, 0)
         self.gather(())
 
@@ -85,6 +86,7 @@ class Instruments:
         hydro, around = self._hydro, self._around()
         self.nu_dot, self.tau = np.zeros((len(hydro), 6)), np.zeros((len(hydro), 6))
         self._place = place_row(self._water, around.earth)
+        self._instant = self._place["t_ns"]
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
@@ -125,10 +127,10 @@ class Instruments:
         room, wide = self._values.shape
         if needed <= room and width <= wide:
             return
-        more, wide = (room if needed <= room else 2 * needed), max(wide, width)
+        more, wide = (room if needed <= room else needed + needed // 4), max(wide, width)
         self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
         self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
-        self._free = np.concatenate([self._free, np.arange(room, more)])
+        self._free, self._room = np.concatenate([self._free, np.arange(room, more)]), more
         self._tabulate()
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:
@@ -174,7 +176,7 @@ class Instruments:
 
     def set_time(self, t_ns: int) -> None:
         """What is read from now on belongs to this instant."""
-        self._place["t_ns"] = t_ns
+        self._instant[0] = t_ns
 
     def look(self, t: float) -> None:
         """Fill in `nu_dot` and `tau` at the present state."""
@@ -200,18 +202,24 @@ class Instruments:
 
         return scope_of
 
-    def read(self, bank: Bank, due: IntArray, t: float) -> None:
-        """Let sensors of a kind (numbers of heads) read the world."""
+    def reader(self, bank: Bank, due: IntArray) -> Callable[[float], None]:
+        """What lets sensors of a kind (numbers of heads) read the world at a time, s; until sensors or bodies come or go."""
         rows = self._banks[id(bank)].rows
         solids = self._around().solids if bank.aims else _OPEN
-        read(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, t, solids)
+        return reader(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, solids)
+
+    def read(self, bank: Bank, due: IntArray, t: float) -> None:
+        """Let them read once."""
+        self.reader(bank, due)(t)
 
     def deliver(self, due: IntArray, t_ns: int, begins: bool, most: int) -> int:
         """See `delivery.deliver`; `most`: so many samples can come of these readings. Returns how many samples of this tick somebody reads."""
         on_their_way, told = self._counted
-        self._make_room(on_their_way + most + (0 if begins else told))
+        needed = on_their_way + most + (0 if begins else told)
+        if needed > self._room:
+            self._make_room(needed)
         self._deliver(self.table, due, t_ns, begins, self._values, self._told_values)
-        on_their_way, told, _, self.next_ns, self.read_count = self._counts.tolist()[0]
+        on_their_way, told, _, self.next_ns, self.read_count = self._told_counts.tolist()
         self._counted = on_their_way, told
         return int(told)
 

@@ -57,6 +57,7 @@ class Part(ABC):
         order: place among the parts of a stage, smaller first; then by path.
         next_tick: the first tick in which `before` has something to do; None for never. Looked at in every tick.
         hears: paths of the ports whose delivered samples it gets.
+        idle: it has nothing to do in any tick, though others of its kind do; decided when it is made.
         services: what it can be asked, and what that does.
     """
 
@@ -65,6 +66,7 @@ class Part(ABC):
     order: ClassVar[int] = 0
     next_tick: int | None = None
     hears: tuple[str, ...] = ()
+    idle: bool = False
     services: tuple[tuple[Service, Carry], ...] = ()
 
     @property
@@ -111,7 +113,7 @@ def takes_part(kind: type[Part]) -> tuple[bool, bool]:
 
 def is_awake(part: Part) -> bool:
     """Whether it acts in a tick, or hears what others measure."""
-    return any(takes_part(type(part))) or bool(part.hears)
+    return not part.idle and (any(takes_part(type(part))) or bool(part.hears))
 
 
 Before = Callable[[int, int], None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from uwserver.autopilot.bank import Bank, Seat
@@ -121,10 +121,9 @@ class Pilots(Part):
             for switch in self._switches:
                 switch.seat.switch()
 
-    def listen(self, told: Any, values: FloatArray, count: int, t_ns: int) -> None:
-        """Delivered samples: see `uwserver.autopilot.entries.hear_all`."""
-        if self._bank is not None:
-            self._bank.hear(told, values, count, t_ns)
+    def listener(self) -> Callable[[Any, FloatArray, int, int], None] | None:
+        """What takes delivered samples (`uwserver.autopilot.entries.hear_all`), until autopilots come or go; None where there is none."""
+        return None if self._bank is None or not self._pilots else self._bank.listener()
 
     def save(self) -> State:
         """Nothing: each keeps its own."""

@@ -50,7 +50,7 @@ class OnTheirWay(State, frozen=True):
     loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
 
 
-_Read = Callable[[Bank, IntArray, float], None]
+_Reader = Callable[[Bank, IntArray], Callable[[float], None]]
 
 
 class _Due(NamedTuple):
@@ -58,8 +58,8 @@ class _Due(NamedTuple):
 
     Attributes:
         divisor: every so many ticks, of those that repeat others.
-        banks: of those whose readings compiled code makes, what reads them, and the numbers of heads by bank.
-        exactly: of those, what reads who also tell what they would read without errors.
+        in_banks: what lets those read whose readings compiled code makes, each called with the time (s): before them who of them also tells what
+            it would read without errors.
         in_python: the others, and what reads each.
         ready_made: what makes the errors of those whose errors are written in Python.
         wordy: those with values that are no numbers.
@@ -69,8 +69,7 @@ class _Due(NamedTuple):
     """
 
     divisor: int
-    banks: tuple[tuple[_Read, Bank, IntArray], ...]
-    exactly: tuple[Callable[[float], None], ...]
+    in_banks: tuple[Callable[[float], None], ...]
     in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
     ready_made: tuple[Callable[[int], None], ...]
     wordy: tuple[SensorSlot, ...]
@@ -79,7 +78,7 @@ class _Due(NamedTuple):
     needs_rates: bool
 
 
-def _due(slots: Sequence[SensorSlot], divisor: int, read: _Read, timed: Timer) -> _Due:
+def _due(slots: Sequence[SensorSlot], divisor: int, reader: _Reader, timed: Timer) -> _Due:
     banks: dict[int, tuple[BankSensor, list[int]]] = {}
     for slot in slots:
         if isinstance(slot.sensor, BankSensor):
@@ -87,13 +86,14 @@ def _due(slots: Sequence[SensorSlot], divisor: int, read: _Read, timed: Timer) -
     in_banks = [slot for slot in slots if isinstance(slot.sensor, BankSensor)]
     in_python = [slot for slot in slots if not isinstance(slot.sensor, BankSensor)]
     ready_made = [slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)]
+    exactly = [timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact]
+    readers = [
+        timed("sensors", kind_of(first), reader(first.bank, np.array(heads)), len(heads))
+        for first, heads in banks.values()
+    ]
     return _Due(
         divisor,
-        tuple(
-            (timed("sensors", kind_of(first), read, len(heads)), first.bank, np.array(heads))
-            for first, heads in banks.values()
-        ),
-        tuple(timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact),
+        (*exactly, *readers),
         tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
         tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
         tuple(slot for slot in slots if slot.is_wordy),
@@ -153,7 +153,7 @@ class Sensing(Part):
         self._give = timed("samples", "for who reads", self._tell)
 
     def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> _Due:
-        return _due(slots, divisor, self._instruments.read, self._timed)
+        return _due(slots, divisor, self._instruments.reader, self._timed)
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
@@ -182,9 +182,10 @@ class Sensing(Part):
         self._wanted = ports
         self._mark()
 
-    def set_listeners(self, ports: Collection[str], overheard: Collection[str], listen: Listen) -> None:
+    def set_listeners(self, ports: Collection[str], overheard: Collection[str], listen: Listen | None) -> None:
         """Parts of the world hear some ports; compiled code hears others, after each tick in which something is delivered that somebody wants."""
-        self._heard, self._overheard, self._listen = ports, overheard, listen
+        self._heard, self._overheard = ports, overheard
+        self._listen = None if listen is None else self._timed("listening", "autopilots", listen)
         self._mark()
 
     def _mark(self) -> None:
@@ -260,10 +261,8 @@ class Sensing(Part):
         """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
         if due.needs_rates:
             self._look(now)
-        for read_exactly in due.exactly:
-            read_exactly(now)
-        for read_all, bank, heads in due.banks:
-            read_all(bank, heads, now)
+        for read_all in due.in_banks:
+            read_all(now)
         if due.in_python:
             scope_of = self._instruments.scopes(t_ns, due.needs_rates)
             for slot, read in due.in_python:

@@ -6,6 +6,7 @@ Reset and restore delay their tick by 0.1 ms for each vehicle of 24 ports that i
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 
 import msgspec
@@ -25,6 +26,11 @@ SENSOR_SERVICES = ("activate", "deactivate", "get", "set")
 MAX_SNAPSHOTS = 32
 MAX_SNAPSHOT_NAME = 64
 """Characters."""
+_RATE = Argument("rate_hz", "float", "samples a second; divides the physics rate", "Hz", required=False, minimum=1e-3)
+_TIMEOUT = Argument(
+    "timeout_s", "float", "watchdog: neutral after this long without a command; 0 for never", "s", minimum=0.0,
+    maximum=LONGEST_TIMEOUT_S,
+)  # fmt: skip
 
 
 def offer_world_services(world: World) -> None:
@@ -116,90 +122,103 @@ def component_services(
 ) -> Iterator[tuple[Service, Carry]]:
     """Services of the components of one body, and what they do."""
     for sensor in sensors:
-        yield from _sensor_services(world, sensor.port.path, sensor)
+        yield from _OfSensor(world, sensor).services()
     for actuator in actuators:
-        yield from _actuator_services(world, actuator.port.path, actuator)
+        yield from _OfActuator(world, actuator).services()
 
 
-def _sensor_services(world: World, path: str, slot: SensorSlot) -> Iterator[tuple[Service, Carry]]:
-    rate = Argument(
-        "rate_hz", "float", "samples a second; divides the physics rate", "Hz", required=False, minimum=1e-3
-    )
+# A hundred vehicles have thousands of services: methods of one small object take a third of what functions do that are made for each.
+@dataclass(slots=True, eq=False)
+class _OfSensor:
+    """What a sensor can be asked."""
 
-    def activate(active: bool) -> Json:
-        slot.active = active
-        world.follow_slots(f'"{path}" was switched')
+    world: World
+    slot: SensorSlot
+
+    def services(self) -> Iterator[tuple[Service, Carry]]:
+        path = self.slot.port.path
+        yield Service(f"{path}/activate", "Start measuring."), self.activate
+        yield Service(f"{path}/deactivate", "Stop measuring."), self.deactivate
+        yield Service(f"{path}/get", "Properties of the sensor."), self.get
+        arguments = _RATE, *self.slot.sensor.arguments
+        yield Service(f"{path}/set", "Change properties of the sensor.", arguments), self.change
+
+    def activate(self, _: Mapping[str, Json]) -> Json:
+        return self._switch(True)
+
+    def deactivate(self, _: Mapping[str, Json]) -> Json:
+        return self._switch(False)
+
+    def _switch(self, active: bool) -> Json:
+        self.slot.active = active
+        self.world.follow_slots(f'"{self.slot.port.path}" was switched')
         return None
 
-    def get(_: Mapping[str, Json]) -> Json:
+    def get(self, _: Mapping[str, Json]) -> Json:
+        slot = self.slot
         return {
-            "rate_hz": float(world.rate_hz / slot.divisor),
+            "rate_hz": float(self.world.rate_hz / slot.divisor),
             "active": slot.active,
             "latency_s": slot.latency_ns / 1e9,
             **slot.sensor.properties(),
         }
 
-    def change(args: Mapping[str, Json]) -> Json:
+    def change(self, args: Mapping[str, Json]) -> Json:
         given = {name: value for name, value in args.items() if value is not None}
-        divisor = divisor_of(given.pop("rate_hz")) if "rate_hz" in given else slot.divisor
-        slot.sensor.change(given)
-        world.set_divisor(slot, divisor)
+        divisor = self._divisor_of(given.pop("rate_hz")) if "rate_hz" in given else self.slot.divisor
+        self.slot.sensor.change(given)
+        self.world.set_divisor(self.slot, divisor)
         return None
 
-    def divisor_of(rate_hz: Json) -> int:
-        wanted = Fraction(str(rate_hz))
-        divisor = round(world.rate_hz / wanted) if wanted <= world.rate_hz else 0
-        if divisor == 0 or abs(world.rate_hz / wanted - divisor) > Fraction(1, 10**9):
-            legal = sorted({float(world.rate_hz / k) for k in (max(1, divisor - 1), max(1, divisor), divisor + 1)})
+    def _divisor_of(self, rate_hz: Json) -> int:
+        wanted, rate = Fraction(str(rate_hz)), self.world.rate_hz
+        divisor = round(rate / wanted) if wanted <= rate else 0
+        if divisor == 0 or abs(rate / wanted - divisor) > Fraction(1, 10**9):
+            legal = sorted({float(rate / k) for k in (max(1, divisor - 1), max(1, divisor), divisor + 1)})
             text = f"{float(wanted):g} Hz does not divide the physics rate; near it are {', '.join(f'{r:g}' for r in legal)} Hz"
             raise Refused("bad_argument", text, "rate_hz")
         return divisor
 
-    yield Service(f"{path}/activate", "Start measuring."), lambda _: activate(True)
-    yield Service(f"{path}/deactivate", "Stop measuring."), lambda _: activate(False)
-    yield Service(f"{path}/get", "Properties of the sensor."), get
-    yield Service(f"{path}/set", "Change properties of the sensor.", (rate, *slot.sensor.arguments)), change
 
+@dataclass(slots=True, eq=False)
+class _OfActuator:
+    """What an actuator can be asked."""
 
-def _actuator_services(world: World, path: str, slot: ActuatorSlot) -> Iterator[tuple[Service, Carry]]:
-    timeout = Argument(
-        "timeout_s",
-        "float",
-        "watchdog: neutral after this long without a command; 0 for never",
-        "s",
-        minimum=0.0,
-        maximum=LONGEST_TIMEOUT_S,
-    )
+    world: World
+    slot: ActuatorSlot
 
-    def activate(_: Mapping[str, Json]) -> Json:
-        slot.active = True
+    def services(self) -> Iterator[tuple[Service, Carry]]:
+        path = self.slot.port.path
+        yield Service(f"{path}/activate", "Accept commands."), self.activate
+        yield Service(f"{path}/deactivate", "Go to neutral and refuse commands."), self.deactivate
+        yield Service(f"{path}/get", "Properties of the actuator and its last command."), self.get
+        yield Service(f"{path}/set", "Change properties of the actuator.", (_TIMEOUT,)), self.set_timeout
+
+    def activate(self, _: Mapping[str, Json]) -> Json:
+        self.slot.active = True
         return None
 
-    def deactivate(_: Mapping[str, Json]) -> Json:
-        slot.active = False
-        slot.actuator.neutral()
-        slot.last_value = ()
+    def deactivate(self, _: Mapping[str, Json]) -> Json:
+        self.slot.active = False
+        self.slot.actuator.neutral()
+        self.slot.last_value = ()
         return None
 
-    def get(_: Mapping[str, Json]) -> Json:
+    def get(self, _: Mapping[str, Json]) -> Json:
+        slot = self.slot
         value: dict[str, Json] = {
             field.name: list(part) if isinstance(part, tuple) else msgspec.to_builtins(part)
             for field, part in zip(slot.port.fields, slot.last_value, strict=False)
         }
         return {
             "active": slot.active,
-            "timeout_s": float(slot.timeout_ticks / world.rate_hz),
+            "timeout_s": float(slot.timeout_ticks / self.world.rate_hz),
             "value": value,
             "source": slot.source,
             "conflicts": slot.conflicts,
             "timeouts": slot.timeouts,
         }
 
-    def set_timeout(args: Mapping[str, Json]) -> Json:
-        world.set_timeout(slot, round(Fraction(str(args["timeout_s"])) * world.rate_hz))
+    def set_timeout(self, args: Mapping[str, Json]) -> Json:
+        self.world.set_timeout(self.slot, round(Fraction(str(args["timeout_s"])) * self.world.rate_hz))
         return None
-
-    yield Service(f"{path}/activate", "Accept commands."), activate
-    yield Service(f"{path}/deactivate", "Go to neutral and refuse commands."), deactivate
-    yield Service(f"{path}/get", "Properties of the actuator and its last command."), get
-    yield Service(f"{path}/set", "Change properties of the actuator.", (timeout,)), set_timeout

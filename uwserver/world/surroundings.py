@@ -62,6 +62,7 @@ class Flowing(Part):
         self._water = water
         self._seconds = seconds
         self._set_current = set_current
+        self.idle = water.sea is None
         self._drifts = [(RandomStream(drift.rng), drift.ends) for drift in (water.sea.drifts if water.sea else ())]
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:

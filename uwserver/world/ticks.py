@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import TypeVar
 
+from uwserver.physics.kernel.arrays import IntArray
 from uwserver.units import NANOSECONDS
+
+Number = TypeVar("Number", int, IntArray)
 
 
 class Ticks:
@@ -16,8 +20,8 @@ class Ticks:
         # In whole numbers, as Fraction arithmetic would cost as much as a sensor.
         self._double_ns, self._rate = 2 * NANOSECONDS * rate_hz.denominator, rate_hz.numerator
 
-    def time_of(self, tick: int) -> int:
-        """Simulation time of a tick, ns (half up): computed from its number, never accumulated."""
+    def time_of(self, tick: Number) -> Number:
+        """Simulation time of a tick, or of an array of some, ns (half up): computed from its number, never accumulated."""
         return (tick * self._double_ns + self._rate) // (2 * self._rate)
 
     def first_at(self, t_ns: int) -> int:

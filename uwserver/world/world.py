@@ -184,8 +184,7 @@ class World:
         awake += [part for member in self.members.values() for part in member.by_path.awake]
         self._first, self._before, self._after, self._ears = in_turn(awake, self._timed)
         self._pilots.settle(self.parts.values(), self._sensing.numbers)
-        listen = self._timed("listening", "autopilots", self._pilots.listen)
-        self._sensing.set_listeners(self._ears, self._pilots.ports, listen)
+        self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listener())
         self._sensing.schedule()
 
     def want(self, ports: Container[str] | None) -> None:
@@ -353,8 +352,9 @@ class World:
             if part.next_tick is not None and tick >= part.next_tick:
                 before(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
-        self.tick = tick = tick + 1
-        samples, t_ns = output.samples, self.t_ns
+        self._tick = tick = tick + 1
+        samples, t_ns = output.samples, self.ticks.time_of(tick)
+        self.t_ns = t_ns
         if diverged >= 0:
             self._end_tick(output)
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)

@@ -151,3 +151,32 @@ def test_memory_of_a_vehicle_is_what_ninety_more_take(monkeypatch: pytest.Monkey
     worlds["navigation", 100]["resident_mb"] = None
     row = by_name(swarm._fleets(EFFORT, lambda line: None))["memory of a vehicle with sensors and autopilot"]
     assert (row.verdict, row.note) == ("absent", swarm.UNKNOWN)
+
+
+@pytest.mark.parametrize("one_core", [True, False])
+def test_bare_vehicles_are_stepped_by_a_world_with_the_threads_it_chooses(
+    one_core: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+
+    class Watched(swarm_world.OpenWater):
+        def __init__(self, vehicles: int, **given: Any) -> None:
+            made.append((vehicles, given["threads"]))
+            super().__init__(vehicles, **given)
+
+    monkeypatch.setattr(swarm_world, "OpenWater", Watched)
+    found = swarm_world.thrust({"vehicles": 2, "one_core": one_core, "seconds": 0.001, "repeats": 2})
+    assert made == [(2, 1 if one_core else "auto")]
+    assert found["threads"] == 1, "two vehicles are too few for another thread"
+    assert len(found["of_wall_time"]) == len(found["of_processor_time"]) == 2  # type: ignore[arg-type]
+
+
+def test_bare_vehicles_have_a_row_for_one_core_and_one_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    def world(task: str, **arguments: Any) -> dict[str, Any]:
+        one = arguments["one_core"]
+        return {"threads": 1, "of_processor_time": [30.0 if one else 24.0], "of_wall_time": [29.0 if one else 46.0]}
+
+    monkeypatch.setattr(swarm, "_world", world)
+    one, all_cores = swarm._alone(EFFORT, lambda line: None)
+    assert (one.value, one.verdict, all_cores.value, all_cores.verdict) == (30.0, "info", 46.0, "ok")
+    assert "one thread" in all_cores.note

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.modifiers.columns import WIDEST, Columns
+from uwserver.modifiers.columns import WIDEST, Columns, columns_of
 from uwserver.ports import Buffer, Field, Layout
 
 FIELDS = (
@@ -52,6 +52,12 @@ def test_a_reading_comes_back_with_its_types(values):
     assert kinds(back) == kinds(values)
 
 
+def test_whole_numbers_that_are_no_floats_come_back():
+    fields = (Field("x", "m", "a number"), Field("times", "ns", "whole numbers", shape=(3,), type="int"))
+    for times in ((2**62 + 1, -(2**62) - 1, 2**63 - 1), (None, -1, 2**53 + 1)):
+        assert there_and_back(fields, (0.5, times)) == (0.5, times)
+
+
 def test_parts_of_a_vector_may_be_missing():
     fields = (Field("ranges", "m", "of beams", shape=(3,)), Field("n", "1", "a number", type="int"))
     assert there_and_back(fields, ((1.0, None, 3.0), 4)) == ((1.0, None, 3.0), 4)
@@ -81,3 +87,8 @@ def test_floats_keep_all_their_bits(number):
 def test_what_has_no_floats_at_all_needs_no_row():
     assert Columns((FIELDS[2],)).width == 0
     assert there_and_back((FIELDS[2],), ("text",)) == ("text",)
+
+
+def test_sensors_of_equal_fields_have_the_same_columns():
+    again = tuple(Field(f.name, f.unit, f.doc, f.frame, f.shape, f.type) for f in FIELDS[:4])
+    assert columns_of(again) is columns_of(FIELDS[:4])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uwserver.world.part import is_awake
 from uwserver.world.surroundings import Bodies, Flowing, WaterState
 from uwserver.world.world import World
 
@@ -31,10 +32,12 @@ def flowing() -> tuple[Flowing, Any, list[Any]]:
 
 def test_the_sea_is_carried_to_each_tick() -> None:
     part, sea, _ = flowing()
+    assert is_awake(part)
     part.after(7, 0, [])
     assert sea.moved == [(7, 2.5, (0.1, 0.2, 0.0))]
     still: Any = SimpleNamespace(sea=None, current=(0.0, 0.0, 0.0))
     part = Flowing(still, lambda: 0.0, lambda _: None)
+    assert not is_awake(part), "still water has a turn in each tick"
     part.after(7, 0, [])
     assert part.save() == WaterState((0.0, 0.0, 0.0), ())
 

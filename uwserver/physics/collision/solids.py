@@ -7,6 +7,7 @@ on a face (`faces`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from types import ModuleType, TracebackType
 from typing import Any
@@ -24,7 +25,7 @@ from uwserver.physics.collision.engine import (
     missing_engine,
 )
 from uwserver.physics.geometry.rows import Part, Stock
-from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Solid, TriangleMesh
+from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import addresses
 
@@ -39,6 +40,22 @@ def _kernels() -> tuple[ModuleType, ModuleType, ModuleType]:
     from uwserver.physics.collision import broad_phase, directions, narrow_phase
 
     return broad_phase, directions, narrow_phase
+
+
+@dataclass(eq=False)
+class _Shared:
+    """What the engine holds of all shapes that are equal, each moved to where it is asked about: a swarm costs it no more than two vehicles.
+
+    Attributes:
+        placed, rows: the shape.
+        handles: of the engine: one, and a second where two of them have met.
+        users: how many shapes there are.
+    """
+
+    placed: Placed
+    rows: Part
+    handles: list[int]
+    users: int = 0
 
 
 class Solids:
@@ -56,8 +73,10 @@ class Solids:
     def __init__(self, gate: bool = True, engine: str = AUTO) -> None:
         self._engine: Engine = open_engine(engine)
         self._gate = gate
-        self._parts: dict[int, list[tuple[Part, int]]] = {}
+        self._parts: dict[int, list[tuple[Part, _Shared | None]]] = {}
         self._rows_of: dict[int, int] = {}
+        self._equal: dict[Placed, Placed] = {}
+        self._shared: dict[Placed, _Shared] = {}
         self._next_solid = self._next_part = 0
         self._pairs = np.zeros((256, 2), np.int64)
         self._lines, self._overlapping = np.zeros((256, 7)), np.zeros(256, np.bool_)
@@ -106,27 +125,42 @@ class Solids:
 
     def remove(self, solid_id: int) -> None:
         """Take a solid away; KeyError if there is none of this id."""
-        for _, handle in self._parts.pop(solid_id):
-            if handle >= 0:
-                self._engine.remove(handle)
+        for _, shared in self._parts.pop(solid_id):
+            if shared is not None:
+                self._leave(shared)
         del self._rows_of[solid_id]
         self._is_stale = True
 
     def _add(self, solid: Solid, row: int) -> int:
-        made = [(self._stock.part(placed), placed) for placed in solid.shapes]
+        shapes = [self._equal.setdefault(placed, placed) for placed in solid.shapes]
+        made = [(self._stock.part(placed), placed) for placed in shapes]
         solid_id, self._next_solid = self._next_solid, self._next_solid + 1
-        entries: list[tuple[Part, int]] = []
+        entries: list[tuple[Part, _Shared | None]] = []
         for p, placed in made:
             p.slot["ident"] = self._ident(row, len(entries))
             p.slot["row"], p.slot["solid"] = row, solid_id
             p.slot["friction"], p.slot["restitution"] = solid.friction, solid.restitution
             p.slot["q"] = engine_attitude(placed)
             endless = isinstance(placed.shape, HalfSpace | TriangleMesh)
-            entries.append((p, -1 if endless else self._engine.add(placed, p)))
+            entries.append((p, None if endless else self._share(placed, p)))
         self._parts[solid_id] = entries
         self._rows_of[solid_id] = row
         self._is_stale = True
         return solid_id
+
+    def _share(self, placed: Placed, rows: Part) -> _Shared:
+        shared = self._shared.get(placed)
+        if shared is None:
+            shared = self._shared[placed] = _Shared(placed, rows, [self._engine.add(placed, rows)])
+        shared.users += 1
+        return shared
+
+    def _leave(self, shared: _Shared) -> None:
+        shared.users -= 1
+        if not shared.users:
+            del self._shared[shared.placed]
+            for handle in shared.handles:
+                self._engine.remove(handle)
 
     def _ident(self, row: int, k: int) -> int:
         """Number of a shape in keys of contacts. Of what moves it follows from its row, so it does not depend on who else was ever there."""
@@ -142,7 +176,7 @@ class Solids:
         moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
         entries = [entry for key in (*moving, *static) for entry in self._parts[key]]
-        self._handles = [handle for _, handle in entries]
+        self._engine_shapes = [shared for _, shared in entries]
         first, bodies = 0, []
         for key in moving:
             bodies.append((first, len(self._parts[key]), self._rows_of[key]))
@@ -172,18 +206,20 @@ class Solids:
             self._rebuild()
         if not len(self._search.bodies):
             return NO_CONTACTS
-        pairs = self._find_pairs(state, dt)
-        if not len(pairs):
+        count = self._find_pairs(state, dt)
+        if not count:
             return NO_CONTACTS
+        pairs = self._pairs[:count]
         first, lines = self._find_lines(pairs)
         return self._collect(pairs, first, lines)
 
-    def _find_pairs(self, state: FloatArray, dt: float) -> Any:
+    def _find_pairs(self, state: FloatArray, dt: float) -> int:
+        """How many shapes may touch; they stand in `_pairs`."""
         broad_phase, _, _ = _kernels()
         while True:
-            count = broad_phase.find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs)
+            count = int(broad_phase.find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs))
             if count <= len(self._pairs):
-                return self._pairs[:count]
+                return count
             self._pairs = np.zeros((2 * count, 2), np.int64)
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:
@@ -199,12 +235,21 @@ class Solids:
         if overlapping.any():
             for k in np.flatnonzero(overlapping):
                 a, b = pairs[int(np.searchsorted(first, k, "right")) - 1]
-                way = self._engine.way_out(self._handles[a], self._pose(a), self._handles[b], self._pose(b))
+                one, other = self._handles_of(self._engine_shapes[a], self._engine_shapes[b])
+                way = self._engine.way_out(one, self._pose(a), other, self._pose(b))
                 length = float(np.linalg.norm(way))
                 if abs(length - 1.0) < 1e-3:
                     lines[k, :3] = way / length
             directions.refine_lines(self._table, pairs, first, lines, overlapping)
         return first, lines
+
+    def _handles_of(self, a: _Shared | None, b: _Shared | None) -> tuple[int, int]:
+        """Two shapes of the engine, another one for the second of two that are equal."""
+        assert a is not None
+        assert b is not None
+        if a is b and len(a.handles) == 1:
+            a.handles.append(self._engine.add(a.placed, a.rows))
+        return a.handles[0], b.handles[-1] if a is b else b.handles[0]
 
     def _pose(self, s: int) -> Pose:
         return Pose(self._shapes.P[s], self._search.Q[s])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.util import find_spec
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -192,18 +192,22 @@ class Rays:
         """What the first rays after a change need; the rows stay alive beside their table."""
         if self._still is None:
             self._still = tuple(_Scene(solids, about) for about, solids in self._by_origin().items())
-        rows, each, places = [], [np.empty(0, SIDE)], {}
+        rows, each = [], [np.empty(0, SIDE)]
+        places: dict[
+            Any, tuple[int, int, FloatArray, float]
+        ] = {}  # by what solids consist of, which those of a swarm have in common
         first = 0
         for body, (solid, row, scene) in self._moving.items():
             if scene is not None:
                 continue
-            if id(solid) not in places:
+            key = solid.shapes, solid.material
+            if key not in places:
                 parts = facets(solid)
                 centre, half = middle(parts)
                 each.append(sides(parts, np.zeros(3)))
-                places[id(solid)] = first, len(each[-1]), centre, float(np.linalg.norm(half))
+                places[key] = first, len(each[-1]), centre, float(np.linalg.norm(half))
                 first += len(each[-1])
-            rows.append((body, row, *places[id(solid)]))
+            rows.append((body, row, *places[key]))
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
         return self._simple
