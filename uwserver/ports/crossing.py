@@ -26,6 +26,7 @@ class TickOutput:
 
     Attributes:
         ports: as they are behind it, those of its samples; None where nobody said.
+        jumps: how often the time had been set behind it.
     """
 
     tick: int
@@ -34,6 +35,7 @@ class TickOutput:
     replies: Answers = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     ports: Mapping[str, Port] | None = None
+    jumps: int = 0
 
 
 def has_same_fields(path: str, one: Mapping[str, Port], other: Mapping[str, Port]) -> bool:

@@ -26,6 +26,7 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
+from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox, client_of
@@ -315,6 +316,10 @@ class _WithoutTruth:
     @property
     def wanted(self) -> Collection[str]:
         return _visible_of(self._subscriber, self._context)
+
+    @property
+    def thinned(self) -> Thinned:
+        return getattr(self._subscriber, "thinned", WHOLE)
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         visible = _without_truth(samples)

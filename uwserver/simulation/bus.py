@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -18,8 +18,10 @@ import msgspec
 from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
+from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.turns import Turns
+from uwserver.simulation.wants import Wanted, thinned_together, together
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
@@ -43,7 +45,8 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, as `uwserver.adapter.Subscriber`."""
+    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted` and `thinned`, as
+    `uwserver.adapter.Subscriber`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """The samples delivered in one tick."""
@@ -121,20 +124,6 @@ def client_of(source: str) -> str:
     return source.partition(" ")[0]
 
 
-class Wanted:
-    """Ports of which samples are made: those that somebody reads, and those of which the readers have not heard yet.
-
-    So nothing of a body that just came is lost while they find out about it. Never changed: the simulation thread looks at it.
-    """
-
-    def __init__(self, paths: Collection[str], known: Container[str]) -> None:
-        """paths: of those that are read; known: all that the readers have heard of."""
-        self._paths, self.known = paths, known
-
-    def __contains__(self, path: object) -> bool:
-        return path in self._paths or path not in self.known
-
-
 class Bus:
     """Carries the output of ticks to the loop and hands it to the sinks.
 
@@ -168,7 +157,9 @@ class Bus:
         self._sinks: list[Sink] = []
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
+        self._thinned = WHOLE
         self._known: Mapping[str, Port] = {}
+        self._jumps = 0
         self.wanted: Wanted | None = Wanted((), ())
         self.dropped = 0
         self.last: dict[str, Sample] = {}
@@ -198,20 +189,27 @@ class Bus:
 
         return end
 
-    def expect(self, ports: Mapping[str, Port]) -> None:
-        """The world has these ports before its first tick, and readers know them. Before the simulation runs."""
-        self._known = ports
+    def expect(self, ports: Mapping[str, Port], jumps: int = 0) -> None:
+        """The world has these ports before its first tick, after its time was set so often, and readers know it. Before the simulation runs."""
+        self._known, self._jumps = ports, jumps
         self.follow_wants()
 
     def follow_wants(self) -> None:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
-        before, paths = self._paths, _together(self._readers)
-        if paths == before and (self.wanted is None or self.wanted.known is self._known):
+        before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
+        if paths is not None:
+            thinned = thinned_together(self._readers, paths)
+        wanted = self.wanted
+        is_known = wanted is None or (wanted.known is self._known and (wanted.jumps == self._jumps or not thinned))
+        if paths == before and thinned == less and is_known:
             return  # the world marks all its streams anew for another object
-        self._paths, self.wanted = paths, None if paths is None else Wanted(paths, self._known)
-        if paths != before:  # what was not wanted meanwhile is not the newest any more
+        self._paths, self._thinned = paths, thinned
+        self.wanted = None if paths is None else Wanted(paths, self._known, self._jumps, thinned)
+        if paths != before or thinned.keys() != less.keys():  # what was not wanted meanwhile is not the newest any more
             self.last = {
-                path: sample for path, sample in self.last.items() if _is_in(path, paths) and _is_in(path, before)
+                path: sample
+                for path, sample in self.last.items()
+                if _is_in(path, paths) and _is_in(path, before) and path not in less and path not in thinned
             }
 
     # -- the crossing ---------------------------------------------------------------------------------------------------------------
@@ -316,8 +314,8 @@ class Bus:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time
             self._each(lambda sink, event=event: sink.put_event(event))  # type: ignore[misc]
-        if output.ports is not None and changed:  # and all have heard of it
-            self.expect(output.ports)
+        if output.ports is not None and (changed or output.jumps != self._jumps):  # and all have heard of it
+            self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
         if output.samples:
@@ -339,22 +337,6 @@ def answer(call: Callable[[], None]) -> None:
         call()
     except Exception:  # the asker's fault must not reach the others
         log.exception("the receiver of a reply failed")
-
-
-def _together(readers: Sequence[object]) -> frozenset[str] | None:
-    """What they want; None for all, as one wants who does not say."""
-    wanted = [_wanted_by(reader) for reader in readers]
-    some = [paths for paths in wanted if paths is not None]
-    return frozenset().union(*some) if len(some) == len(wanted) else None
-
-
-def _wanted_by(reader: object) -> frozenset[str] | None:
-    try:
-        wanted: Collection[str] | None = getattr(reader, "wanted", None)
-        return None if wanted is None else frozenset(wanted)
-    except Exception:  # one reader's fault must not reach the others
-        log.exception("what a reader wants cannot be told; it gets all")
-        return None
 
 
 def _is_in(path: str, paths: Collection[str] | None) -> bool:

@@ -15,7 +15,7 @@ import pytest
 from uwserver_adapters.native import fanout
 from uwserver_adapters.native.codec import JsonCodec
 from uwserver_adapters.native.encoding import Encoding
-from uwserver_adapters.native.fanout import Share, Subscription
+from uwserver_adapters.native.shares import Share, Subscription, Taken
 
 from uwserver.ports import Event, Field, Port, Sample
 from uwserver.testing import FakeContext, sample_of
@@ -23,7 +23,7 @@ from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
 
 
 def passed(rate_hz: float | None, times_ns: list[int]) -> list[int]:
-    share = Share(Subscription(1, "p", rate_hz, None, "ring"))
+    share = Share(Subscription(1, "p", rate_hz, None, "ring"), Taken(lambda: None))
     return [number for number, t_ns in enumerate(times_ns) if share.passes(t_ns)]
 
 
