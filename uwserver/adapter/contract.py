@@ -82,6 +82,8 @@ class Subscriber(Protocol):
     It may also have `thinned`: path -> what is enough of that port (`uwserver.ports.thinning.Thinning`, some of them), for ports of which it
     needs no other samples than those that one of these takes. They are looked at together with `wanted`, and hold until the event of a reset or
     of other ports. More samples may come; those that are needed come all.
+
+    It may have a method `send`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
     """
 
     def put_samples(self, samples: Sequence[Sample]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,9 @@ class Columns:
         self.loose = tuple(k for k, place in enumerate(first) if place < 0)
         self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
         self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
+        self._split = _splitter(self._kept)
+        kept = enumerate(self._kept)
+        self._others = [(i, f, k, size) for i, (f, k, size) in kept if k >= 0 and f.type != "float"]
 
     def loose_of(self, values: Sequence[Value]) -> tuple[Value, ...]:
         """Those of a reading that have no place in a row."""
@@ -58,23 +62,30 @@ class Columns:
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""
-        numbers: list[Any] = row.tolist()
-        if any(number != number for number in numbers) or not self._only_floats:
-            return self._unpacked(row, numbers, loose)
-        return tuple([tuple(numbers[k : k + size]) if field.shape else numbers[k] for field, k, size in self._kept])
+        return self.unpack_list(row.tolist(), row, loose)
 
-    def _unpacked(self, row: Any, numbers: list[Any], loose: Sequence[Value]) -> tuple[Value, ...]:
-        rest, whole = iter(loose), row.view(np.int64).tolist()
-        values: list[Value] = []
-        for field, k, size in self._kept:
-            if k < 0:
-                values.append(next(rest))
-                continue
-            if field.type == "int":
-                parts = [None if n == _NO_INT else n for n in whole[k : k + size]]
-            elif field.type == "bool":
-                parts = [None if n != n else n != 0.0 for n in numbers[k : k + size]]
+    def unpack_list(self, numbers: list[Any], row: Any, loose: Sequence[Value]) -> tuple[Value, ...]:
+        """The same, where the numbers of a row are there as a list already."""
+        if (total := sum(numbers)) != total:  # one is NaN; or they are too large, and no harm is done
+            numbers = [None if number != number else number for number in numbers]
+        values: tuple[Any, ...] = self._split(tuple(numbers))
+        if self._only_floats:
+            return values
+        mixed, whole = list(values), row.view(np.int64)
+        for i, field, k, size in self._others:
+            if field.type == "bool":
+                parts = [None if n is None else n != 0.0 for n in numbers[k : k + size]]
             else:
-                parts = [None if n != n else n for n in numbers[k : k + size]]
-            values.append(tuple(parts) if field.shape else parts[0])
-        return tuple(values)
+                parts = [None if n == _NO_INT else n for n in whole[k : k + size].tolist()]
+            mixed[i] = tuple(parts) if field.shape else parts[0]
+        for i, value in zip(self.loose, loose, strict=True):
+            mixed[i] = value
+        return tuple(mixed)
+
+
+def _splitter(kept: Sequence[tuple[Field, int, int]]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """From the numbers of a row to those of each field; nothing for a loose one."""
+    places = [slice(k, k + size) if field.shape or k < 0 else k for field, k, size in kept]
+    if len(places) > 1:
+        return itemgetter(*places)
+    return lambda numbers: tuple([numbers[place] for place in places])

@@ -326,6 +326,11 @@ class _WithoutTruth:
         if visible:
             self._subscriber.put_samples(visible)
 
+    def send(self) -> None:
+        send: Callable[[], None] | None = getattr(self._subscriber, "send", None)
+        if send is not None:
+            send()
+
     def put_event(self, event: Event) -> None:
         self._subscriber.put_event(event)
 

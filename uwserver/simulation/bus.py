@@ -45,7 +45,7 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted` and `thinned`, as
+    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, `thinned` and `send`, as
     `uwserver.adapter.Subscriber`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -147,14 +147,14 @@ class Bus:
         self._wake_loop = wake_loop
         self._time = time or SystemTime()
         self._tick_ns = 0.0
-        self._began: int | None = None
-        self._delivered = 0
+        self._began = self._ended = self._called = self._delivered = 0
         self.ahead = MAX_TICKS // 2
         self._crossing: deque[TickOutput | Callable[[], None] | Event] = deque()
         self._waiting_ticks = 0
         self._awake = False
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
+        self._sends: list[Callable[[], None]] = []
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
         self._thinned = WHOLE
@@ -170,10 +170,15 @@ class Bus:
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
         self._sinks.append(sink)
+        send: Callable[[], None] | None = getattr(sink, "send", None)
+        if send is not None:
+            self._sends.append(send)
         end = self.heed(sink)
 
         def detach() -> None:
             self._sinks.remove(sink)
+            if send is not None:
+                self._sends.remove(send)
             end()
 
         return detach
@@ -257,14 +262,17 @@ class Bus:
 
     def _wake(self) -> None:
         if not self._awake:
-            self._awake = True
+            self._awake, self._called = True, self._time.now_ns()
             self._wake_loop(self.dispatch)
 
     def dispatch(self) -> None:
         """Deliver what waits; after `SLICE_NS` the rest waits until the loop has looked at its sockets. Loop thread."""
         now = self._time.now_ns()
         self._measure(now)
-        if self._deliver_until(now + SLICE_NS):
+        is_left = self._deliver_until(now + SLICE_NS)
+        self._ended = self._time.now_ns()
+        if is_left:
+            self._called = self._ended
             self._wake_loop(self.dispatch)
 
     def drain(self) -> None:
@@ -272,15 +280,23 @@ class Bus:
         self._deliver_until(None)
 
     def _measure(self, now: int) -> None:
-        """From one delivery to the next the loop does all that follows from the samples: it writes them to its sockets."""
-        if self._began is not None and self._delivered:
-            tick_ns = min((now - self._began) / self._delivered, AHEAD_NS)  # an idle loop tells nothing
+        """What the last delivery took, and by how much the loop comes late to the next, as it still does what follows from the samples. What it
+        has time for until it is called is no work that somebody waits for."""
+        if self._delivered:
+            busy_ns = self._ended - self._began + max(0, now - max(self._ended, self._called))
+            tick_ns = min(busy_ns / self._delivered, AHEAD_NS)
             self._tick_ns += _NEWEST * (tick_ns - self._tick_ns)
             self.ahead = max(_LEAST_AHEAD, min(MAX_TICKS // 2, int(AHEAD_NS / max(1.0, self._tick_ns))))
         self._began, self._delivered = now, 0
 
     def _deliver_until(self, end: int | None) -> bool:
         """Returns whether something is left."""
+        is_left = self._hand_out(end)
+        for send in tuple(self._sends):
+            answer(send)
+        return is_left
+
+    def _hand_out(self, end: int | None) -> bool:
         is_over = False
         while True:
             with self._lock:
@@ -336,7 +352,7 @@ def answer(call: Callable[[], None]) -> None:
     try:
         call()
     except Exception:  # the asker's fault must not reach the others
-        log.exception("the receiver of a reply failed")
+        log.exception("the receiver of a reply, or of samples, failed")
 
 
 def _is_in(path: str, paths: Collection[str] | None) -> bool:

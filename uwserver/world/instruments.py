@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ class Around(NamedTuple):
 
 
 class Delivered(NamedTuple):
-    """A sample that somebody reads: its stream, and the rest as in a `Sample`; `values` is a row of numbers."""
+    """A delivered sample: its stream, and the rest as in a `Sample`; `values` is a row of numbers."""
 
     stream: int
     seq: int
@@ -237,15 +237,11 @@ class Instruments:
         """Where samples of this tick stand that somebody reads or hears: entries, and their numbers."""
         return self._told, self._told_values
 
-    def chosen(self) -> list[Delivered]:
-        """Samples of this tick that somebody reads."""
+    def chosen(self) -> Iterator[tuple[tuple[int, ...], list[float], FloatArray]]:
+        """Samples of this tick that somebody reads: ENTRY of each, and its numbers, which others may follow, as a list and as a row."""
         places = self._chosen[: self.read_count]
-        return [
-            Delivered(stream, seq, t_ns, sent, valid != 0, values)
-            for (sent, _, stream, seq, t_ns, valid, _), values in zip(
-                self._told[places].tolist(), self._told_values[places], strict=True
-            )
-        ]
+        values = self._told_values[places]
+        return zip(self._told[places].tolist(), values.tolist(), values, strict=True)
 
 
 def _grown(array: Any, *shape: int) -> Any:

@@ -293,15 +293,18 @@ class Sensing(Part):
         return told
 
     def _tell(self, samples: list[Sample]) -> None:
-        for k, seq, t_ns, t_sent_ns, valid, numbers in self._instruments.chosen():
-            stream = self._streams[k]
-            if stream.columns.loose:
+        streams, unread = self._streams, self._unread
+        for (t_sent_ns, _, k, seq, t_ns, valid, _), numbers, row in self._instruments.chosen():
+            stream = streams[k]
+            columns = stream.columns
+            if columns.loose:
                 # A state from outside may have two of one number on their way.
                 stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
-            if k in self._unread:
+            if k in unread:
                 continue
-            values = stream.columns.unpack(numbers[: stream.columns.width], stream.newest)
-            samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid, values))
+            del numbers[columns.width :]
+            values = columns.unpack_list(numbers, row, stream.newest)
+            samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid != 0, values))
 
     def newest(self, path: str) -> Sample | None:
         """The newest delivered sample of a port; None before the first, or after the time was set."""

@@ -361,7 +361,7 @@ class World:
             raise Diverged(report(tick, t_ns, lost, self._commands), output)
         for after in self._after:
             after(tick, t_ns, samples)
-        for sample in samples:
+        for sample in samples if self._ears else ():
             for hear in self._ears.get(sample.port, ()):
                 hear(sample, t_ns)
         self._end_tick(output)

@@ -97,6 +97,7 @@ class Fanout:
         self.sessions: dict[Subscriber, None] = {}
         self._ports: dict[str, dict[_Key, _Selection]] = {}
         self._taken: dict[str, Taken] = {}
+        self._touched: set[Outgoing] = set()
         self._settling = 0
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
@@ -219,7 +220,7 @@ class Fanout:
     # -- what the world says --------------------------------------------------------------------------------------------------------
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Queue the samples of one tick and write once a client."""
+        """Queue the samples of one tick; `send` follows."""
         touched: set[Outgoing] = set()
         for sample in samples:
             selections = self._ports.get(sample.port)
@@ -232,11 +233,18 @@ class Fanout:
                     self.context.stats.errors += 1
                     log.exception("a sample of %s could not be sent", sample.port)
         for outbox in touched:
-            outbox.flush()
+            outbox.gather()
+        self._touched |= touched
         if self._settling:
             self._settling -= 1
             if not self._settling:
                 self.context.follow_wants()
+
+    def send(self) -> None:
+        """Write the samples of some ticks, once a client."""
+        for outbox in self._touched:
+            outbox.flush()
+        self._touched.clear()
 
     def put_event(self, event: Event) -> None:
         """Tell every admitted client."""
