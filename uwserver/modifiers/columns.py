@@ -40,8 +40,10 @@ class Columns:
         self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
         self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
         self._split = _splitter(self._kept)
-        kept = enumerate(self._kept)
-        self._others = [(i, f, k, size) for i, (f, k, size) in kept if k >= 0 and f.type != "float"]
+        numbered = [(i, f, k, size) for i, (f, k, size) in enumerate(self._kept) if k >= 0]
+        self._flags = [(i, k) for i, f, k, _ in numbered if f.type == "bool" and not f.shape]
+        self._flag_rows = [(i, k, size) for i, f, k, size in numbered if f.type == "bool" and f.shape]
+        self._wholes = [entry for entry in numbered if entry[1].type == "int"]
 
     def loose_of(self, values: Sequence[Value]) -> tuple[Value, ...]:
         """Those of a reading that have no place in a row."""
@@ -62,22 +64,23 @@ class Columns:
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""
-        return self.unpack_list(row.tolist(), row, loose)
-
-    def unpack_list(self, numbers: list[Any], row: Any, loose: Sequence[Value]) -> tuple[Value, ...]:
-        """The same, where the numbers of a row are there as a list already."""
+        numbers: list[Any] = row.tolist()
         if (total := sum(numbers)) != total:  # one is NaN; or they are too large, and no harm is done
             numbers = [None if number != number else number for number in numbers]
         values: tuple[Any, ...] = self._split(tuple(numbers))
         if self._only_floats:
             return values
-        mixed, whole = list(values), row.view(np.int64)
-        for i, field, k, size in self._others:
-            if field.type == "bool":
-                parts = [None if n is None else n != 0.0 for n in numbers[k : k + size]]
-            else:
+        mixed = list(values)
+        for i, k in self._flags:
+            number = numbers[k]
+            mixed[i] = None if number is None else number != 0.0
+        for i, k, size in self._flag_rows:
+            mixed[i] = tuple([None if n is None else n != 0.0 for n in numbers[k : k + size]])
+        if self._wholes:
+            whole = row.view(np.int64)
+            for i, field, k, size in self._wholes:
                 parts = [None if n == _NO_INT else n for n in whole[k : k + size].tolist()]
-            mixed[i] = tuple(parts) if field.shape else parts[0]
+                mixed[i] = tuple(parts) if field.shape else parts[0]
         for i, value in zip(self.loose, loose, strict=True):
             mixed[i] = value
         return tuple(mixed)

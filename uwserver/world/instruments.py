@@ -237,11 +237,13 @@ class Instruments:
         """Where samples of this tick stand that somebody reads or hears: entries, and their numbers."""
         return self._told, self._told_values
 
-    def chosen(self) -> Iterator[tuple[tuple[int, ...], list[float], FloatArray]]:
-        """Samples of this tick that somebody reads: ENTRY of each, and its numbers, which others may follow, as a list and as a row."""
-        places = self._chosen[: self.read_count]
-        values = self._told_values[places]
-        return zip(self._told[places].tolist(), values.tolist(), values, strict=True)
+    def chosen(self) -> Iterator[tuple[tuple[int, ...], FloatArray]]:
+        """Samples of this tick that somebody reads: ENTRY of each, and the row of its numbers, which others may follow."""
+        count = self.read_count
+        first, last = self._chosen.item(0), self._chosen.item(count - 1)
+        # A range costs a fifth of a choice, of a tick with few samples.
+        places: Any = slice(first, last + 1) if last - first == count - 1 else self._chosen[:count]
+        return zip(self._told[places].tolist(), self._told_values[places], strict=True)
 
 
 def _grown(array: Any, *shape: int) -> Any:

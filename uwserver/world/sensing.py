@@ -294,7 +294,7 @@ class Sensing(Part):
 
     def _tell(self, samples: list[Sample]) -> None:
         streams, unread = self._streams, self._unread
-        for (t_sent_ns, _, k, seq, t_ns, valid, _), numbers, row in self._instruments.chosen():
+        for (t_sent_ns, _, k, seq, t_ns, valid, _), row in self._instruments.chosen():
             stream = streams[k]
             columns = stream.columns
             if columns.loose:
@@ -302,8 +302,7 @@ class Sensing(Part):
                 stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
             if k in unread:
                 continue
-            del numbers[columns.width :]
-            values = columns.unpack_list(numbers, row, stream.newest)
+            values = columns.unpack(row[: columns.width], stream.newest)
             samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid != 0, values))
 
     def newest(self, path: str) -> Sample | None:

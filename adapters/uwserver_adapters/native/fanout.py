@@ -271,6 +271,15 @@ class Fanout:
 
 def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
     """Whether it was encoded: it was for anybody's turn."""
+    if len(selection.routes) == 1:
+        (route,) = selection.routes.values()
+        delivery = route.delivery(sample.t_ns)
+        if delivery is None:
+            return False
+        message = route.frame(selection.encoding.sample(selection.form, sample))
+        route.outbox.put_sample((sample.port, selection), message, delivery)
+        touched.add(route.outbox)
+        return True
     body: bytes | None = None
     messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
     # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
@@ -278,12 +287,12 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
         delivery = route.delivery(sample.t_ns)
         if delivery is None:
             continue
-        message = messages.get(route.frame)
-        if message is None:
+        framed = messages.get(route.frame)
+        if framed is None:
             if body is None:
                 body = selection.encoding.sample(selection.form, sample)
-            message = messages[route.frame] = route.frame(body)
-        route.outbox.put_sample((sample.port, selection), message, delivery)
+            framed = messages[route.frame] = route.frame(body)
+        route.outbox.put_sample((sample.port, selection), framed, delivery)
         touched.add(route.outbox)
     return body is not None
 

@@ -88,6 +88,7 @@ class Share:
         # Times are whole nanoseconds: no rate above means more, and no product can overflow.
         self._rate = None if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
         self._thinning: Thinning | None = None
+        self._told: Thinning | None = None
         self._newest = 0
         taken.enter()
 
@@ -102,17 +103,21 @@ class Share:
             if interval > self._newest:
                 self._newest = interval
                 return True
-        self._begin(Thinning(self._rate, t_ns))  # the first sample, or time was set back by more than a second
+            # Time was set back by more than a second. Where samples come in such an order it will be again, and none may be missing.
+            self._begin(Thinning(self._rate, t_ns), None)
+            return True
+        first = Thinning(self._rate, t_ns)
+        self._begin(first, first)
         return True
 
-    def _begin(self, thinning: Thinning | None) -> None:
-        self._taken.change(self._thinning, thinning)
-        self._thinning, self._newest = thinning, 0
+    def _begin(self, thinning: Thinning | None, told: Thinning | None) -> None:
+        self._taken.change(self._told, told)
+        self._thinning, self._told, self._newest = thinning, told, 0
 
     def restart(self) -> None:
         """Begin a new series of intervals with the next sample."""
-        self._begin(None)
+        self._begin(None, None)
 
     def end(self) -> None:
         """The subscription takes this port no more."""
-        self._taken.leave(self._thinning)
+        self._taken.leave(self._told)

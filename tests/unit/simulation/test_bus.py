@@ -281,21 +281,23 @@ def test_a_long_delivery_is_cut_so_that_the_loop_can_look_at_its_sockets():
 
 
 def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
-    """All of its turn: also what it writes to its sockets after the delivery."""
+    """Also what it still writes to its sockets when it is called again; and nothing of the time in which nobody calls it."""
     wakes, time = [], MockTime()
     bus, slow = Bus(wakes.append, time), Slow(time, 0.001)
     bus.attach(slow)
     assert bus.ahead == MAX_TICKS // 2
 
-    def turns(count: int, writing_s: float) -> int:
+    def turns(count: int, writing_s: float, idle_s: float = 0.0) -> int:
         for _ in range(count):
+            time.pass_time(idle_s)
             bus.publish(tick(0))
             bus.publish(tick(1))
-            wakes.pop()()
             time.pass_time(writing_s)
+            wakes.pop()()
         return bus.ahead
 
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
+    assert turns(40, writing_s=0.0, idle_s=0.1) == pytest.approx(10, abs=1), "nobody waited for it meanwhile"
     assert turns(40, writing_s=0.002) == pytest.approx(5, abs=1)
     assert turns(40, writing_s=10.0) == 2, "at least one is made while another is delivered"
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
