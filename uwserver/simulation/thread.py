@@ -162,7 +162,6 @@ class Simulation:
         finally:
             gc.unfreeze()
         self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
-        self.bus.flush()
 
     def _refuse_the_rest(self, refused: Refused) -> None:
         """Everybody who still waits gets an answer."""

@@ -8,9 +8,8 @@ from typing import Protocol
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, SampleForm
+from uwserver.adapter import AdapterContext, SampleForm, Thinned
 from uwserver.ports import Event, Json, Port, Sample, matching
-from uwserver.ports.thinning import Thinned
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.outbox import Delivery, Outgoing

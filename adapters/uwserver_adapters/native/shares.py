@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from uwserver.ports.thinning import Thinning
+from uwserver.adapter import Thinning
 from uwserver_adapters.native.outbox import Delivery
 
 MOST_THINNINGS = 8
