@@ -86,9 +86,8 @@ def _tell(
     """Deliver a sample of stream k, whose values begin at `first` of `values`."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
     if stream.newest != 0 and t_ns < stream.t_ns:
-        stream.unordered = (
-            1  # who reads slowly begins its intervals anew when time goes back far: all are read from here on
-        )
+        # Who reads slowly begins its intervals anew when time goes back far: all are read from here on.
+        stream.unordered = 1
     stream.newest, stream.seq, stream.t_ns, stream.t_sent_ns, stream.valid = 1, seq, t_ns, sent, valid
     for i in range(stream.width):
         numbers[stream.newest_first + i] = values[first + i]
