@@ -83,7 +83,7 @@ class Subscriber(Protocol):
     needs no other samples than those that one of these takes. They are looked at together with `wanted`, and hold until the event of a reset or
     of other ports. More samples may come; those that are needed come all.
 
-    It may have a method `send`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
+    It may have a method `send_samples`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
     """
 
     def put_samples(self, samples: Sequence[Sample]) -> None:

@@ -326,8 +326,8 @@ class _WithoutTruth:
         if visible:
             self._subscriber.put_samples(visible)
 
-    def send(self) -> None:
-        send: Callable[[], None] | None = getattr(self._subscriber, "send", None)
+    def send_samples(self) -> None:
+        send: Callable[[], None] | None = getattr(self._subscriber, "send_samples", None)
         if send is not None:
             send()
 

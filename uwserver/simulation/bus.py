@@ -45,7 +45,7 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, `thinned` and `send`, as
+    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, `thinned` and `send_samples`, as
     `uwserver.adapter.Subscriber`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -170,7 +170,7 @@ class Bus:
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
         self._sinks.append(sink)
-        send: Callable[[], None] | None = getattr(sink, "send", None)
+        send: Callable[[], None] | None = getattr(sink, "send_samples", None)
         if send is not None:
             self._sends.append(send)
         end = self.heed(sink)

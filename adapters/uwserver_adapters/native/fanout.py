@@ -219,7 +219,7 @@ class Fanout:
     # -- what the world says --------------------------------------------------------------------------------------------------------
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Queue the samples of one tick; `send` follows."""
+        """Queue the samples of one tick; `send_samples` follows."""
         touched: set[Outgoing] = set()
         for sample in samples:
             selections = self._ports.get(sample.port)
@@ -239,7 +239,7 @@ class Fanout:
             if not self._settling:
                 self.context.follow_wants()
 
-    def send(self) -> None:
+    def send_samples(self) -> None:
         """Write the samples of some ticks, once a client."""
         for outbox in self._touched:
             outbox.flush()

@@ -305,7 +305,7 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
 
 
 class Sending(Notes):
-    def send(self) -> None:
+    def send_samples(self) -> None:
         self.seen.append("sent")
 
 
