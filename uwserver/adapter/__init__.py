@@ -45,13 +45,15 @@ from uwserver.adapter.threads import Inbox, Worker
 from uwserver.adapter.tls import tls_context
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
+from uwserver.ports.thinning import Thinned, Thinning
 
 __all__ = [
     "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TURN_S",
     "UNANSWERED", "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Chores",
     "Connection", "Conversation",
     "DatagramTurns", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener", "LogFile", "OnAnswer",
-    "Order", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber", "TooLong",
+    "Order", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber",
+    "Thinned", "Thinning", "TooLong",
     "TurnTimes",    "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries", "address_text", "bound_socket", "cannot_listen",
     "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer", "in_pieces", "installed_adapters", "is_host_known",
     "is_loopback", "json_member", "line", "load_adapter", "msgpack_member", "note_no_descriptors", "port_of", "port_of_kind",

@@ -78,6 +78,12 @@ class Subscriber(Protocol):
     there is none. Samples are made of ports that somebody wants, and of no others; what others want comes too. It is looked at when the
     subscriber is attached, after the ports have changed, when it has had the event of that, and at `AdapterContext.follow_wants`. Until then
     samples of ports that just came are made in any case.
+
+    It may also have `thinned`: path -> what is enough of that port (`uwserver.ports.thinning.Thinning`, some of them), for ports of which it
+    needs no other samples than those that one of these takes. They are looked at together with `wanted`, and hold until the event of a reset or
+    of other ports. More samples may come; those that are needed come all.
+
+    It may have a method `send_samples`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
     """
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -151,7 +157,7 @@ class AdapterContext(Protocol):
         """Server name and version, scenario name: the common part of the answer to `hello`."""
 
     def last(self, port: str) -> Sample | None:
-        """The newest delivered sample of a port that a subscriber of this adapter wants, since it does; None before the first."""
+        """The newest delivered sample of a port of which a subscriber of this adapter wants all, since it does; None before the first."""
 
     def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
         """Ask for the newest delivered samples of some ports, which nobody needs to want.

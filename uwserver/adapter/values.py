@@ -27,9 +27,8 @@ class SampleForm:
 
     def __init__(self, port: Port, selected: Sequence[str] | None = None) -> None:
         picked = [(i, field) for i, field in enumerate(port.fields) if selected is None or field.name in selected]
-        self._plain = len(picked) == len(port.fields) and all(
-            len(field.shape) < 2 and not field.is_packed for field in port.fields
-        )
+        self._plain = len(picked) == len(port.fields) and not any(field.is_packed for field in port.fields)
+        self._deep = [(field.name, field) for _, field in picked if len(field.shape) > 1]
         self._names = [field.name for field in port.fields]
         self._picked = picked
         self.is_long = any(field.size > LONG for _, field in picked)
@@ -39,7 +38,10 @@ class SampleForm:
         """Field name -> number, list, or lists in lists where the field has more than one dimension; buffers in the form of
         binary encodings where that is asked for."""
         if self._plain:
-            return dict(zip(self._names, sample.value, strict=True))
+            value: dict[str, object] = dict(zip(self._names, sample.value, strict=True))
+            for name, field in self._deep:
+                value[name] = _nested(field, value[name])  # type: ignore[arg-type]  # as the sample has it
+            return value
         shaped = {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
         return {name: binary_form(value) for name, value in shaped.items()} if binary else shaped
 

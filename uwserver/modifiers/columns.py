@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,11 @@ class Columns:
         self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
         self._whole = [k + i for f, k, size in self._kept if f.type == "int" and k >= 0 for i in range(size)]
         self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
+        self._split = _splitter(self._kept)
+        numbered = [(i, f, k, size) for i, (f, k, size) in enumerate(self._kept) if k >= 0]
+        self._flags = [(i, k) for i, f, k, _ in numbered if f.type == "bool" and not f.shape]
+        self._flag_rows = [(i, k, size) for i, f, k, size in numbered if f.type == "bool" and f.shape]
+        self._wholes = [entry for entry in numbered if entry[1].type == "int"]
 
     def loose_of(self, values: Sequence[Value]) -> tuple[Value, ...]:
         """Those of a reading that have no place in a row."""
@@ -72,22 +78,30 @@ class Columns:
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""
         numbers: list[Any] = row.tolist()
-        if any(number != number for number in numbers) or not self._only_floats:
-            return self._unpacked(row, numbers, loose)
-        return tuple([tuple(numbers[k : k + size]) if field.shape else numbers[k] for field, k, size in self._kept])
+        if (total := sum(numbers)) != total:  # one is NaN; or they are too large, and no harm is done
+            numbers = [None if number != number else number for number in numbers]
+        values: tuple[Any, ...] = self._split(tuple(numbers))
+        if self._only_floats:
+            return values
+        mixed = list(values)
+        for i, k in self._flags:
+            number = numbers[k]
+            mixed[i] = None if number is None else number != 0.0
+        for i, k, size in self._flag_rows:
+            mixed[i] = tuple([None if n is None else n != 0.0 for n in numbers[k : k + size]])
+        if self._wholes:
+            whole = row.view(np.int64)
+            for i, field, k, size in self._wholes:
+                parts = [None if n == _NO_INT else n for n in whole[k : k + size].tolist()]
+                mixed[i] = tuple(parts) if field.shape else parts[0]
+        for i, value in zip(self.loose, loose, strict=True):
+            mixed[i] = value
+        return tuple(mixed)
 
-    def _unpacked(self, row: Any, numbers: list[Any], loose: Sequence[Value]) -> tuple[Value, ...]:
-        rest, whole = iter(loose), row.view(np.int64).tolist()
-        values: list[Value] = []
-        for field, k, size in self._kept:
-            if k < 0:
-                values.append(next(rest))
-                continue
-            if field.type == "int":
-                parts = [None if n == _NO_INT else n for n in whole[k : k + size]]
-            elif field.type == "bool":
-                parts = [None if n != n else n != 0.0 for n in numbers[k : k + size]]
-            else:
-                parts = [None if n != n else n for n in numbers[k : k + size]]
-            values.append(tuple(parts) if field.shape else parts[0])
-        return tuple(values)
+
+def _splitter(kept: Sequence[tuple[Field, int, int]]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """From the numbers of a row to those of each field; nothing for a loose one."""
+    places = [slice(k, k + size) if field.shape or k < 0 else k for field, k, size in kept]
+    if len(places) > 1:
+        return itemgetter(*places)
+    return lambda numbers: tuple([numbers[place] for place in places])

@@ -24,6 +24,7 @@ class TickOutput(Struct):
 
     Attributes:
         ports: as they are behind it, those of its samples; None where nobody said.
+        jumps: how often the time had been set behind it.
     """
 
     tick: int
@@ -32,6 +33,7 @@ class TickOutput(Struct):
     replies: Answers = []
     events: list[Event] = []
     ports: Mapping[str, Port] | None = None
+    jumps: int = 0
 
 
 def has_same_fields(path: str, one: Mapping[str, Port], other: Mapping[str, Port]) -> bool:

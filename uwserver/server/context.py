@@ -26,6 +26,7 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
+from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox, client_of
@@ -316,10 +317,19 @@ class _WithoutTruth:
     def wanted(self) -> Collection[str]:
         return _visible_of(self._subscriber, self._context)
 
+    @property
+    def thinned(self) -> Thinned:
+        return getattr(self._subscriber, "thinned", WHOLE)
+
     def put_samples(self, samples: Sequence[Sample]) -> None:
         visible = _without_truth(samples)
         if visible:
             self._subscriber.put_samples(visible)
+
+    def send_samples(self) -> None:
+        send: Callable[[], None] | None = getattr(self._subscriber, "send_samples", None)
+        if send is not None:
+            send()
 
     def put_event(self, event: Event) -> None:
         self._subscriber.put_event(event)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -18,8 +18,10 @@ import msgspec
 from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
+from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.turns import Turns
+from uwserver.simulation.wants import Wanted, thinned_together, together
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
@@ -43,7 +45,8 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, as `uwserver.adapter.Subscriber`."""
+    """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, `thinned` and `send_samples`, as
+    `uwserver.adapter.Subscriber`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """The samples delivered in one tick."""
@@ -121,20 +124,6 @@ def client_of(source: str) -> str:
     return source.partition(" ")[0]
 
 
-class Wanted:
-    """Ports of which samples are made: those that somebody reads, and those of which the readers have not heard yet.
-
-    So nothing of a body that just came is lost while they find out about it. Never changed: the simulation thread looks at it.
-    """
-
-    def __init__(self, paths: Collection[str], known: Container[str]) -> None:
-        """paths: of those that are read; known: all that the readers have heard of."""
-        self._paths, self.known = paths, known
-
-    def __contains__(self, path: object) -> bool:
-        return path in self._paths or path not in self.known
-
-
 class Bus:
     """Carries the output of ticks to the loop and hands it to the sinks.
 
@@ -158,17 +147,19 @@ class Bus:
         self._wake_loop = wake_loop
         self._time = time or SystemTime()
         self._tick_ns = 0.0
-        self._began: int | None = None
-        self._delivered = 0
+        self._began = self._ended = self._called = self._delivered = 0
         self.ahead = MAX_TICKS // 2
         self._crossing: deque[TickOutput | Callable[[], None] | Event] = deque()
         self._waiting_ticks = 0
         self._awake = False
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
+        self._sends: list[Callable[[], None]] = []
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
+        self._thinned = WHOLE
         self._known: Mapping[str, Port] = {}
+        self._jumps = 0
         self.wanted: Wanted | None = Wanted((), ())
         self.dropped = 0
         self.last: dict[str, Sample] = {}
@@ -179,10 +170,15 @@ class Bus:
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
         self._sinks.append(sink)
+        send: Callable[[], None] | None = getattr(sink, "send_samples", None)
+        if send is not None:
+            self._sends.append(send)
         end = self.heed(sink)
 
         def detach() -> None:
             self._sinks.remove(sink)
+            if send is not None:
+                self._sends.remove(send)
             end()
 
         return detach
@@ -198,20 +194,27 @@ class Bus:
 
         return end
 
-    def expect(self, ports: Mapping[str, Port]) -> None:
-        """The world has these ports before its first tick, and readers know them. Before the simulation runs."""
-        self._known = ports
+    def expect(self, ports: Mapping[str, Port], jumps: int = 0) -> None:
+        """The world has these ports before its first tick, after its time was set so often, and readers know it. Before the simulation runs."""
+        self._known, self._jumps = ports, jumps
         self.follow_wants()
 
     def follow_wants(self) -> None:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
-        before, paths = self._paths, _together(self._readers)
-        if paths == before and (self.wanted is None or self.wanted.known is self._known):
+        before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
+        if paths is not None:
+            thinned = thinned_together(self._readers, paths)
+        wanted = self.wanted
+        is_known = wanted is None or (wanted.known is self._known and (wanted.jumps == self._jumps or not thinned))
+        if paths == before and thinned == less and is_known:
             return  # the world marks all its streams anew for another object
-        self._paths, self.wanted = paths, None if paths is None else Wanted(paths, self._known)
-        if paths != before:  # what was not wanted meanwhile is not the newest any more
+        self._paths, self._thinned = paths, thinned
+        self.wanted = None if paths is None else Wanted(paths, self._known, self._jumps, thinned)
+        if paths != before or thinned.keys() != less.keys():  # what was not wanted meanwhile is not the newest any more
             self.last = {
-                path: sample for path, sample in self.last.items() if _is_in(path, paths) and _is_in(path, before)
+                path: sample
+                for path, sample in self.last.items()
+                if _is_in(path, paths) and _is_in(path, before) and path not in less and path not in thinned
             }
 
     # -- the crossing ---------------------------------------------------------------------------------------------------------------
@@ -259,14 +262,17 @@ class Bus:
 
     def _wake(self) -> None:
         if not self._awake:
-            self._awake = True
+            self._awake, self._called = True, self._time.now_ns()
             self._wake_loop(self.dispatch)
 
     def dispatch(self) -> None:
         """Deliver what waits; after `SLICE_NS` the rest waits until the loop has looked at its sockets. Loop thread."""
         now = self._time.now_ns()
         self._measure(now)
-        if self._deliver_until(now + SLICE_NS):
+        is_left = self._deliver_until(now + SLICE_NS)
+        self._ended = self._time.now_ns()
+        if is_left:
+            self._called = self._ended
             self._wake_loop(self.dispatch)
 
     def drain(self) -> None:
@@ -274,15 +280,23 @@ class Bus:
         self._deliver_until(None)
 
     def _measure(self, now: int) -> None:
-        """From one delivery to the next the loop does all that follows from the samples: it writes them to its sockets."""
-        if self._began is not None and self._delivered:
-            tick_ns = min((now - self._began) / self._delivered, AHEAD_NS)  # an idle loop tells nothing
+        """What the last delivery took, and by how much the loop comes late to the next, as it still does what follows from the samples. What it
+        has time for until it is called is no work that somebody waits for."""
+        if self._delivered:
+            busy_ns = self._ended - self._began + max(0, now - max(self._ended, self._called))
+            tick_ns = min(busy_ns / self._delivered, AHEAD_NS)
             self._tick_ns += _NEWEST * (tick_ns - self._tick_ns)
             self.ahead = max(_LEAST_AHEAD, min(MAX_TICKS // 2, int(AHEAD_NS / max(1.0, self._tick_ns))))
         self._began, self._delivered = now, 0
 
     def _deliver_until(self, end: int | None) -> bool:
         """Returns whether something is left."""
+        is_left = self._hand_out(end)
+        for send in tuple(self._sends):
+            answer(send)
+        return is_left
+
+    def _hand_out(self, end: int | None) -> bool:
         is_over = False
         while True:
             with self._lock:
@@ -316,8 +330,8 @@ class Bus:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time
             self._each(lambda sink, event=event: sink.put_event(event))  # type: ignore[misc]
-        if output.ports is not None and changed:  # and all have heard of it
-            self.expect(output.ports)
+        if output.ports is not None and (changed or output.jumps != self._jumps):  # and all have heard of it
+            self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
         if output.samples:
@@ -338,23 +352,7 @@ def answer(call: Callable[[], None]) -> None:
     try:
         call()
     except Exception:  # the asker's fault must not reach the others
-        log.exception("the receiver of a reply failed")
-
-
-def _together(readers: Sequence[object]) -> frozenset[str] | None:
-    """What they want; None for all, as one wants who does not say."""
-    wanted = [_wanted_by(reader) for reader in readers]
-    some = [paths for paths in wanted if paths is not None]
-    return frozenset().union(*some) if len(some) == len(wanted) else None
-
-
-def _wanted_by(reader: object) -> frozenset[str] | None:
-    try:
-        wanted: Collection[str] | None = getattr(reader, "wanted", None)
-        return None if wanted is None else frozenset(wanted)
-    except Exception:  # one reader's fault must not reach the others
-        log.exception("what a reader wants cannot be told; it gets all")
-        return None
+        log.exception("the receiver of a reply, or of samples, failed")
 
 
 def _is_in(path: str, paths: Collection[str] | None) -> bool:

@@ -24,6 +24,8 @@ LOOK_S = 0.02
 
 GLANCE_S = 0.004
 """Wall time that samples may wait for the loop while a driver steps: a wake-up for each tick would cost as much as the tick."""
+GATHER_S = 0.002
+"""Wall time that they may wait where nobody paces the world, for the same reason."""
 
 
 class Seat:
@@ -135,11 +137,11 @@ class Lockstep:
         return order
 
     def wakes(self) -> bool:
-        """Whether the samples of this tick wake the loop."""
-        if not self._seats:
+        """Whether the samples of this tick wake the loop; those that do not wait for others, or for `Bus.flush`."""
+        if not self._seats and self._timing.mode != "freerun":
             return True
         now = self._time.now_ns()
-        if now - self._woken < GLANCE_S * NANOSECONDS:
+        if now - self._woken < (GLANCE_S if self._seats else GATHER_S) * NANOSECONDS:
             return False
         self._woken = now
         return True

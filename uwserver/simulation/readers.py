@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from uwserver.ports import Refused, Sample
+from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.steering import Steering
+from uwserver.simulation.wants import Wanted
 from uwserver.world.world import World
 
 AT_ONCE = 16
@@ -23,15 +25,18 @@ class Readers:
     def __init__(self, world: World, bus: Bus, steering: Steering) -> None:
         """Of a simulation; `bus` knows who wants what, `steering` is what its thread does between two ticks."""
         self._world, self._bus, self._steering = world, bus, steering
-        self._wanted: Container[str] | None = None
-        bus.expect(world.ports)
+        self._wanted: Wanted | None = None
+        bus.expect(world.ports, world.jumps)
 
     def begin(self) -> None:
         """A tick begins: what is wanted by now is made in it. Simulation thread."""
         wanted = self._bus.wanted
         if wanted is not self._wanted:
             self._wanted = wanted
-            self._world.want(wanted)
+            world = self._world
+            # What the readers know of is past: what is enough for them was said of other samples.
+            is_past = wanted is None or wanted.known is not world.ports or wanted.jumps != world.jumps
+            world.want(wanted, WHOLE if wanted is None or is_past else wanted.thinned)
 
     def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
         """Ask for the newest delivered samples of some ports, wanted or not. Loop thread.

@@ -104,7 +104,7 @@ class Simulation:
         self._intake.batch += 1
         for on_reply, reply in output.replies:
             on_reply(reply)
-        self.bus.expect(self.world.ports)
+        self.bus.expect(self.world.ports, self.world.jumps)
         self._follow_jump()
         return next((reply.fault.text for reply in replies if isinstance(reply, Reply) and reply.fault is not None), "")
 

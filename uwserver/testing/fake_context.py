@@ -288,6 +288,7 @@ class FakeContext:
             driver.see(self.tick * TICK_NS, samples)
         for subscriber in list(self.subscribers):
             subscriber.put_samples(samples)
+            getattr(subscriber, "send_samples", lambda: None)()
 
     def say(self, event: Event) -> None:
         """An event, to every subscriber."""

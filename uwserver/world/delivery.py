@@ -11,6 +11,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.sharing import share
+from uwserver.ports.thinning import ROUNDING_NS
 from uwserver.world.streams import FORMS, NEVER, READ
 
 _LEAST = 16  # sensors whose errors a thread makes at a time: some 5 us
@@ -18,6 +19,7 @@ _LEAST = 16  # sensors whose errors a thread makes at a time: some 5 us
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
 _told, _counts, _team = array_at(FORMS, "told"), array_at(FORMS, "counts"), array_at(FORMS, "team")
+_thinnings, _chosen = array_at(FORMS, "thinnings"), array_at(FORMS, "chosen")
 
 
 _carry_out = chain.disturb.made()
@@ -66,11 +68,26 @@ def _sink(pending: Array, count: int) -> None:
 
 
 @compiled
+def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
+    """Whether a sample of a stream that was true at `t_ns` is the first in an interval (`Thinning.interval`) of one of those who read it."""
+    thinnings, is_taken = _thinnings(table), False
+    for n in range(stream.thinning_first, stream.thinning_first + stream.thinning_count):
+        thinning = thinnings[n]
+        interval = int((t_ns - thinning.start_ns + ROUNDING_NS) * thinning.rate_hz // 1e9)
+        if interval > thinning.interval:
+            thinning.interval, is_taken = interval, True
+    return is_taken
+
+
+@compiled
 def _tell(
     table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int
 ) -> None:
     """Deliver a sample of stream k, whose values begin at `first` of `values`."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
+    if stream.newest != 0 and t_ns < stream.t_ns:
+        # Who reads slowly begins its intervals anew when time goes back far: all are read from here on.
+        stream.unordered = 1
     stream.newest, stream.seq, stream.t_ns, stream.t_sent_ns, stream.valid = 1, seq, t_ns, sent, valid
     for i in range(stream.width):
         numbers[stream.newest_first + i] = values[first + i]
@@ -79,9 +96,11 @@ def _tell(
         told.t_sent_ns, told.stream, told.seq, told.t_ns, told.valid = sent, k, seq, t_ns, valid
         for i in range(stream.width):
             told_values[counts.told, i] = values[first + i]
-        counts.told += 1
-        if stream.wanted == READ:
+        is_whole = stream.thinning_count == 0 or stream.unordered != 0
+        if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
+            _chosen(table)[counts.read] = counts.told
             counts.read += 1
+        counts.told += 1
 
 
 @compiled
@@ -169,7 +188,8 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
         t_ns: simulation time.
         begins: it is the first call of a tick: what was on its way comes first, and is older than anything measured now.
         values: (n, w) of what is on its way, by slots.
-        told_values: (m, w) receives those of the samples that somebody reads; their entries are in `told`.
+        told_values: (m, w) receives those of the samples of streams that somebody reads or hears; their entries are in `told`, and the
+            places there of those that become samples in `chosen`.
 
     Returns:
         How many these are, of this tick.

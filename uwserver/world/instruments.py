@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +15,12 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry, OpenWater
+from uwserver.ports.thinning import Thinning
 from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load, reader
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
-from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, STREAM
+from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM, THINNING
 from uwserver.world.vehicle import Vehicle
 
 _SLOTS, _OPEN = 64, OpenWater()
@@ -36,7 +37,7 @@ class Around(NamedTuple):
 
 
 class Delivered(NamedTuple):
-    """A sample that somebody reads: its stream, and the rest as in a `Sample`; `values` is a row of numbers."""
+    """A delivered sample: its stream, and the rest as in a `Sample`; `values` is a row of numbers."""
 
     stream: int
     seq: int
@@ -71,6 +72,7 @@ class Instruments:
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
         self._told_counts = self._counts.view(np.int64)  # quicker to look at than a record
         self._values, self._told_values, self._room = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1)), _SLOTS
+        self._chosen, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
         self.next_ns, self.read_count, self._counted = NEVER, 0, (0, 0)
         self.gather(())
 
@@ -116,6 +118,8 @@ class Instruments:
             "pending": self._pending,
             "free": self._free,
             "told": self._told,
+            "thinnings": self._thinnings,
+            "chosen": self._chosen,
             "counts": self._counts,
             "team": self._hydro.team,
         }
@@ -131,6 +135,7 @@ class Instruments:
         self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
         self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
         self._free, self._room = np.concatenate([self._free, np.arange(room, more)]), more
+        self._chosen = np.zeros(more, np.int64)
         self._tabulate()
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:
@@ -168,7 +173,20 @@ class Instruments:
 
     def forget_newest(self) -> None:
         """The time was set: what was read at another time does not count."""
-        self.streams.rows["newest"] = 0
+        self.streams.rows["newest"] = self.streams.rows["unordered"] = 0
+
+    def thin(self, thinned: Mapping[int, Collection[Thinning]]) -> None:
+        """Choose, of the samples of these streams, by number, those alone that one of these takes; of all others each one."""
+        rows = self.streams.rows
+        rows["thinning_count"] = 0
+        if not thinned:
+            return
+        each_one = [(each.rate_hz, each.start_ns, NO_INTERVAL) for some in thinned.values() for each in some]
+        streams, counts = list(thinned), [len(some) for some in thinned.values()]
+        rows["thinning_count"][streams] = counts
+        rows["thinning_first"][streams] = np.cumsum(counts) - counts
+        self._thinnings = np.array(each_one, THINNING)
+        self._tabulate()
 
     def sea_moves(self) -> None:
         """The steady part of the current was changed."""
@@ -228,15 +246,13 @@ class Instruments:
         """Where samples of this tick stand that somebody reads or hears: entries, and their numbers."""
         return self._told, self._told_values
 
-    def told(self, first: int, count: int) -> list[Delivered]:
-        """Samples of this tick that somebody reads, from one on."""
-        entries = self._told[first:count]
-        return [
-            Delivered(stream, seq, t_ns, sent, valid != 0, values)
-            for (sent, _, stream, seq, t_ns, valid, _), values in zip(
-                entries.tolist(), self._told_values[first:count], strict=True
-            )
-        ]
+    def chosen(self) -> Iterator[tuple[tuple[int, ...], FloatArray]]:
+        """Samples of this tick that somebody reads: ENTRY of each, and the row of its numbers, which others may follow."""
+        count = self.read_count
+        first, last = self._chosen.item(0), self._chosen.item(count - 1)
+        # A range costs a fifth of a choice, of a tick with few samples.
+        places: Any = slice(first, last + 1) if last - first == count - 1 else self._chosen[:count]
+        return zip(self._told[places].tolist(), self._told_values[places], strict=True)
 
 
 def _grown(array: Any, *shape: int) -> Any:

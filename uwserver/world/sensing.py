@@ -12,6 +12,7 @@ from msgspec import Meta
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Sample, Value
 from uwserver.ports.checks import check_values
+from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors import Scope
 from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.world.components import Count, SensorStream
@@ -136,6 +137,7 @@ class Sensing(Part):
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
+        self._thinned = WHOLE
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
@@ -157,7 +159,7 @@ class Sensing(Part):
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
-        slots = self._slots
+        slots, self._thinned = self._slots, WHOLE
         there = dict.fromkeys(slots.values())
         gone = [slot for slot in self._there if slot not in there]
         streams = dict(self._streams)
@@ -177,10 +179,22 @@ class Sensing(Part):
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
-    def want(self, ports: Container[str] | None) -> None:
-        """Only samples of these ports are made; None for all. Those that parts of the world hear are always made."""
-        self._wanted = ports
+    def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
+        """Only samples of these ports are made; None for all. Those that parts of the world hear are always made.
+
+        Args:
+            ports: paths.
+            thinned: of those by path, of which only the samples are needed that one of these takes. More may be made, as where their order
+                is not that of their times. It holds until sensors come or go, or the time is set.
+        """
+        self._wanted, self._thinned = ports, thinned
         self._mark()
+
+    def forget_newest(self) -> None:
+        """The time was set: what was read at another time does not count."""
+        self._instruments.forget_newest()
+        self._thinned = WHOLE
+        self._instruments.thin({})
 
     def set_listeners(self, ports: Collection[str], overheard: Collection[str], listen: Listen | None) -> None:
         """Parts of the world hear some ports; compiled code hears others, after each tick in which something is delivered that somebody wants."""
@@ -194,12 +208,15 @@ class Sensing(Part):
         self._unread = set()
         if wanted is None:
             rows[list(streams)] = READ
+            self._instruments.thin({})
             return
         read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
         self._unread = streams.keys() - read
         rows[[self.numbers[path] for path in self._overheard]] = HEARD
         # Values that are no numbers wait in Python for the sample that they belong to.
         rows[[k for k, stream in streams.items() if k in read or stream.columns.loose]] = READ
+        known = [(self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard]
+        self._instruments.thin({k: some for k, some in known if k in read and not streams[k].columns.loose})
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
@@ -247,7 +264,7 @@ class Sensing(Part):
         if told and self._listen is not None:
             self._listen(*self._instruments.delivered, told, t_ns)
         if told and self._instruments.read_count:
-            self._give(told, samples)
+            self._give(samples)
 
     def _plan(self, mask: int) -> _Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
@@ -274,16 +291,18 @@ class Sensing(Part):
             slot.keep_loose()
         return told
 
-    def _tell(self, told: int, samples: list[Sample]) -> None:
-        for k, seq, t_ns, t_sent_ns, valid, numbers in self._instruments.told(0, told):
-            stream = self._streams[k]
-            if stream.columns.loose:
+    def _tell(self, samples: list[Sample]) -> None:
+        streams, unread = self._streams, self._unread
+        for (t_sent_ns, _, k, seq, t_ns, valid, _), row in self._instruments.chosen():
+            stream = streams[k]
+            columns = stream.columns
+            if columns.loose:
                 # A state from outside may have two of one number on their way.
                 stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
-            if k in self._unread:
+            if k in unread:
                 continue
-            values = stream.columns.unpack(numbers[: stream.columns.width], stream.newest)
-            samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid, values))
+            values = columns.unpack(row[: columns.width], stream.newest)
+            samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid != 0, values))
 
     def newest(self, path: str) -> Sample | None:
         """The newest delivered sample of a port; None before the first, or after the time was set."""

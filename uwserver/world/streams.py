@@ -30,6 +30,9 @@ STREAM = np.dtype(
         ("dt", "f8"),
         ("frozen", "i8"),  # 1: a fault makes it repeat itself
         ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does
+        ("thinning_first", "i8"),  # of those that say which samples are enough for who reads it
+        ("thinning_count", "i8"),  # 0: all are read
+        ("unordered", "i8"),  # 1: samples were delivered in another order than they were true in
         ("reading", READING),
         ("held", HELD),
         ("newest", "i8"),  # 1: there is a newest sample, with what follows
@@ -54,6 +57,11 @@ ENTRY = np.dtype(
 )
 """A sample on its way, or delivered."""
 
+THINNING = np.dtype([("rate_hz", "f8"), ("start_ns", "i8"), ("interval", "i8")])
+"""`uwserver.ports.thinning.Thinning`, and the newest interval in which there was a sample."""
+NO_INTERVAL = -(2**62)
+"""Before all."""
+
 COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8"), ("read", "i8")])
 """How many samples are on their way and were delivered to somebody, how many were on their way before, when the next one arrives, and how many of
 those delivered are read."""
@@ -70,6 +78,8 @@ FORMS: Forms = {
     "pending": ENTRY,
     "free": columns(np.int64),
     "told": ENTRY,
+    "thinnings": THINNING,
+    "chosen": columns(np.int64),
     "counts": COUNTS,
     "team": columns(np.int64),
 }

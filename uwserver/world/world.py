@@ -14,6 +14,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Sample, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
+from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import SEDIMENT
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
@@ -187,12 +188,12 @@ class World:
         self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listener())
         self._sensing.schedule()
 
-    def want(self, ports: Container[str] | None) -> None:
-        """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all.
+    def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
+        """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all. `thinned`: as `Sensing`.
 
         Those that parts hear (`Part.hears`) are there too. All sensors measure and count as ever, and `read` gives the newest of any port.
         """
-        self._sensing.want(ports)
+        self._sensing.want(ports, thinned)
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure each stage of a tick, from the next on; None for nobody. Between two ticks."""
@@ -251,11 +252,10 @@ class World:
         """Set the time to that of a tick; what was read at another time is forgotten."""
         self.tick = tick
         self.jumps += 1
-        self.instruments.forget_newest()
+        self._sensing.forget_newest()
 
     def _seconds(self) -> float:
-        num, den = self._rate
-        return self._tick * den / num
+        return self._tick * self._rate[1] / self._rate[0]
 
     def __repr__(self) -> str:
         vehicles, ports = ", ".join(self.vehicles), f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
@@ -361,7 +361,7 @@ class World:
             raise Diverged(report(tick, t_ns, lost, self._commands), output)
         for after in self._after:
             after(tick, t_ns, samples)
-        for sample in samples:
+        for sample in samples if self._ears else ():
             for hear in self._ears.get(sample.port, ()):
                 hear(sample, t_ns)
         self._end_tick(output)
@@ -377,7 +377,7 @@ class World:
             self.answers.clear()
         if self._events:
             output.events, self._events = self._events, []
-        output.tick, output.t_ns, output.ports = self._tick, self.t_ns, self.ports
+        output.tick, output.t_ns, output.ports, output.jumps = self._tick, self.t_ns, self.ports, self.jumps
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""

@@ -8,11 +8,12 @@ from typing import Protocol
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, SampleForm
+from uwserver.adapter import AdapterContext, SampleForm, Thinned
 from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.outbox import Delivery, Outgoing
+from uwserver_adapters.native.shares import Share, Subscription, Taken
 
 log = logging.getLogger(__name__)
 
@@ -21,28 +22,9 @@ CACHED_PATTERNS = 64
 COVERED = 2048
 """Ports that all subscriptions of a client may cover together, each counted for each subscription, but where there are many ports twice as
 many: each sample is compared with all subscriptions that cover its port."""
-_ROUNDING_NS = 1000
+SETTLING = 16
+"""Ticks with samples after which the world is told what is enough, so that it is told of many subscriptions at once."""
 _STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
-
-
-class Subscription:
-    """What one `subscribe` asked for.
-
-    Attributes:
-        serial: the client's name for it.
-        fields: those to send; None for all.
-        paths: ports that it covers now.
-    """
-
-    def __init__(
-        self, serial: int, pattern: str, rate_hz: float | None, fields: tuple[str, ...] | None, delivery: Delivery
-    ) -> None:
-        self.serial = serial
-        self.pattern = pattern
-        self.rate_hz = rate_hz
-        self.fields = fields
-        self.delivery = delivery
-        self.paths: tuple[str, ...] = ()
 
 
 class Subscriber(Protocol):
@@ -57,40 +39,6 @@ class Subscriber(Protocol):
     codec: Codec
     outbox: Outgoing
     subscriptions: dict[int, Subscription]
-
-
-class Share:
-    """One subscription at one port: thins the samples out to its rate.
-
-    A sample passes when it is the first one in its slot of 1/rate_hz, counted from the first sample seen: slots are computed, not
-    accumulated, so they do not drift.
-    """
-
-    def __init__(self, subscription: Subscription) -> None:
-        self.subscription = subscription
-        # Times are whole nanoseconds: no rate above means more, and no product can overflow.
-        self._rate = None if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
-        self._start_ns: int | None = None
-        self._slot = 0
-
-    def passes(self, t_ns: int) -> bool:
-        """Whether the sample that was true at `t_ns` is sent."""
-        if self._rate is None:
-            return True
-        if self._start_ns is not None:
-            # Sample times are rounded to whole nanoseconds: one that belongs to a slot may seem to lie just before it.
-            slot = int((t_ns - self._start_ns + _ROUNDING_NS) * self._rate // 1e9)
-            if self._slot - self._rate - 1 <= slot <= self._slot:
-                return False
-            if slot > self._slot:
-                self._slot = slot
-                return True
-        self._start_ns, self._slot = t_ns, 0  # the first sample, or time was set back by more than a second
-        return True
-
-    def restart(self) -> None:
-        """Begin a new series of slots with the next sample."""
-        self._start_ns = None
 
 
 class _Route:
@@ -147,6 +95,9 @@ class Fanout:
         self.context = context
         self.sessions: dict[Subscriber, None] = {}
         self._ports: dict[str, dict[_Key, _Selection]] = {}
+        self._taken: dict[str, Taken] = {}
+        self._touched: set[Outgoing] = set()
+        self._settling = 0
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
 
@@ -168,6 +119,16 @@ class Fanout:
         """Ports that anybody subscribes to."""
         return self._ports.keys()
 
+    @property
+    def thinned(self) -> Thinned:
+        """Those of which nobody takes all samples."""
+        self._settling = 0
+        thinned = {path: taken.thinnings for path, taken in self._taken.items()}
+        return {path: thinnings for path, thinnings in thinned.items() if thinnings}
+
+    def _settle(self) -> None:
+        self._settling = self._settling or SETTLING
+
     def add(self, session: Subscriber, subscription: Subscription) -> None:
         """Route the samples of a subscription; sets its paths."""
         self._add(session, subscription)
@@ -185,7 +146,10 @@ class Fanout:
             route = selection.routes.get(session)
             if route is None:
                 route = selection.routes[session] = _Route(session.outbox, session.codec.frame)
-            route.shares[subscription] = Share(subscription)
+            taken = self._taken.get(path)
+            if taken is None:
+                taken = self._taken[path] = Taken(self._settle)
+            route.shares[subscription] = Share(subscription, taken)
 
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
         """End what `add` began."""
@@ -198,13 +162,13 @@ class Fanout:
             selections = self._ports[path]
             routes = selections[key].routes
             route = routes[session]
-            del route.shares[subscription]
+            route.shares.pop(subscription).end()
             if not route.shares:
                 del routes[session]
             if not routes:
                 del selections[key]
             if not selections:
-                del self._ports[path]
+                del self._ports[path], self._taken[path]
         subscription.paths = ()
 
     # -- ports ----------------------------------------------------------------------------------------------------------------------
@@ -255,7 +219,7 @@ class Fanout:
     # -- what the world says --------------------------------------------------------------------------------------------------------
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Queue the samples of one tick and write once a client."""
+        """Queue the samples of one tick; `send_samples` follows."""
         touched: set[Outgoing] = set()
         for sample in samples:
             selections = self._ports.get(sample.port)
@@ -268,7 +232,18 @@ class Fanout:
                     self.context.stats.errors += 1
                     log.exception("a sample of %s could not be sent", sample.port)
         for outbox in touched:
+            outbox.gather()
+        self._touched |= touched
+        if self._settling:
+            self._settling -= 1
+            if not self._settling:
+                self.context.follow_wants()
+
+    def send_samples(self) -> None:
+        """Write the samples of some ticks, once a client."""
+        for outbox in self._touched:
             outbox.flush()
+        self._touched.clear()
 
     def put_event(self, event: Event) -> None:
         """Tell every admitted client."""
@@ -295,6 +270,15 @@ class Fanout:
 
 def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
     """Whether it was encoded: it was for anybody's turn."""
+    if len(selection.routes) == 1:
+        (route,) = selection.routes.values()
+        delivery = route.delivery(sample.t_ns)
+        if delivery is None:
+            return False
+        message = route.frame(selection.encoding.sample(selection.form, sample))
+        route.outbox.put_sample((sample.port, selection), message, delivery)
+        touched.add(route.outbox)
+        return True
     body: bytes | None = None
     messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
     # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
@@ -302,12 +286,12 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
         delivery = route.delivery(sample.t_ns)
         if delivery is None:
             continue
-        message = messages.get(route.frame)
-        if message is None:
+        framed = messages.get(route.frame)
+        if framed is None:
             if body is None:
                 body = selection.encoding.sample(selection.form, sample)
-            message = messages[route.frame] = route.frame(body)
-        route.outbox.put_sample((sample.port, selection), message, delivery)
+            framed = messages[route.frame] = route.frame(body)
+        route.outbox.put_sample((sample.port, selection), framed, delivery)
         touched.add(route.outbox)
     return body is not None
 

@@ -35,6 +35,9 @@ class Outgoing(Protocol):
     def put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
         """What may be dropped."""
 
+    def gather(self) -> None:
+        """A tick has ended: nothing of the next replaces what the peer has time for. `flush` follows."""
+
     def flush(self) -> None:
         """Send what waits."""
 
@@ -81,12 +84,14 @@ class Outbox:
         self._ring: deque[bytes] = deque()
         self._reliable: deque[bytes] = deque()
         self._latest: dict[Hashable, bytes] = {}
+        self._gathered: list[bytes] = []
+        self._gathered_bytes = 0
         self._closed = False
 
     @property
     def is_empty(self) -> bool:
         """Whether everything was given to the transport."""
-        return not (self._replies or self._reliable or self._ring or self._latest)
+        return not (self._replies or self._reliable or self._ring or self._latest or self._gathered)
 
     def put_reply(self, message: bytes) -> None:
         """Queue what must not be lost; `flush` sends it."""
@@ -154,14 +159,26 @@ class Outbox:
             "read the replies while you send requests"
         )
 
+    def gather(self) -> None:
+        """Keep for the transport what it takes, as it would be given to it now; much is given at once."""
+        while not self.paused and (batch := self._take()):
+            self._gathered.append(batch)
+            self._gathered_bytes += len(batch)
+            if self._gathered_bytes >= BATCH_BYTES:
+                self._write_gathered()
+
     def flush(self) -> None:
         """Give to the transport what it takes."""
-        while not self.paused:
-            batch = self._take()
-            if not batch:
-                return
-            self._stats.bytes_sent += len(batch)
-            self._write(batch)
+        self.gather()
+        if self._gathered and not self.paused:
+            self._write_gathered()
+
+    def _write_gathered(self) -> None:
+        batch = b"".join(self._gathered)
+        self._gathered.clear()
+        self._gathered_bytes = 0
+        self._stats.bytes_sent += len(batch)
+        self._write(batch)
 
     def _take(self) -> bytes:
         parts: list[bytes] = []
@@ -193,3 +210,5 @@ class Outbox:
         for queue in (self._replies, self._ring, self._reliable):
             queue.clear()
         self._latest.clear()
+        self._gathered.clear()
+        self._gathered_bytes = 0

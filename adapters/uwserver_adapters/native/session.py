@@ -10,8 +10,9 @@ from uwserver.adapter import UNANSWERED, Conversation, Owed
 from uwserver.ports import Fault, Json, Progress, Reply
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import RequestId
-from uwserver_adapters.native.fanout import Fanout, Subscription
+from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.native.shares import Subscription
 
 log = logging.getLogger(__name__)
 

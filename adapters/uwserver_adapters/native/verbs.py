@@ -11,9 +11,10 @@ from typing import Final
 from uwserver.adapter import did_you_mean
 from uwserver.ports import Fault, Json, Refused, Reply
 from uwserver_adapters.native import params as read
-from uwserver_adapters.native.fanout import Subscription, has_any
+from uwserver_adapters.native.fanout import has_any
 from uwserver_adapters.native.requests import Request
 from uwserver_adapters.native.session import Session
+from uwserver_adapters.native.shares import Subscription
 
 log = logging.getLogger(__name__)
 

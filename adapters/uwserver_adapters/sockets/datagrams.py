@@ -114,6 +114,9 @@ class DatagramOutbox:
         else:
             self._stats.dropped += 1
 
+    def gather(self) -> None:
+        """Nothing waits."""
+
     def flush(self) -> None:
         """Nothing waits."""
 

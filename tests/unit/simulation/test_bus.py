@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
+from uwserver.ports.thinning import Thinning
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.turns import MAX_WAITING
 from uwserver.testing import MockTime
@@ -281,24 +282,63 @@ def test_a_long_delivery_is_cut_so_that_the_loop_can_look_at_its_sockets():
 
 
 def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
-    """All of its turn: also what it writes to its sockets after the delivery."""
+    """Also what it still writes to its sockets when it is called again; and nothing of the time in which nobody calls it."""
     wakes, time = [], MockTime()
     bus, slow = Bus(wakes.append, time), Slow(time, 0.001)
     bus.attach(slow)
     assert bus.ahead == MAX_TICKS // 2
 
-    def turns(count: int, writing_s: float) -> int:
+    def turns(count: int, writing_s: float, idle_s: float = 0.0) -> int:
         for _ in range(count):
+            time.pass_time(idle_s)
             bus.publish(tick(0))
             bus.publish(tick(1))
-            wakes.pop()()
             time.pass_time(writing_s)
+            wakes.pop()()
         return bus.ahead
 
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
+    assert turns(40, writing_s=0.0, idle_s=0.1) == pytest.approx(10, abs=1), "nobody waited for it meanwhile"
     assert turns(40, writing_s=0.002) == pytest.approx(5, abs=1)
     assert turns(40, writing_s=10.0) == 2, "at least one is made while another is delivered"
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
+
+
+class Sending(Notes):
+    def send_samples(self) -> None:
+        self.seen.append("sent")
+
+
+def test_what_waits_is_sent_together():
+    wakes: list = []
+    bus, sending, notes = Bus(wakes.append), Sending(), Notes()
+    bus.attach(notes)
+    detach = bus.attach(sending)
+    for k in range(3):
+        bus.publish(tick(k), wake=k == 2)
+    wakes.pop()()
+    assert sending.seen == [[0], [1], [2], "sent"]
+    assert notes.seen == [[0], [1], [2]]
+    detach()
+    bus.publish(tick(3))
+    wakes.pop()()
+    assert len(sending.seen) == 4
+
+
+def test_the_newest_of_a_thinned_port_is_not_kept_for_who_wants_all():
+    """It may be older than the newest; who comes later waits for the next."""
+    wakes: list = []
+    bus, slow = Bus(wakes.append), Wanting("rov/imu")
+    slow.thinned = {"rov/imu": (Thinning(10.0, 0),)}
+    bus.attach(slow)
+    bus.publish(tick(1))
+    wakes.pop()()
+    bus.attach(Wanting("rov/imu"))
+    assert bus.wanted.thinned == {}
+    assert bus.last == {}
+    bus.publish(tick(2))
+    wakes.pop()()
+    assert bus.last["rov/imu"].seq == 2
 
 
 def places(item) -> int:

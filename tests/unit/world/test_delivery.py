@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 from sensing_rig import Rig, slot_of, stream
 
-from uwserver.modifiers import Delay, Dropout
+from uwserver.modifiers import Delay, Dropout, Reorder
+from uwserver.ports.thinning import Thinned, Thinning
 from uwserver.world.streams import COUNTS, ENTRY, HEARD, NEVER, READ
 
 NOBODY = np.zeros(0, np.int64)
@@ -77,3 +79,62 @@ def test_without_anybody_due_only_what_is_on_its_way_is_delivered() -> None:
     assert arrays.deliver(NOBODY, 40, True, 0) == 0
     assert arrays.next_ns == NEVER
     assert (ENTRY.itemsize, COUNTS.itemsize) == (56, 40)
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 7.0, 10.0, 99.9, 1e9 / 3])
+def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> None:
+    """To the last bit, also near the ends of intervals, with times far from the start, in their order."""
+    rng = np.random.default_rng(int(rate_hz))
+    start = int(rng.integers(0, 2**50))
+    edges = (rng.integers(0, 2**50, 4000) * rate_hz // 1e9 * 1e9 / rate_hz).astype(np.int64)
+    times = np.unique(start + edges + rng.integers(-1002, 1003, len(edges)))
+    thinning = Thinning(rate_hz, start)
+    rig = Rig(slot_of(path="a", latency_ns=-3))
+    (k,) = rig.slots["a"].stream_numbers
+    rig.sensing.want(("a",), {"a": (thinning,)})
+    newest, expected, taken = -(2**62), [], []
+    for t_ns in times.tolist():
+        if thinning.interval(t_ns) > newest:
+            newest = thinning.interval(t_ns)
+            expected.append(t_ns)
+        rig.sensing.after(0, t_ns, samples := [])
+        taken += [sample.t_ns for sample in samples]
+    assert 100 < len(expected) <= len(times)
+    assert taken == expected
+    assert rig.instruments.streams.rows["seq"][k] == len(times) - 1, "each was delivered"
+
+
+def test_one_sample_for_all_whose_intervals_begin_with_it() -> None:
+    rig = Rig(slot_of(path="a", latency_ns=-3), slot_of(path="b", latency_ns=-3))
+    rig.sensing.want(("a", "b"), {"a": (Thinning(1e7, 10), Thinning(2.5e7, 10))})
+    told = [(s.port, s.t_ns) for n in range(1, 22) for s in rig.samples(n)]
+    assert [t for port, t in told if port == "a"] == [10, 50, 90, 110, 130, 170, 210]
+    assert len([t for port, t in told if port == "b"]) == 21
+
+
+def test_all_are_chosen_of_a_stream_whose_order_is_not_that_of_time() -> None:
+    """From the first on that is older than the one before it."""
+
+    def told(thinned: Thinned) -> list[int]:
+        rig = Rig(slot_of(Reorder(probability=0.1, behind=2).build(stream()), path="a"))
+        rig.sensing.want(("a",), thinned)
+        return [sample.t_ns for n in range(1, 300) for sample in rig.samples(n)]
+
+    times = told({})
+    late = next(k for k, (one, other) in enumerate(itertools.pairwise(times)) if other < one) + 1
+    assert 2 < late < 150
+    assert told({"a": (Thinning(1e5, 0),)}) == [times[0], *times[late:]]
+
+
+def test_what_is_enough_holds_until_the_time_is_set_or_sensors_come() -> None:
+    rig = Rig(slot_of(path="a", latency_ns=-3))
+    counts = rig.instruments.streams.rows["thinning_count"]
+    for forget in (rig.sensing.forget_newest, rig.sensing.settle):
+        rig.sensing.want(("a",), {"a": (Thinning(10.0, 0), Thinning(1.0, 0)), "gone": (Thinning(1.0, 0),)})
+        assert counts.sum() == 2
+        forget()
+        rig.sensing.set_listeners((), (), lambda *heard: None)
+        assert counts.sum() == 0
+    rig.sensing.want(("a",), {"a": (Thinning(10.0, 0),)})
+    rig.sensing.set_listeners(("a",), (), lambda *heard: None)
+    assert counts.sum() == 0, "a part of the world hears each one"

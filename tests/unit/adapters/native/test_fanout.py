@@ -15,15 +15,16 @@ import pytest
 from uwserver_adapters.native import fanout
 from uwserver_adapters.native.codec import JsonCodec
 from uwserver_adapters.native.encoding import Encoding
-from uwserver_adapters.native.fanout import Share, Subscription
+from uwserver_adapters.native.shares import Share, Subscription, Taken
 
 from uwserver.ports import Event, Field, Port, Sample
+from uwserver.ports.thinning import Thinning
 from uwserver.testing import FakeContext, sample_of
 from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
 
 
 def passed(rate_hz: float | None, times_ns: list[int]) -> list[int]:
-    share = Share(Subscription(1, "p", rate_hz, None, "ring"))
+    share = Share(Subscription(1, "p", rate_hz, None, "ring"), Taken(lambda: None))
     return [number for number, t_ns in enumerate(times_ns) if share.passes(t_ns)]
 
 
@@ -265,6 +266,33 @@ def test_the_world_is_told_what_clients_subscribe_to(stage: Callable[..., Any]) 
         two.transport.die()
         await asyncio.sleep(0)
         assert context.wanted == {"rov/imu"}
+
+    asyncio.run(scene())
+
+
+def test_the_world_is_told_what_is_enough_for_clients_together(stage: Callable[..., Any]) -> None:
+    """After some ticks with samples, of all that have begun meanwhile; and at once that it is enough no more."""
+
+    async def scene() -> None:
+        theatre = stage()
+        context, routes = theatre.context, theatre.adapter.service.fanout
+        follow, followed = context.follow_wants, list[Any]()
+        context.follow_wants = lambda: (follow(), followed.append(dict(routes.thinned)))[0]
+        one, two = theatre.talker(), theatre.talker("msgpack")
+        await one.result("subscribe", {"pattern": "rov/*", "rate_hz": 10})
+        assert followed.pop() == {}, "nothing is known before the first sample"
+        context.put([sample_of(IMU, 0, 50)])
+        for k in range(fanout.SETTLING - 1):
+            assert followed == []
+            context.put([sample_of(DEPTH, k, 70 + k)])
+        assert followed == [{"rov/imu": (Thinning(10.0, 50),), "rov/depth": (Thinning(10.0, 70),)}]
+        await two.result("subscribe", {"pattern": "rov/imu"})
+        assert followed.pop() == {"rov/depth": (Thinning(10.0, 70),)}
+        two.transport.die()
+        await asyncio.sleep(0)
+        assert followed.pop().keys() == {"rov/imu", "rov/depth"}
+        context.say(Event("reset", 0, 0, "by the test"))
+        assert routes.thinned == {}
 
     asyncio.run(scene())
 

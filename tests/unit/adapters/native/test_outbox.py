@@ -31,6 +31,44 @@ class Peer:
         return b"".join(self.writes)
 
 
+def test_what_is_gathered_is_written_together_and_replaced_no_more() -> None:
+    peer = Peer()
+    for tick in range(3):
+        peer.outbox.put_sample("p", b"%d " % tick, "latest")
+        peer.outbox.gather()
+    assert (peer.writes, peer.outbox.is_empty) == ([], False)
+    peer.outbox.put_reply(b"reply ")
+    peer.outbox.flush()
+    assert (peer.writes, peer.outbox.is_empty) == ([b"0 1 2 reply "], True)
+    assert (peer.stats.samples_sent, peer.stats.dropped, peer.stats.bytes_sent) == (3, 0, 12)
+
+
+def test_much_is_written_without_waiting_for_more() -> None:
+    peer = Peer(capacity=1000)
+    for _ in range(100):
+        peer.outbox.put_sample("p", bytes(BATCH_BYTES // 8), "latest")
+        peer.outbox.gather()
+    assert len(peer.writes) == 12
+    peer.outbox.close()
+    peer.outbox.flush()
+    assert len(peer.writes) == 12
+    assert peer.outbox.is_empty
+
+
+def test_a_transport_that_takes_nothing_gathers_nothing() -> None:
+    peer = Peer()
+    peer.outbox.put_sample("p", b"0 ", "latest")
+    peer.outbox.gather()
+    peer.outbox.paused = True
+    for tick in (1, 2):
+        peer.outbox.put_sample("p", b"%d " % tick, "latest")
+        peer.outbox.gather()
+        peer.outbox.flush()
+    assert (peer.writes, peer.stats.dropped) == ([], 1)
+    peer.outbox.resume()
+    assert peer.writes == [b"0 2 "]
+
+
 def test_one_write_a_flush_in_order_of_precedence() -> None:
     peer = Peer()
     peer.outbox.put_sample("p", b"latest ", "latest")
