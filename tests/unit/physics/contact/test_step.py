@@ -217,3 +217,44 @@ def test_a_spinning_body_that_is_held_keeps_its_attitude_a_unit_quaternion() -> 
     assert np.linalg.norm(hydro.state[0, Q : Q + 4]) == pytest.approx(1.0, abs=1e-15)
     R = np.array(matrix(hydro.state[0, Q : Q + 4]))
     assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(3.0 * 100 * DT)
+
+
+def test_a_hit_acts_at_the_start_and_what_holds_over_the_tick() -> None:
+    """Falling at 0.8 m/s on to the ground, and 20 N heavy: the next tick starts from what holds alone."""
+    hydro = world(ball(heavy=20.0))
+    hydro.state[0, NU + 2] = 0.8
+    contacts, table = below(hydro), addresses(WORLD, vars(hydro))
+    struck = strike(table, contacts, *NONE, 0.0, DT)
+    assert struck.hit[0, 0] == pytest.approx(8.0 * 0.8, rel=1e-12)
+    assert hydro.state[0, NU + 2] == pytest.approx(0.0, abs=1e-12)
+    assert struck.hold[0, 0] == pytest.approx(20.0 * DT, rel=1e-9)
+    hydro.advance(0.0)
+    impulse, hold = np.empty((2, 1, 3))
+    settle(table, struck, contacts, DT, impulse, hold, np.empty((1, 6)))
+    np.testing.assert_allclose(hold, [[0.0, 0.0, -20.0 * DT]], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(impulse, [[0.0, 0.0, -20.0 * DT - 6.4]], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", [0.25, 0.75, 0.999])
+def test_until_a_hit_within_the_tick_the_ground_does_not_hold(part: float) -> None:
+    """It touches after a part of the tick, and bears the weight for the rest of it."""
+    hydro = world(ball(heavy=20.0))
+    hydro.state[0, NU + 2] = 0.8
+    contacts = below(hydro, gap=part * DT * 0.8)
+    struck = strike(addresses(WORLD, vars(hydro)), contacts, *NONE, 0.0, DT)
+    assert struck.hit[0, 0] == pytest.approx((1.0 - part) * 8.0 * 0.8, rel=1e-9)
+    assert struck.hold[0, 0] == pytest.approx((1.0 - part) * 20.0 * DT, rel=1e-6)
+    assert struck.final[0]
+
+
+def test_a_contact_that_rolls_along_takes_the_force_with_it() -> None:
+    """The next tick's contact is where this one went, so a ball that rolls is not braked."""
+    hydro = world(ball(heavy=20.0))
+    hydro.state[0, NU], hydro.state[0, NU + 4] = 2.0, -4.0
+    contacts = below(hydro, friction=0.5)
+    memory = contacts.key, contacts.point - [2.0 * DT, 0.0, 0.0], np.array([[0.0, 0.0, -20.0 * DT]])
+    impulse, _ = tick(hydro, contacts, memory)
+    np.testing.assert_allclose(impulse, [[0.0, 0.0, -20.0 * DT]], rtol=0.0, atol=1e-7)
+    R = np.array(matrix(hydro.state[0, Q : Q + 4]))
+    np.testing.assert_allclose(R @ hydro.state[0, NU : NU + 3], [2.0, 0.0, 0.0], rtol=0.0, atol=1e-6)
+    assert hydro.state[0, NU + 4] == pytest.approx(-4.0, abs=1e-6)
