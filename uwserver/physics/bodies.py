@@ -314,7 +314,7 @@ class Hydrodynamics:
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
-        if self.sea is not None:
+        if self._sea is not None:
             self._flow(t, 0.5 * self.dt)
         if self.collider is not None:
             contacts = self._detect(self.collider)
@@ -382,8 +382,8 @@ class Hydrodynamics:
 
     def fill_flows(self, t: float, ahead: float = 0.0) -> None:
         """Find the water at each body, `ahead` s after t on its way, where there is a sea."""
-        if self.sea is not None:
-            _sea_kernel().fill_flows(self.table, self.sea, t, ahead)
+        if self._sea is not None:
+            _sea_kernel().fill_flows(self.table, self._sea, t, ahead)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

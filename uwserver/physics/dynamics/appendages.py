@@ -18,6 +18,19 @@ from uwserver.physics.kernel.rotation import rotation
 
 
 @compiled
+def _velocity(body: Any, strips: Array, r: Array, R: Array, work: Array) -> tuple[float, float, float]:
+    """Velocity (m/s, B) through the water of a point r (B, m) of the body whose nu_r is in work[NU_R]."""
+    if body.strip_count > 0:
+        return mount_velocity(body, strips, r[0], r[1], r[2], R, work)
+    p, q, s = work[NU_R, 3], work[NU_R, 4], work[NU_R, 5]
+    return (
+        work[NU_R, 0] + q * r[2] - s * r[1],
+        work[NU_R, 1] + s * r[0] - p * r[2],
+        work[NU_R, 2] + p * r[1] - q * r[0],
+    )
+
+
+@compiled
 def _add_at(r: Array, x: float, y: float, z: float, work: Array, tau: int) -> None:
     """work[tau] += the force (x, y, z) (N, B) that acts at r (B, m)."""
     work[tau, 0] += x
@@ -142,7 +155,7 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
     for k in range(body.foil_first, body.foil_first + body.foil_count):
         foil = fitted.foils[k]
         scale = _disc(foil.r, foil.radius, depth, work) if near_surface else 1.0
-        velocity = mount_velocity(body, model.strips, foil.r[0], foil.r[1], foil.r[2], R, work)
+        velocity = _velocity(body, model.strips, foil.r, R, work)
         if foil.servo < 0:
             _add_foil(foil, velocity, 0.0, scale, work, PASSIVE)
         else:
@@ -152,8 +165,7 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
         propeller = fitted.propellers[k]
         scale = _disc(propeller.r, 0.5 * propeller.diameter, depth, work) if near_surface else 1.0
         scale *= fitted.servos[propeller.servo].efficiency
-        r = propeller.r
-        velocity = mount_velocity(body, model.strips, r[0], r[1], r[2], R, work)
+        velocity = _velocity(body, model.strips, propeller.r, R, work)
         _add_propeller(propeller, velocity, fitted.values[propeller.servo, stage], scale, work)
     for k in range(body.weight_first, body.weight_first + body.weight_count):
         weight = fitted.weights[k]

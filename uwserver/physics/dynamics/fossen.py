@@ -154,25 +154,26 @@ def find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array
     return moving
 
 
-@inlined
-def _add_inertia(body: Any, M_A: Array, work: Array, source: int, scale: float, target: int) -> None:
-    """work[target] += scale M_A work[source], with M_A (6, 6) of `near_boundary` for a body that asks for it."""
-    if body.near_form != NEAR_NOTHING:
-        _multiply_add(M_A, body.form_M_A, work, source, scale, target)
-    else:
-        _multiply_add(body.M_A, body.form_M_A, work, source, scale, target)
-
-
 @compiled
-def _add_change_of_mass(body: Any, M_A_z: Array, R: Array, held: float, work: Array) -> None:
-    """work[TAU] += what M_A does that changes with depth (`near_boundary`), at r_b."""
+def _add_inertia(body: Any, w: Any, source: int, scale: float, target: int) -> None:
+    """w.work[target] += scale M_A w.work[source], with M_A (6, 6) of `near_boundary` for a body that asks for it."""
+    if body.near_form != NEAR_NOTHING:
+        _multiply_add(w.M_A, body.form_M_A, w.work, source, scale, target)
+    else:
+        _multiply_add(body.M_A, body.form_M_A, w.work, source, scale, target)
+
+
+@separate
+def _add_change_of_mass(body: Any, w: Any, held: float) -> None:
+    """w.work[TAU] += what M_A does that changes with depth (`near_boundary`), at r_b."""
+    work, R = w.work, w.R
     nu_r, b = work[NU_R], body.r_b
     vx = nu_r[0] + nu_r[4] * b[2] - nu_r[5] * b[1]
     vy = nu_r[1] + nu_r[5] * b[0] - nu_r[3] * b[2]
     vz = nu_r[2] + nu_r[3] * b[1] - nu_r[4] * b[0]
     for i in range(6):
         work[EXTRA, i] = 0.0
-    _multiply_add(M_A_z, body.form_M_A, work, NU_R, held, EXTRA)
+    _multiply_add(w.M_A_z, body.form_M_A, work, NU_R, held, EXTRA)
     sinking, pull = R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz, 0.0
     for i in range(6):
         pull += 0.5 * work[EXTRA, i] * nu_r[i]
@@ -186,11 +187,35 @@ def _add_change_of_mass(body: Any, M_A_z: Array, R: Array, held: float, work: Ar
     work[TAU, 5] += b[0] * fy - b[1] * fx
 
 
+@separate
+def _subtract_special_coriolis(body: Any, w: Any, held: float) -> None:
+    """w.work[TAU] -= C_A nu_r and what changes with depth, for a body with strips or near boundaries; apart, as few have either."""
+    work, striped = w.work, body.strip_count > 0
+    _add_inertia(body, w, NU_R, held, MOMENTUM)
+    if striped:  # the momentum is seen from axes that turn with the body, not with the water
+        for i in range(3, 6):
+            work[NU_R, i] += work[STREAM, i]
+    _subtract_coriolis(work, NU_R)
+    if striped:
+        for i in range(3, 6):
+            work[NU_R, i] -= work[STREAM, i]
+    if body.near_form != NEAR_NOTHING:
+        _add_change_of_mass(body, w, held)
+
+
+@separate
+def _add_special_current(body: Any, w: Any, moving: bool, cx: float, cy: float, cz: float, held: float) -> None:
+    """w.work[TAU] += M_A nu_c_dot of such a body."""
+    if body.strip_count > 0:
+        _add_inertia(body, w, STREAM_RATE, held, TAU)
+    else:
+        _find_current_rate(moving, w.R, cx, cy, cz, w.work)
+        _add_inertia(body, w, EXTRA, held, TAU)
+
+
 @inlined
-def _add_current(
-    body: Any, M_A: Array, moving: bool, R: Array, cx: float, cy: float, cz: float, held: float, work: Array
-) -> None:
-    """work[TAU] += M_A nu_c_dot for the current (cx, cy, cz) in B."""
+def _find_current_rate(moving: bool, R: Array, cx: float, cy: float, cz: float, work: Array) -> None:
+    """work[EXTRA] = nu_c_dot for the current (cx, cy, cz) in B."""
     nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
     work[EXTRA, 0] = nu5 * cy - nu4 * cz
     work[EXTRA, 1] = nu3 * cz - nu5 * cx
@@ -199,7 +224,6 @@ def _add_current(
     if moving:
         for i in range(3):
             work[EXTRA, i] += R[0, i] * work[WATER, 3] + R[1, i] * work[WATER, 4] + R[2, i] * work[WATER, 5]
-    _add_inertia(body, M_A, work, EXTRA, held, TAU)
 
 
 @compiled
@@ -298,8 +322,8 @@ def derivative(
         upward(flow, R, work[UP])
         fraction = immersion(body, model.shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
-        r = model.thrusters[k].r
         if striped:
+            r = model.thrusters[k].r
             vx, vy, vz = mount_velocity(body, model.strips, r[0], r[1], r[2], R, work)
             work[EXTRA, 0], work[EXTRA, 1], work[EXTRA, 2] = vx, vy, vz
         add_thrust(model.thrusters[k], model.forces[k, stage], depth, near_surface, striped, work)
@@ -321,21 +345,18 @@ def derivative(
     _subtract_coriolis(work, NU)
     for i in range(6):
         work[MOMENTUM, i] = 0.0
-    _add_inertia(body, w.M_A, work, NU_R, held, MOMENTUM)
-    if striped:  # the momentum is seen from axes that turn with the body, not with the water
-        for i in range(3, 6):
-            work[NU_R, i] += work[STREAM, i]
-    _subtract_coriolis(work, NU_R)
-    if striped:
-        for i in range(3, 6):
-            work[NU_R, i] -= work[STREAM, i]
-    if body.near_form != NEAR_NOTHING:
-        _add_change_of_mass(body, w.M_A_z, R, held, work)
+    special = striped or body.near_form != NEAR_NOTHING
+    if special:
+        _subtract_special_coriolis(body, w, held)
+    else:
+        _multiply_add(body.M_A, body.form_M_A, work, NU_R, held, MOMENTUM)
+        _subtract_coriolis(work, NU_R)
     _subtract_damping(body, fraction, work)
-    if striped:
-        _add_inertia(body, w.M_A, work, STREAM_RATE, held, TAU)
+    if special:
+        _add_special_current(body, w, moving, cx, cy, cz, held)
     elif moving or cx != 0.0 or cy != 0.0 or cz != 0.0:
-        _add_current(body, w.M_A, moving, R, cx, cy, cz, held, work)
+        _find_current_rate(moving, R, cx, cy, cz, work)
+        _multiply_add(body.M_A, body.form_M_A, work, EXTRA, held, TAU)
 
     for i in range(6):
         work[EXTRA, i] = 0.0

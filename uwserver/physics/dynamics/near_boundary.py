@@ -16,7 +16,7 @@ import numpy as np
 from uwserver.physics.dynamics.immersion import depth_below, upward
 from uwserver.physics.dynamics.scratch import EXTRA, MOMENTUM
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.compiled import compiled, separate
 from uwserver.physics.kernel.layout import NEAR_CYLINDER, NEAR_SPHERE
 
 _IMAGES = 400
@@ -68,7 +68,7 @@ def _both(form: int, depth: float, clearance: float) -> tuple[float, float]:
     return 1.0 + along, 1.0 + square
 
 
-@compiled
+@separate
 def set_near_mass(body: Any, x: float, y: float, z: float, t: float, flow: Array, w: Any) -> None:
     """w.M_A and w.M_A_z of a body whose origin is at (x, y, z) (N, m) at t (s), and whose rotation is w.R.
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from uwserver.physics.dynamics.scratch import DU_DT, EXTRA, NU, NU_R, PULL, STREAM, STREAM_RATE, WATER
+from uwserver.physics.dynamics.scratch import DU_DT, EXTRA, NU, PULL, STREAM, STREAM_RATE, WATER
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, inlined
+from uwserver.physics.kernel.compiled import compiled, inlined, separate
 from uwserver.physics.kernel.layout import FLOW_T
 
 
@@ -37,7 +37,7 @@ def _see(strip: Any, s: Array, source: int, lapse: float, R: Array, work: Array)
         extra[i] = strip.v_t[i] + G[i, 0] * strip.u[0] + G[i, 1] * strip.u[1] + G[i, 2] * strip.u[2]
 
 
-@compiled
+@separate
 def along_hull(body: Any, strips: Array, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> None:
     """The water along a hull at one instant; work[NU] is the body's velocity.
 
@@ -105,20 +105,18 @@ def _gap(place: float, other: float) -> float:
     return gap if abs(gap) > 1e-9 else 1e-9
 
 
-@compiled
+@separate
 def mount_velocity(
     body: Any, strips: Array, x: float, y: float, z: float, R: Array, work: Array
 ) -> tuple[float, float, float]:
     """Velocity (m/s, B) of a point (B, m) of the body through the water at that point.
 
-    Without strips the water is that of work[NU_R]. With them it is interpolated along the hull after Hermite, from its velocity and gradient
-    at each strip (`along_hull` was there), and goes on across the hull, and beyond its ends, by its gradient.
+    The water is interpolated along the hull after Hermite, from its velocity and gradient at each strip (`along_hull` was there), and goes on
+    across the hull, and beyond its ends, by its gradient.
     """
-    nu = work[NU_R] if body.strip_count == 0 else work[NU]
+    nu = work[NU]
     p, q, r = nu[3], nu[4], nu[5]
     vx, vy, vz = nu[0] + q * z - r * y, nu[1] + r * x - p * z, nu[2] + p * y - q * x
-    if body.strip_count == 0:
-        return vx, vy, vz
     b, extra = body.r_b, work[EXTRA]
     dx, dy, dz = x - b[0], y - b[1], z - b[2]
     along = dx if body.strip_axis == 0 else dy if body.strip_axis == 1 else dz

@@ -8,7 +8,7 @@ from typing import Any
 from uwserver.physics.dynamics.immersion import disc_fraction
 from uwserver.physics.dynamics.scratch import EXTRA, NU_R, TAU, UP
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, inlined
+from uwserver.physics.kernel.compiled import compiled, separate
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 
 MOST_INFLOW = 2.0
@@ -103,7 +103,7 @@ def ventilated(submergence: float) -> float:
     return float(max(0.0, 1.0 - 0.675 * (1.0 - 0.769 * submergence) ** 1.258))
 
 
-@inlined
+@separate
 def _across(thruster: Any, va: float, moved: bool, work: Array) -> float:
     """Square of the speed of the mount through the water across the axis, which it passes along at va."""
     if moved:

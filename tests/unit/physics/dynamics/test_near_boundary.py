@@ -92,7 +92,7 @@ def test_what_moves_along_the_bottom_is_drawn_to_it() -> None:
 
 @pytest.mark.parametrize("form", [NEAR_SPHERE, NEAR_CYLINDER])
 def test_no_energy_comes_from_the_bottom(form: int) -> None:
-    """A neutral body without damping glides down to the bottom; without the terms of Lagrange it would gain a tenth."""
+    """A neutral body without damping glides down to the bottom: what the growing mass takes up, its speed loses."""
     hydro = world(body(form), 9.2, 10.0, 1.0 / 240.0)
     hydro.state[0, 7:10] = 0.5, 0.3, 0.4
     energies = []

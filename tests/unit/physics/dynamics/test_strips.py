@@ -9,7 +9,7 @@ from uwserver.environment.sea import Sea
 from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
-from uwserver.physics.dynamics.scratch import DU_DT, NU, NU_R, STATE, STREAM, STREAM_RATE, WATER
+from uwserver.physics.dynamics.scratch import DU_DT, NU, STATE, STREAM, STREAM_RATE, WATER
 from uwserver.physics.dynamics.strips import along_hull, mount_velocity
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SeaRows
@@ -120,11 +120,3 @@ def test_a_mount_takes_the_water_of_its_place(r: tuple[float, float, float], err
     expected = x[7:10] + np.cross(x[10:], r) - R.T @ u
     found = mount_velocity(hydro.bodies[0], hydro.strips, *r, w["R"], w["work"])
     np.testing.assert_allclose(found, expected, atol=error * np.linalg.norm(u) + 1e-9)
-
-
-def test_without_strips_a_mount_takes_the_water_of_the_body() -> None:
-    hydro = Hydrodynamics([BODY], 0.01)
-    work = np.zeros(hydro.scratch["work"].shape[1:])
-    work[NU_R] = nu = np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
-    found = mount_velocity(hydro.bodies[0], hydro.strips, 0.5, 0.6, 0.7, np.eye(3), work)
-    np.testing.assert_allclose(found, nu[:3] + np.cross(nu[3:], [0.5, 0.6, 0.7]))
