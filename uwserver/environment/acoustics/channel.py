@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from functools import cache, lru_cache
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from uwserver.environment.column import WaterColumn
 from uwserver.physics.kernel.arrays import FloatArray
 
 TOLERANCE = 1e-3
-"""m/s by which layers may differ from the column; the column's own formula (TEOS-10) is uncertain by 0.04 m/s."""
+"""m/s by which layers may differ from the column's table, which itself stands for TEOS-10 within 2e-3 m/s."""
 ORDER = 2
 """Reflections at surface and bottom that are followed."""
 _OPEN = Boundaries()
@@ -56,17 +56,24 @@ class Path(NamedTuple):
 
 
 @cache
-def _kernels() -> ModuleType:
-    from uwserver.environment.acoustics import search
+def _kernels() -> tuple[ModuleType, ModuleType]:
+    from uwserver.environment.acoustics import search, thinning
 
-    return search
+    return search, thinning
+
+
+def kernels() -> tuple[Any, ...]:
+    """What is called of compiled code, as numba has made it."""
+    search, thinning = _kernels()
+    return (search.find_rays.made(), thinning.thin_out.made())
 
 
 def load_kernels() -> None:
-    """Have the search ready, compiled or from the cache, so that no tick waits for it."""
-    search, none = _kernels(), np.zeros(2)
-    search.find_rays.made().load(none, none, none, 1.0, 1.0, 1.0, 1.0, 1, 1.0, np.zeros((1, search.COLUMNS)))
-    search.thin_out.made().load(none, none, 1.0)
+    """Have it ready, compiled or from the cache, so that no tick waits for it."""
+    find, thin = kernels()
+    none = np.zeros(2)
+    find.load(none, none, none, 1.0, 1.0, 1.0, 1.0, 1, 1.0, np.zeros((1, 1)))
+    thin.load(none, none, 1.0)
 
 
 class Channel:
@@ -97,7 +104,7 @@ class Channel:
             boundaries: surface and bottom. Without a bottom what gets below the profile is gone.
             order: reflections at surface and bottom at most.
         """
-        search = _kernels()
+        search, _ = _kernels()
         out = np.empty((search.MOST, search.COLUMNS))
         a, b = (min(max(z, 0.0), boundaries.bottom) for z in (a, b))
         upper, lower = min(a, b), max(a, b)
@@ -134,14 +141,19 @@ class Channel:
 
 
 @lru_cache(maxsize=64)
-def channel_of(column: WaterColumn, frequency: float) -> Channel:
-    """That of a water column, in as few layers as its sound speed allows (`TOLERANCE`).
+def channel_of(column: WaterColumn, frequency: float, tolerance: float = TOLERANCE) -> Channel:
+    """That of a water column, in as few layers as its sound speed allows.
 
     Args:
         column: of the water.
         frequency: of the sound, Hz.
+        tolerance: by which the sound speed may differ, m/s; with 0 nothing is compiled.
     """
-    kept = _kernels().thin_out(column.depth, column.sound_speed, TOLERANCE)
+    kept = (
+        _kernels()[1].thin_out(column.depth, column.sound_speed, tolerance)
+        if tolerance
+        else np.arange(len(column.depth))
+    )
     depth = column.depth[kept]
     absorption = np.array([column.absorption_at(frequency, z) for z in depth.tolist()])
     return Channel(depth, column.sound_speed[kept], frequency, absorption)

@@ -54,7 +54,8 @@ class Medium(NamedTuple):
 @compiled
 def medium(depth: Array, speed: Array, alpha: Array, a: float, b: float, bottom: float) -> Medium:
     """Layers from the surface to the bottom (m; inf: to the end of the profile) with nodes at the ends of a ray, a <= b (m)."""
-    n, last = len(depth), max(b, min(bottom, depth[-1]))
+    n, closed = len(depth), math.isfinite(bottom)
+    last = bottom if closed else max(b, depth[-1])
     z, c, w = np.empty(n + 4), np.empty(n + 4), np.empty(n + 4)
     ends = (a, b, last)
     count, nxt, upper, lower = 0, 0, 0, 0
@@ -82,7 +83,7 @@ def medium(depth: Array, speed: Array, alpha: Array, a: float, b: float, bottom:
     fastest = c[upper : lower + 1].max()
     e = (fastest - c) * (fastest + c) / (fastest * fastest)
     k, g = (c[1:] + c[:-1]) * (z[1:] - z[:-1]), np.abs(c[1:] - c[:-1]) / (z[1:] - z[:-1])
-    return Medium(z, c, w, e, 1.0 - e, k, g, upper, lower, fastest, last >= bottom)
+    return Medium(z, c, w, e, 1.0 - e, k, g, upper, lower, fastest, closed)
 
 
 @compiled

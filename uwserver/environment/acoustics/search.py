@@ -12,7 +12,6 @@ interval bound x, and most are left at once.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,9 @@ from uwserver.environment.acoustics.layers import Medium, advance, advance_slope
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 
-TIME, UPPER_DIP, LOWER_DIP, AREA, ABSORPTION, SURFACE, BOTTOM, TURNS, SURFACE_GRAZING, BOTTOM_GRAZING, CAUSTIC = range(11)
+TIME, UPPER_DIP, LOWER_DIP, AREA, ABSORPTION, SURFACE, BOTTOM, TURNS, SURFACE_GRAZING, BOTTOM_GRAZING, CAUSTIC = range(
+    11
+)
 """Columns of what is found: s, rad, rad, m2, dB, counts, rad and rad; CAUSTIC is 1 where the area was bounded."""
 COLUMNS = 11
 MOST = 64
@@ -28,7 +29,7 @@ MOST = 64
 MOST_TURNS = 16
 """Of a ray, reflections apart: in a duct there is no end of them."""
 
-_FLATTEST = 1e-15
+_FLATTEST = 1e-30
 _ASIDE = 1e-9
 """Relative distance from an angle at which a ray just passes a node."""
 _WIDEST = 0.02
@@ -61,7 +62,12 @@ def _critical(m: Medium, begin: int, end: int, theta: Array, nodes: Array) -> in
 def _angles(m: Medium) -> tuple[Array, Array]:
     """Ends of the intervals, and for each the nodes above and below that a ray just passes there; -1 where it passes none."""
     last = len(m.c) - 1
-    above, below, upper, lower = np.empty(last + 1), np.empty(last + 1), np.empty(last + 1, np.int64), np.empty(last + 1, np.int64)
+    above, below, upper, lower = (
+        np.empty(last + 1),
+        np.empty(last + 1),
+        np.empty(last + 1, np.int64),
+        np.empty(last + 1, np.int64),
+    )
     highs, lows = _critical(m, m.upper, 0, above, upper), _critical(m, m.lower, last, below, lower)
     room = highs + lows + 3 + int(0.5 * math.pi / _WIDEST)
     angles, nodes = np.empty(room), np.full((room, 2), -1)
@@ -192,19 +198,31 @@ def _tube(m: Medium, theta: float, i: int, d: int, j: int, omega: float) -> tupl
     for other in (theta * (1.0 - _BESIDE), theta * (1.0 + _BESIDE)):
         beside, same = _widening(m, other, i, d, j)
         if same == turns:
-            bend += (beside - slope) * m.fastest / (math.cos(other) - math.cos(theta))
+            bend -= (
+                (beside - slope) * m.fastest / (2.0 * math.sin(0.5 * (other + theta)) * math.sin(0.5 * (other - theta)))
+            )
             sides += 1
-    least = _AIRY * ((bend / max(sides, 1)) ** 2 / omega) ** (1.0 / 3.0)
-    return max(abs(slope), least), least > abs(slope)
+    bend /= max(sides, 1)
+    least = _AIRY * (bend * bend / omega) ** (1.0 / 3.0)
+    if least <= abs(slope):
+        return abs(slope), False
+    # There is a caustic only where the widening changes its sign, and not where an end lies just beside the turning point.
+    versine = max(math.sin(0.5 * theta) ** 2 + slope / bend * m.fastest, 0.0)
+    other, same = _widening(m, max(2.0 * math.asin(min(math.sqrt(versine), 1.0)), _FLATTEST), i, d, j)
+    return (abs(slope), False) if same != turns or other * slope > 0.0 else (least, True)
 
 
 @compiled
-def _keep(m: Medium, theta: float, x: float, i: int, d: int, j: int, downward: bool, omega: float, out: Array, count: int) -> int:
+def _keep(
+    m: Medium, theta: float, x: float, i: int, d: int, j: int, downward: bool, omega: float, out: Array, count: int
+) -> int:
     """Put a ray among those found, by its time; `downward` where it leaves the upper end. Returns how many there are."""
     q, p, last = math.sin(theta) ** 2, math.cos(theta) / m.fastest, len(m.c) - 1
     up, between, down = leg(m, p, q, m.upper, 0), leg(m, p, q, m.upper, m.lower), leg(m, p, q, m.lower, last)
     way = i * up.x + d * between.x + j * down.x
-    time = i * up.time + d * between.time + j * down.time + p * (x - way)  # exact to the second order of what theta lacks
+    time = (
+        i * up.time + d * between.time + j * down.time + p * (x - way)
+    )  # exact to the second order of what theta lacks
     place = count
     while place and out[place - 1, TIME] > time:
         place -= 1
@@ -260,7 +278,10 @@ def _exists(m: Medium, i: int, d: int, j: int, downward: bool, order: int, up: b
 
 
 @compiled
-def _in_interval(m: Medium, low: float, high: float, at: Array, x: float, order: int, up: bool, down: bool, omega: float, out: Array, count: int) -> int:  # fmt: skip
+def _in_interval(
+    m: Medium, low: float, high: float, at: Array, x: float, order: int, up: bool, down: bool, omega: float,
+    out: Array, count: int,
+) -> int:  # fmt: skip
     """Find the rays between two angles; `at` are their ways at both."""
     for k in range(MOST_TURNS + order + 1):
         for kind in range(4):
@@ -330,11 +351,12 @@ def find_rays(
     Returns:
         How many were found.
     """
-    m: Any = medium(depth, speed, alpha, a, b, bottom)
+    m = medium(depth, speed, alpha, a, b, bottom)
     if x < _NEAR_M:
-        return _vertical(m, order, omega, out)
+        vertical: int = _vertical(m, order, omega, out)
+        return vertical
     angles, nodes = _angles(m)
-    count, last = _level(m, x, out), len(m.c) - 1
+    count: int = _level(m, x, out)
     # At the surface and at the bottom no ray turns: from the angle on at which it passes the fastest node before them, it gets there.
     up, down = m.c[0 : m.upper + 1].max() <= m.fastest, m.c[m.lower :].max() <= m.fastest
     top, ground = m.c[: m.upper + 1].max(), m.c[m.lower :].max()
@@ -348,34 +370,3 @@ def find_rays(
         count = _in_interval(m, angles[k], angles[k + 1], at, x, order, up, down, omega, out, count)
         at[0] = following
     return count
-
-
-@entry
-def thin_out(depth: Array, speed: Array, tolerance: float) -> Array:
-    """Which points of a profile are enough (Douglas and Peucker, 1973): lines between them leave no other by more than the tolerance (m/s).
-
-    Args:
-        depth, speed: (n) m ascending, and m/s.
-        tolerance: m/s.
-
-    Returns:
-        (m) their numbers, ascending, the first and the last among them.
-    """
-    n = len(depth)
-    kept, stack = np.zeros(n, np.bool_), np.empty((n + 1, 2), np.int64)
-    kept[0] = kept[n - 1] = True
-    stack[0, 0], stack[0, 1], size = 0, n - 1, 1
-    while size:
-        size -= 1
-        low, high = stack[size]
-        slope = (speed[high] - speed[low]) / (depth[high] - depth[low])
-        worst, most = -1, tolerance
-        for i in range(low + 1, high):
-            off = abs(speed[i] - speed[low] - slope * (depth[i] - depth[low]))
-            if off > most:
-                worst, most = i, off
-        if worst > 0:
-            kept[worst] = True
-            stack[size, 0], stack[size, 1], stack[size + 1, 0], stack[size + 1, 1] = low, worst, worst, high
-            size += 2
-    return np.nonzero(kept)[0]

@@ -1,17 +1,19 @@
-"""Rays by shooting: the ray equations integrated numerically in a smooth sea, unfolded at its boundaries. Shares nothing with what it proves."""
+"""Smooth profiles of sound speed, and rays by shooting: the ray equations integrated numerically, unfolded at surface and bottom."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-Speed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Sound speed (m/s) and its derivative (1/s) at depths (m)."""
+from uwserver.environment.acoustics.channel import Channel
+
+Speed = Callable[[Any], tuple[Any, Any]]
+"""Sound speed (m/s) and its derivative (1/s) at depths (m), one or many."""
 
 
 class Shot(NamedTuple):
@@ -61,8 +63,8 @@ def _single(speed: Speed, bottom: float, x: float, a: float, angle: float) -> tu
     depth = bottom if math.isfinite(bottom) else 1e9
 
     def motion(_, y):
-        c, slope = speed(np.array([y[0]]))
-        return [math.tan(y[1]), -float(slope[0]) / float(c[0]), 1.0 / (float(c[0]) * math.cos(y[1]))]
+        c, slope = speed(y[0])
+        return [math.tan(y[1]), -slope / c, 1.0 / (c * math.cos(y[1]))]
 
     def surface(_, y):
         return y[0]
@@ -73,7 +75,9 @@ def _single(speed: Speed, bottom: float, x: float, a: float, angle: float) -> tu
     surface.terminal, floor.terminal = True, True
     surface.direction, floor.direction = -1.0, 1.0
     while here < x:
-        way = solve_ivp(motion, (here, x), [z, theta, time], method="DOP853", rtol=1e-11, atol=1e-11, events=(surface, floor))
+        way = solve_ivp(
+            motion, (here, x), [z, theta, time], method="DOP853", rtol=1e-10, atol=1e-10, events=(surface, floor)
+        )
         here = float(way.t[-1])
         z, theta, time = way.y[:, -1]
         if way.status == 1:
@@ -124,15 +128,15 @@ def _refine(speed, bottom, x, a, goal, low, high, surface, floor) -> Shot | None
         low, high = low - width, high + width
     if miss(low) * miss(high) > 0.0:
         return None
-    angle = brentq(miss, low, high, xtol=1e-12)
+    angle = brentq(miss, low, high, xtol=1e-11)
     if abs(miss(angle)) > 1e-3:  # where rays begin to reach a boundary the fan is torn
         return None
     _, theta, time = _single(speed, bottom, x, a, angle)
     small = 1e-6
     dz = (miss(angle + small) - miss(angle - small)) / (2.0 * small)
     flipped = (surface + floor) % 2 == 1
-    (c_a, _), (c_b, _) = speed(np.array([float(a)])), speed(np.array([float(_fold(goal, bottom))]))
-    area = x * abs(dz) * math.cos(theta) / math.cos(angle) * float(c_a[0] / c_b[0])
+    (c_a, _), (c_b, _) = speed(a), speed(_fold(goal, bottom))
+    area = x * abs(dz) * math.cos(theta) / math.cos(angle) * c_a / c_b
     return Shot(time, angle, -theta if flipped else theta, surface, floor, area)
 
 
@@ -150,3 +154,28 @@ def _reflections(goal: float, bottom: float) -> tuple[int, int]:
     cell = math.floor(goal / bottom)
     count = abs(cell)
     return (count // 2, (count + 1) // 2) if cell > 0 else ((count + 1) // 2, count // 2)
+
+
+def still(z):
+    return 1500.0 + 0.0 * z, 0.0 * z
+
+
+def munk(z):
+    """W. H. Munk, J. Acoust. Soc. Am. 55 (1974) 220, with its axis at 1300 m."""
+    eta = 2.0 * (z - 1300.0) / 1300.0
+    return 1500.0 * (1.0 + 0.00737 * (eta - 1.0 + np.exp(-eta))), 1500.0 * 0.00737 * (1.0 - np.exp(-eta)) * 2.0 / 1300.0
+
+
+def duct(z):
+    u = (z - 60.0) / 20.0
+    return 1500.0 - 20.0 / np.cosh(u) ** 2, 2.0 * np.tanh(u) / np.cosh(u) ** 2
+
+
+def thermocline(z):
+    u = (z - 40.0) / 10.0
+    return 1500.0 - 20.0 * np.tanh(u) + 0.016 * z, 0.016 - 2.0 / np.cosh(u) ** 2
+
+
+def channel(speed, deepest, spacing, frequency=26e3) -> Channel:
+    z = np.arange(0.0, deepest + 0.5 * spacing, spacing)
+    return Channel(z, speed(z)[0], frequency)
