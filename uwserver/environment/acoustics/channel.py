@@ -104,8 +104,19 @@ class Channel:
             boundaries: surface and bottom. Without a bottom what gets below the profile is gone.
             order: reflections at surface and bottom at most.
         """
+        return self._find(_kernels()[0].MOST, horizontal, a, b, boundaries, order)
+
+    def earliest(
+        self, horizontal: float, a: float, b: float, boundaries: Boundaries = _OPEN, order: int = ORDER
+    ) -> Path | None:
+        """The first of `paths`, however weak, without the others; None where there is none."""
+        return next(iter(self._find(1, horizontal, a, b, boundaries, order)), None)
+
+    def _find(
+        self, most: int, horizontal: float, a: float, b: float, boundaries: Boundaries, order: int
+    ) -> tuple[Path, ...]:
         search, _ = _kernels()
-        out = np.empty((search.MOST, search.COLUMNS))
+        out = np.empty((most, search.COLUMNS))
         a, b = (min(max(z, 0.0), boundaries.bottom) for z in (a, b))
         upper, lower = min(a, b), max(a, b)
         count = search.find_rays(

@@ -18,7 +18,8 @@ _SAME_M = 1e-9
 """Depths this near are one."""
 _TURNING = 1e-14
 """Relative error of the squared sine where a ray just turns."""
-_ENDLESS_M = 1e15
+ENDLESS_M = 1e15
+"""A way that is longer than any."""
 _SPREAD = 6
 """Nodes before the turning point about which a bend of the profile is spread."""
 _SMOOTH = 2.0
@@ -109,7 +110,7 @@ def advance(m: Medium, p: float, q: float, begin: int, end: int, limit: float) -
         if square < _TURNING * m.e[node]:
             return x, near / (p * m.g[layer]), last, passed
         far = math.sqrt(max(square, 0.0))
-        last = min(p * m.k[layer] / (near + far), _ENDLESS_M)
+        last = min(p * m.k[layer] / (near + far), ENDLESS_M)
         x, near, passed, layer = x + last, far, node, layer + step
     return x, 0.0, last, passed
 

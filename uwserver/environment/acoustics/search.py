@@ -15,7 +15,16 @@ import math
 
 import numpy as np
 
-from uwserver.environment.acoustics.layers import Medium, advance, advance_slope, leg, medium, sine_at, widening
+from uwserver.environment.acoustics.layers import (
+    ENDLESS_M,
+    Medium,
+    advance,
+    advance_slope,
+    leg,
+    medium,
+    sine_at,
+    widening,
+)
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 
@@ -25,7 +34,7 @@ TIME, UPPER_DIP, LOWER_DIP, AREA, ABSORPTION, SURFACE, BOTTOM, TURNS, SURFACE_GR
 """Columns of what is found: s, rad, rad, m2, dB, counts, rad and rad; CAUSTIC is 1 where the area was bounded."""
 COLUMNS = 11
 MOST = 64
-"""Rays that are kept, the earliest of more."""
+"""Rays that are kept where all are wanted, the earliest of more."""
 MOST_TURNS = 16
 """Of a ray, reflections apart: in a duct there is no end of them."""
 
@@ -62,12 +71,8 @@ def _critical(m: Medium, begin: int, end: int, theta: Array, nodes: Array) -> in
 def _angles(m: Medium) -> tuple[Array, Array]:
     """Ends of the intervals, and for each the nodes above and below that a ray just passes there; -1 where it passes none."""
     last = len(m.c) - 1
-    above, below, upper, lower = (
-        np.empty(last + 1),
-        np.empty(last + 1),
-        np.empty(last + 1, np.int64),
-        np.empty(last + 1, np.int64),
-    )
+    above, below = np.empty(last + 1), np.empty(last + 1)
+    upper, lower = np.empty(last + 1, np.int64), np.empty(last + 1, np.int64)
     highs, lows = _critical(m, m.upper, 0, above, upper), _critical(m, m.lower, last, below, lower)
     room = highs + lows + 3 + int(0.5 * math.pi / _WIDEST)
     angles, nodes = np.empty(room), np.full((room, 2), -1)
@@ -93,14 +98,21 @@ def _angles(m: Medium) -> tuple[Array, Array]:
 
 
 @compiled
-def _ways(m: Medium, theta: float, above: int, below: int, x: float, before: Array, after: Array) -> None:
+def _ways(
+    m: Medium, theta: float, passes: Array, wanted: tuple[bool, bool], x: float, before: Array, after: Array
+) -> None:
     """Horizontal ways of a ray (m): A, its turning arc, D, B, its turning arc. Those of rays a little flatter, which turn before they pass
-    the nodes `above` and `below` (-1: none), and of those a little steeper; what is longer than x is not finished."""
+    two nodes, above and below (-1: none), and of those a little steeper; what is longer than x is not finished, what is not wanted endless."""
     q, p = math.sin(theta) ** 2, math.cos(theta) / m.fastest
     before[2], _, _, _ = advance(m, p, q, m.upper, m.lower, x)
     after[2] = before[2]
     for side in range(2):
-        begin, end, node, at = (m.upper, 0, above, 0) if side == 0 else (m.lower, len(m.c) - 1, below, 3)
+        begin, end, at = (m.upper, 0, 0) if side == 0 else (m.lower, len(m.c) - 1, 3)
+        node = passes[side]
+        if not wanted[side]:
+            before[at] = after[at] = ENDLESS_M
+            before[at + 1] = after[at + 1] = 0.0
+            continue
         way, arc, last, passed = advance(m, p, q, begin, end, 0.5 * x)
         after[at], after[at + 1] = way, arc
         if node >= 0:
@@ -128,13 +140,18 @@ def _reach(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, floa
 
 
 @compiled
+def _drop(m: Medium, i: int, d: int, j: int) -> float:
+    """How far up and down a ray goes altogether that is reflected, m."""
+    last = len(m.c) - 1
+    return d * (m.z[m.lower] - m.z[m.upper]) + i * (m.z[m.upper] - m.z[0]) + j * (m.z[last] - m.z[m.lower])
+
+
+@compiled
 def _solve(
     m: Medium, low: float, high: float, at_low: float, at_high: float, x: float, i: int, d: int, j: int
 ) -> float:
     """The angle between two at which a ray goes x far; it goes too far by `at_low` and `at_high` there. Newton's rule, kept between them."""
-    last = len(m.c) - 1
-    drop = d * (m.z[m.lower] - m.z[m.upper]) + i * (m.z[m.upper] - m.z[0]) + j * (m.z[last] - m.z[m.lower])
-    theta = math.atan2(drop, x)
+    theta = math.atan2(_drop(m, i, d, j), x)
     if not low < theta < high:
         theta = low + (high - low) * min(max(at_low / (at_low - at_high), 0.05), 0.95)
     before = math.inf
@@ -226,9 +243,9 @@ def _keep(
     place = count
     while place and out[place - 1, TIME] > time:
         place -= 1
-    if place == MOST:
+    if place == len(out):
         return count
-    count = min(count + 1, MOST)
+    count = min(count + 1, len(out))
     for row in range(count - 1, place, -1):
         out[row] = out[row - 1]
     slope, bounded = _tube(m, theta, i, d, j, omega)
@@ -282,7 +299,8 @@ def _in_interval(
     m: Medium, low: float, high: float, at: Array, x: float, order: int, up: bool, down: bool, omega: float,
     out: Array, count: int,
 ) -> int:  # fmt: skip
-    """Find the rays between two angles; `at` are their ways at both."""
+    """Find the rays between two angles; `at` are their ways at both. Where only one is kept, those that are later for sure are left."""
+    quickest = m.c.max()
     for k in range(MOST_TURNS + order + 1):
         for kind in range(4):
             i, j, d = 2 * (k + kind % 2), 2 * (k + kind // 2), 2 * k + 1
@@ -292,6 +310,8 @@ def _in_interval(
                 return count
             downward = kind % 2 == 0
             if least > x or most < x or not _exists(m, i, d, j, downward, order, up, down):
+                continue
+            if count == len(out) and math.hypot(x, _drop(m, i * up, d, j * down)) > quickest * out[count - 1, TIME]:
                 continue
             first = i * (at[0, 0] + at[0, 1]) + d * at[0, 2] + j * (at[0, 3] + at[0, 4]) - x
             second = i * (at[1, 0] + at[1, 1]) + d * at[1, 2] + j * (at[1, 3] + at[1, 4]) - x
@@ -346,7 +366,7 @@ def find_rays(
         bottom: depth of the flat bottom, m; inf for none: sound that gets below the profile is gone.
         order: reflections at surface and bottom at most.
         omega: angular frequency of the sound, which bounds caustics, rad/s.
-        out: (MOST, COLUMNS) gets what is found.
+        out: (n, COLUMNS) gets what is found, the n earliest of more.
 
     Returns:
         How many were found.
@@ -357,16 +377,19 @@ def find_rays(
         return vertical
     angles, nodes = _angles(m)
     count: int = _level(m, x, out)
-    # At the surface and at the bottom no ray turns: from the angle on at which it passes the fastest node before them, it gets there.
-    up, down = m.c[0 : m.upper + 1].max() <= m.fastest, m.c[m.lower :].max() <= m.fastest
-    top, ground = m.c[: m.upper + 1].max(), m.c[m.lower :].max()
-    at, unused = np.zeros((2, 5)), np.zeros(5)
-    _ways(m, angles[0], -1, -1, x, unused, at[0])
-    following = np.zeros(5)
-    for k in range(len(angles) - 1):
-        above, below = nodes[k]
-        up, down = up or (above >= 0 and m.c[above] >= top), down or (below >= 0 and m.c[below] >= ground)
-        _ways(m, angles[k + 1], nodes[k + 1, 0], nodes[k + 1, 1], x, at[1], following)
-        count = _in_interval(m, angles[k], angles[k + 1], at, x, order, up, down, omega, out, count)
-        at[0] = following
+    # Beyond the angle at which a ray passes the fastest node before the surface, or the bottom, it gets there.
+    to_surface, to_bottom, last = 0, 0, len(angles) - 1
+    for k in range(last):
+        to_surface, to_bottom = k if nodes[k, 0] >= 0 else to_surface, k if nodes[k, 1] >= 0 else to_bottom
+    at, flatter = np.zeros((2, 5)), np.zeros(5)
+    for k in range(last, -1, -1):
+        # No time is less than p x: those of flatter rays are later than the one that is kept.
+        if count == len(out) and k < last and math.cos(angles[k + 1]) * x > m.fastest * out[count - 1, TIME]:
+            break
+        wanted = (order > 0 or k <= to_surface, order > 0 or k <= to_bottom)
+        _ways(m, angles[k], nodes[k], wanted, x, flatter, at[0])
+        if k < last:
+            up, down = k >= to_surface, k >= to_bottom
+            count = _in_interval(m, angles[k], angles[k + 1], at, x, order, up, down, omega, out, count)
+        at[1] = flatter
     return count

@@ -29,7 +29,9 @@ def test_no_sound_comes_earlier_than_any_path():
 
     paths = channel(deep, 200.0, 0.05).paths(2500.0, 80.0, 85.0, Boundaries(200.0))
     shots = shoot(deep, 200.0, 2500.0, 80.0, 85.0, 1, 0.3, 1600, 5.0)
-    assert [path.time for path in paths if path.surface + path.bottom < 2] == pytest.approx([shot.time for shot in shots], abs=1e-6)
+    assert [path.time for path in paths if path.surface + path.bottom < 2] == pytest.approx(
+        [shot.time for shot in shots], abs=1e-6
+    )
     assert paths[0].time > 2500.0 / float(deep(np.arange(0.0, 200.0, 0.1))[0].max())
 
 

@@ -202,3 +202,17 @@ def test_more_rays_than_there_is_room_for_keeps_the_earliest():
     assert len(most) == search.MOST > len(some) > 0
     assert list(most) == sorted(most)
     assert all(path in most for path in some if path.time < most[-1].time)
+
+
+@pytest.mark.parametrize("speed", [still, munk, duct, thermocline])
+@pytest.mark.parametrize("order", [0, 2])
+def test_the_earliest_alone_is_the_earliest_of_all(speed, order):
+    sea, rng = channel(speed, 150.0, 1.0), np.random.default_rng(5)
+    silent = 0
+    for bottom in (150.0, math.inf):
+        for _ in range(40):
+            x, a, b = rng.uniform(0.0, 4000.0), *rng.uniform(0.0, 150.0, 2)
+            every = sea.paths(x, a, b, Boundaries(bottom), order)
+            assert sea.earliest(x, a, b, Boundaries(bottom), order) == (every[0] if every else None)
+            silent += not every
+    assert silent < 60
