@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from uwserver.environment.acoustics.boundaries import Boundaries
 from uwserver.environment.acoustics.channel import Channel, channel_of, load_kernels
-from uwserver.environment.column import ConstantColumn, ThermoclineColumn, WaterColumn
+from uwserver.environment.column import ColumnConfig, ConstantColumn, ThermoclineColumn, WaterColumn
 from uwserver_bench.rows import Row
 
 FIRST_BAR_US, ALL_BAR_US = 60.0, 1000.0
@@ -18,7 +18,7 @@ FREQUENCY_HZ, BOTTOM_M = 26e3, 200.0
 THERMOCLINE = ThermoclineColumn(
     surface_temperature_degc=18.0, deep_temperature_degc=6.0, depth_m=40.0, thickness_m=20.0
 )
-CASES = {
+CASES: dict[str, tuple[ColumnConfig, float, float, float]] = {
     "500 m across a thermocline": (THERMOCLINE, 500.0, 5.0, 150.0),
     "2.5 km along a thermocline": (THERMOCLINE, 2500.0, 80.0, 85.0),
     "1 km in water of one temperature": (ConstantColumn(), 1000.0, 20.0, 60.0),

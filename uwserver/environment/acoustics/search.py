@@ -143,7 +143,8 @@ def _reach(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, floa
 def _drop(m: Medium, i: int, d: int, j: int) -> float:
     """How far up and down a ray goes altogether that is reflected, m."""
     last = len(m.c) - 1
-    return d * (m.z[m.lower] - m.z[m.upper]) + i * (m.z[m.upper] - m.z[0]) + j * (m.z[last] - m.z[m.lower])
+    drop: float = d * (m.z[m.lower] - m.z[m.upper]) + i * (m.z[m.upper] - m.z[0]) + j * (m.z[last] - m.z[m.lower])
+    return drop
 
 
 @compiled
