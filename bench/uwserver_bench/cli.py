@@ -32,7 +32,7 @@ PARTS = (
 )
 
 
-_MODULES = {"physics": ("physics", "remus")}
+_MODULES = {"physics": ("physics", "remus"), "sensors": ("sensors", "sound")}
 """Where a part is not the module of its name."""
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 

@@ -1,8 +1,9 @@
-"""What solid things are made of, as sound at sonar frequencies sees it: Lambert's parameter of backscatter."""
+"""What solid things are made of, as sound sees it: Lambert's parameter of backscatter, and what a bottom reflects as a mirror."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,3 +32,36 @@ SURFACE_DB = -25.0
 def lambert(names: Sequence[str]) -> npt.NDArray[np.float64]:
     """(n) linear Lambert parameters of materials in the order of their numbers; an unknown one, as "default", is taken for sediment."""
     return np.array([10.0 ** (0.1 * LAMBERT_DB.get(name, SEDIMENT_DB)) for name in names or ("sediment",)])
+
+
+class Sediment(NamedTuple):
+    """A bottom as a fluid half-space.
+
+    Attributes:
+        density_ratio, speed_ratio: of its density and its sound speed to those of the water above.
+        attenuation_db: dB per wavelength.
+    """
+
+    density_ratio: float
+    speed_ratio: float
+    attenuation_db: float
+
+
+SEDIMENTS = {
+    # Jensen, Kuperman, Porter, Schmidt, Computational Ocean Acoustics, 2nd ed. 2011, table 1.3: silt, clay, sand, gravel, limestone
+    "sediment": Sediment(1.7, 1.05, 1.0),
+    "mud": Sediment(1.5, 1.0, 0.2),
+    "sand": Sediment(1.9, 1.1, 0.8),
+    "gravel": Sediment(2.0, 1.2, 0.6),
+    "rock": Sediment(2.4, 2.0, 0.1),
+    # guess: 2400 kg/m3 and 3700 m/s, 7850 kg/m3 and 5900 m/s, 1000 kg/m3 and 2300 m/s, as compressional waves of the solids
+    "concrete": Sediment(2.4, 2.5, 0.1),
+    "steel": Sediment(7.7, 3.9, 0.1),
+    "plastic": Sediment(1.0, 1.5, 0.3),
+}
+"""By the name of a material; shear waves are left out. An unknown one is taken for sediment."""
+
+
+def sediments(names: Sequence[str]) -> tuple[Sediment, ...]:
+    """Those of materials in the order of their numbers."""
+    return tuple(SEDIMENTS.get(name, SEDIMENTS["sediment"]) for name in names or ("sediment",))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from types import ModuleType
@@ -11,7 +12,7 @@ import numpy as np
 from uwserver.environment.currents import Drift
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.layout import SeaRows
+from uwserver.physics.kernel.layout import WAVE_AMPLITUDE, SeaRows
 
 
 @cache
@@ -56,6 +57,12 @@ class Sea:
             velocity, step = drift.at(tick)
             uniform[:3] += velocity
             uniform[3:6] += step / self._dt
+
+    @property
+    def roughness(self) -> float:
+        """Standard deviation of the surface's elevation, m."""
+        amplitude = self.rows.waves[:, WAVE_AMPLITUDE]
+        return math.sqrt(0.5 * float(amplitude @ amplitude))
 
     def velocity(self, p: Vec3, t: float) -> Vec3:
         """Of the water in N, m/s, at a point of N (m) and a time (s) in the present tick."""

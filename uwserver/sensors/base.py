@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta, Struct, structs
 
 from uwserver.environment.earth import Earth, turns_of_level
-from uwserver.environment.materials import lambert
+from uwserver.environment.materials import Sediment, lambert, sediments
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
 from uwserver.modifiers import Measurement, ModifierConfig
@@ -97,6 +97,8 @@ _OPEN_WATER = OpenWater()
 _EARTH = Earth()
 SEDIMENT = lambert(["sediment"])
 """Backscatter where nobody names materials."""
+BOTTOM = sediments(["sediment"])
+"""What reflects sound there."""
 
 
 @dataclass(slots=True)
@@ -115,6 +117,7 @@ class Scope:
         earth: where N lies.
         wiring: thrusters and hull of this vehicle; None where a sensor stands alone.
         lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
+        sediments: the same materials as a bottom that reflects sound.
     """
 
     t_ns: int
@@ -130,6 +133,7 @@ class Scope:
     earth: Earth = field(default=_EARTH)
     wiring: Wiring | None = None
     lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
+    sediments: tuple[Sediment, ...] = BOTTOM
 
     @property
     def t(self) -> float:

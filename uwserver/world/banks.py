@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.environment.acoustics import channel
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.sensors import bank, truth
 from uwserver.sensors.bank import Bank, BankSensor
@@ -67,13 +68,14 @@ def load_autopilots() -> None:
 
 
 COMPILE: dict[str, Callable[[], None]] = {
-    "sensors": _load_sensors, "soundings": _load_soundings, "autopilots": load_autopilots,
+    "sensors": _load_sensors, "soundings": _load_soundings, "sound": channel.load_kernels, "autopilots": load_autopilots,
 }  # fmt: skip
 """What compiles the kernels of a stage, and no others."""
 
 _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
     "sensors": _sensors,
     "soundings": lambda: [kernel for each in banks_of_all(True).values() for kernel in bank.kernels(each)],
+    "sound": channel.kernels,
     "autopilots": _autopilots,
 }
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uwserver.environment.earth import Earth
+from uwserver.environment.materials import Sediment
 from uwserver.environment.water import Water
 from uwserver.modifiers.operations import OPERATION
 from uwserver.physics.bodies import Hydrodynamics
@@ -34,6 +35,7 @@ class Around(NamedTuple):
     earth: Earth
     solids: Geometry
     lambert: FloatArray
+    sediments: tuple[Sediment, ...] = ()
 
 
 class Delivered(NamedTuple):
@@ -212,7 +214,7 @@ class Instruments:
                 scope = seen[row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), water,
                     geometry=around.solids, vehicles=around.vehicles, earth=around.earth, wiring=wiring,
-                    lambert=around.lambert,
+                    lambert=around.lambert, sediments=around.sediments,
                 )  # fmt: skip
                 if with_rates:
                     scope.nu_dot, scope.tau = tuple(self.nu_dot[row].tolist()), tuple(self.tau[row].tolist())

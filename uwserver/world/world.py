@@ -15,7 +15,7 @@ from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, S
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
-from uwserver.sensors.base import SEDIMENT
+from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
@@ -53,7 +53,7 @@ class World:
         vehicles: the bodies by name, free objects too.
         scene: solid things; None where nothing is solid.
         geometry: the same, as sensors see it.
-        lambert: (n) backscatter of their materials, by number.
+        lambert, sediments: (n) backscatter of their materials by number, and these as a bottom that reflects.
         water, earth: the environment, and where N lies.
         parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
             which may look at them when they load.
@@ -72,7 +72,7 @@ class World:
         self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
         self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
-        self.earth, self.lambert = Earth(), SEDIMENT
+        self.earth, self.lambert, self.sediments = Earth(), SEDIMENT, BOTTOM
         self._rate, self.ticks = (rate_hz.numerator, rate_hz.denominator), Ticks(rate_hz)
         self.tick = self.jumps = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -94,7 +94,7 @@ class World:
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
         self.instruments = Instruments(
-            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert)
+            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments)
         )
         self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._pilots = Pilots(hydro)

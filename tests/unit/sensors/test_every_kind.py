@@ -144,8 +144,8 @@ BEACON = Beacon(position_ned_m=(-5.0, -30.0, float(P_NS[2])))  # as deep as the 
 CHANGES = {
     "pressure": {"output": "pressure"},
     "dvl": {"range_modes": ()},  # it would begin with the shortest
-    "usbl": {"beacons": {"b": BEACON}},
-    "lbl": {"beacons": {"b": BEACON}},
+    "usbl": {"beacons": {"b": BEACON}, "propagation": "straight"},
+    "lbl": {"beacons": {"b": BEACON}, "propagation": "straight"},
     "range_array": {"max_range_m": 30.0},
 }
 """So that the first reading is one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache, partial
 
 from uwserver.environment.earth import NO_FIELD, Earth
-from uwserver.environment.materials import lambert
+from uwserver.environment.materials import lambert, sediments
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build.kernels import kernels_of
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
@@ -46,7 +46,7 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
     world.threads.want(scenario.world.threads)
     world.earth = _earth(resolved)
-    world.lambert = lambert(resolved.materials)
+    world.lambert, world.sediments = lambert(resolved.materials), sediments(resolved.materials)
     if resolved.is_solid:
         build_scene(world, resolved)
     faults = Faults(

@@ -15,11 +15,11 @@ from typing import Annotated, Final, Literal, NamedTuple
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.environment.eigenray import Path, eigenray, straight
+from uwserver.environment.acoustics.channel import Path
 from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.modifiers.base import Memory, Number, Time
 from uwserver.ports import Argument, Value
-from uwserver.sensors.acoustic.echo import Absorption
+from uwserver.sensors.acoustic.link import Link, LinkTable
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, earlier
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import NANOSECONDS
@@ -75,35 +75,22 @@ class Beacon(Table, kw_only=True, frozen=True):
         return (x + ex, y + ey, z + ez)
 
 
-class InterrogationTable(SensorTable, kw_only=True, frozen=True):
+class InterrogationTable(LinkTable, kw_only=True, frozen=True):
     """What an interrogator of beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
 
     Attributes:
-        ideal: exact ranges of all beacons in sight.
         beacons: by name; asked in this order, one at a time.
-        propagation: along straight lines at the mean slowness, or by Snell's law through the layers of the water.
-        frequency_hz, bandwidth_hz: of the signal.
         max_range_m: a device setting; what comes from farther comes too late.
-        source_level_db: of both sides, dB re 1 uPa at 1 m.
-        noise_level_db: dB re 1 uPa^2/Hz at the receiver.
-        threshold_db: signal over noise that is needed.
         fading_sigma_db: normal variation of the signal from question to question.
         assumed_sound_speed_mps: what the device believes; default: the truth where it is mounted.
         turn_around_sigma_s: white error of the beacon's turn-around time.
-        multipath_probability: the sound reflected by the surface is taken for the direct one: late, never early.
+        multipath_probability: sound that comes later by the surface is taken for the one that is meant: late, never early.
         clearance_m: what stands nearer than this to the beacon does not hide it, so that its own vehicle does not.
         processing_s: from the arrival to the delivery.
     """
 
-    ideal: bool = False
     beacons: Annotated[dict[str, Beacon], Meta(min_length=1)]
-    propagation: Literal["straight", "layered"] = "layered"
-    frequency_hz: Positive = 26e3
-    bandwidth_hz: Positive = 4e3
     max_range_m: Positive = 1000.0
-    source_level_db: float = 185.0
-    noise_level_db: float = 50.0
-    threshold_db: float = 10.0
     fading_sigma_db: NonNegative = 0.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
     turn_around_sigma_s: NonNegative = 0.0
@@ -192,7 +179,7 @@ class Interrogator(Sensor):
     def __init__(self, mount: Pose, config: InterrogationTable) -> None:
         self._mount, self._table = mount, config
         self._names = tuple(config.beacons)
-        self._absorption = Absorption(config.frequency_hz)
+        self._link = Link(config)
         self.arguments = (
             Argument("max_range", "float", "largest distance of a beacon", "m", False, minimum=1, maximum=config.max_range_m),
             Argument("gain", "float", "added to the source level of both sides", "dB", False, minimum=-60, maximum=0),
@@ -204,6 +191,9 @@ class Interrogator(Sensor):
     def turn_on(self) -> Exchange:
         """Ready at once, the first beacon first."""
         return Exchange()
+
+    def load_kernels(self) -> None:
+        self._link.load_kernels()
 
     def valid(self, record: Memory | Settings) -> None:
         """The beacon must be one of the table's."""
@@ -273,11 +263,11 @@ class Interrogator(Sensor):
         distance = math.dist(p, p_NS)
         if distance > self.settings.max_range or self._hidden(scope, p_NS, p, distance):
             return False
+        path = self._path(scope, p_NS, p)
+        if path is None:
+            return False
         if not table.ideal:
-            snr_db = self._snr_db(scope, distance, p_NS[2]) + table.fading_sigma_db * fading
-            if snr_db < table.threshold_db:
-                return False
-            m.snr_db = snr_db
+            m.snr_db = self._link.snr_db(path.loss, self._gain)
         m.p = p_NS
         m.leg = QUESTION
         return True
@@ -285,14 +275,16 @@ class Interrogator(Sensor):
     def _meet(
         self, scope: Scope, where: Callable[[float], Vec3 | None]
     ) -> tuple[float, Vec3 | None, Path | None] | None:
-        """How long ago (s) the sound under way met something that was at `where` so long ago; there and by which way. None while it is still
-        under way."""
+        """How long ago (s) the sound under way met something that was at `where` so long ago; there, and by which way (None: by none). None while
+        it is still under way."""
         m, now = self.memory, scope.t
         start = m.p
         ago, p = 0.0, where(0.0)
         if p is None:
             return ago, None, None
         path = self._path(scope, p, start)
+        if path is None:
+            return ago, p, None
         late = now - m.left - path.time
         if late < 0.0:
             m.wake = now - late * (1.0 - _CLOSING)
@@ -304,6 +296,8 @@ class Interrogator(Sensor):
                 return ago, None, None
             if p != before:
                 path = self._path(scope, p, start)
+                if path is None:
+                    return ago, p, None
             late = now - ago - m.left - path.time
             if abs(late) < _EXACT_S:
                 break
@@ -323,7 +317,8 @@ class Interrogator(Sensor):
             return None
         ago, p_NS, path = met
         assert p_NS is not None
-        assert path is not None
+        if path is None:
+            return self._over(scope, None)
         p = m.p
         distance = math.dist(p, p_NS)
         if ago > _STALE_S or scope.submergence(p_NS) <= 0.0 or self._hidden(scope, p_NS, p, distance):
@@ -335,8 +330,7 @@ class Interrogator(Sensor):
             jitter = 1.0 / (table.bandwidth_hz * math.sqrt(snr))
             travel += jitter * (first + second) + table.turn_around_sigma_s * turn
             if 0.5 * math.erfc(luck / math.sqrt(2.0)) < table.multipath_probability:
-                across = math.hypot(p[0] - p_NS[0], p[1] - p_NS[1])
-                travel += 2.0 * (path.time * math.hypot(across, p_NS[2] + p[2]) / max(distance, 1e-6) - path.time)
+                travel += 2.0 * self._link.surface_delay(scope, p_NS, p, path)
         _, q = earlier(scope.p_NB, scope.q_NB, nu, ago)
         mean = 0.5 * (m.away + distance)
         return self._over(scope, Answer(p, p_NS, multiply(q, self._mount.q), mean, path, travel, snr))
@@ -353,17 +347,14 @@ class Interrogator(Sensor):
         m.leg, m.ready, m.beacon = IDLE, asked + wait, (m.beacon + 1) % len(self._names)
         return Outcome(name, answer, wait, round(asked * NANOSECONDS))
 
-    def _path(self, scope: Scope, a: Vec3, b: Vec3) -> Path:
-        """The way of sound from a to b, which is that from b to a."""
-        column = scope.water.column
-        lead = eigenray if self._table.propagation == "layered" else straight
-        return lead(column.depth, column.sound_speed, math.hypot(b[0] - a[0], b[1] - a[1]), a[2], b[2])
+    @property
+    def _gain(self) -> float:
+        """Setting and fading, dB."""
+        return self.settings.gain + self._table.fading_sigma_db * self.memory.draws[0]
 
-    def _snr_db(self, scope: Scope, distance: float, z: float) -> float:
-        """Spherical spreading and absorption over one way; white noise in the band."""
-        loss = 20.0 * math.log10(max(distance, 1.0)) + self._absorption.at(scope, z) * distance
-        noise = self._table.noise_level_db + 10.0 * math.log10(self._table.bandwidth_hz)
-        return self._table.source_level_db + self.settings.gain - loss - noise
+    def _path(self, scope: Scope, a: Vec3, b: Vec3) -> Path | None:
+        """The way of sound from a to b that is heard, which is that from b to a; None in silence."""
+        return self._link.heard(self._link.paths(scope, a, b), self._gain)
 
     def _hidden(self, scope: Scope, p_NS: Vec3, p: Vec3, distance: float) -> bool:
         """Whether something solid stands between."""

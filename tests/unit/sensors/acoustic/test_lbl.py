@@ -19,7 +19,7 @@ from sensor_rig import (
     layered,
 )
 
-from uwserver.environment.eigenray import eigenray
+from uwserver.environment.acoustics.channel import channel_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -49,10 +49,8 @@ def test_travel_time_through_the_layers(scope):
         answers(LblConfig(rate_hz=10, ideal=True, beacons=beacon, propagation=p), instant, 1)[0]
         for p in ("layered", "straight")
     )
-    column = instant.water.column
-    assert bent.values[2] == pytest.approx(
-        2.0 * eigenray(column.depth, column.sound_speed, 500.0, 5.0, 150.0).time, rel=1e-12
-    )
+    ray = channel_of(instant.water.column, 26e3).paths(500.0, 5.0, 150.0)[0]
+    assert bent.values[2] == pytest.approx(2.0 * ray.time, rel=1e-12)
     assert bent.values[2] < lines.values[2]
     noisy = LblConfig(rate_hz=10, beacons=beacon, assumed_sound_speed_mps=1500.0, source_level_db=250.0)
     reading = answers(noisy, instant, 1)[0]

@@ -25,7 +25,7 @@ from sensor_rig import (
     moving,
 )
 
-from uwserver.environment.eigenray import eigenray
+from uwserver.environment.acoustics.channel import channel_of
 from uwserver.frames import conjugate, rotate
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
@@ -52,8 +52,7 @@ def test_usbl_sees_the_beacon_where_its_sound_comes_from(scope):
     instant = layered(scope)
     beacon = {"a": Beacon(position_ned_m=(300.0, 400.0, 150.0))}
     config = UsblConfig(rate_hz=10, beacons=beacon, hydrophones_m=CUBE, source_level_db=260.0)
-    column = instant.water.column
-    dip = eigenray(column.depth, column.sound_speed, 500.0, 5.0, 150.0).dip_a
+    dip = channel_of(instant.water.column, 26e3).paths(500.0, 5.0, 150.0)[0].dip_a
     elevation = answers(config, instant, 1)[0].values[ELEVATION]
     assert elevation == pytest.approx(dip, abs=1e-4)
     assert abs(dip - math.atan2(145.0, 500.0)) > 0.005

@@ -1,0 +1,187 @@
+"""The acoustic channel: all ways of sound between two points of a layered sea, when it arrives by each, from where, and how weak.
+
+The sea is the same everywhere at a depth; its surface and its bottom are flat. Nothing is heard in a shadow zone, to which no ray leads: what
+leaks into it by diffraction and scattering is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache, lru_cache
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uwserver.environment.acoustics.boundaries import Boundaries, bottom_loss, surface_loss
+from uwserver.environment.column import WaterColumn
+from uwserver.physics.kernel.arrays import FloatArray
+
+TOLERANCE = 1e-3
+"""m/s by which layers may differ from the column's table, which itself stands for TEOS-10 within 2e-3 m/s."""
+ORDER = 2
+"""Reflections at surface and bottom that are followed."""
+_OPEN = Boundaries()
+
+
+class Path(NamedTuple):
+    """A ray from a to b.
+
+    Attributes:
+        time: of travel, s.
+        dip_a, dip_b: angle of the ray below the horizontal at its ends, in the direction of travel, rad.
+        spreading: loss by the widening of the ray tube against 1 m from the source, dB.
+        absorption: loss to the water on the way, dB.
+        reflection: loss at surface and bottom, dB.
+        surface, bottom: how often it was reflected there.
+        turns: how often it turned in the water.
+        caustic: it ends so near a caustic that its level was bounded by that of a wave there.
+    """
+
+    time: float
+    dip_a: float
+    dip_b: float
+    spreading: float
+    absorption: float = 0.0
+    reflection: float = 0.0
+    surface: int = 0
+    bottom: int = 0
+    turns: int = 0
+    caustic: bool = False
+
+    @property
+    def loss(self) -> float:
+        """All of the transmission loss, dB."""
+        return self.spreading + self.absorption + self.reflection
+
+
+@cache
+def _kernels() -> tuple[ModuleType, ModuleType]:
+    from uwserver.environment.acoustics import search, thinning
+
+    return search, thinning
+
+
+def kernels() -> tuple[Any, ...]:
+    """What is called of compiled code, as numba has made it."""
+    search, thinning = _kernels()
+    return (search.find_rays.made(), thinning.thin_out.made())
+
+
+def load_kernels() -> None:
+    """Have it ready, compiled or from the cache, so that no tick waits for it."""
+    find, thin = kernels()
+    none = np.zeros(2)
+    find.load(none, none, none, 1.0, 1.0, 1.0, 1.0, 1, 1.0, np.zeros((1, 1)))
+    thin.load(none, none, 1.0)
+
+
+class Channel:
+    """A profile of sound speed, at one frequency. Thread-safe: it is not changed."""
+
+    def __init__(
+        self, depth: FloatArray, speed: FloatArray, frequency: float, absorption: FloatArray | None = None
+    ) -> None:
+        """Of a profile.
+
+        Args:
+            depth, speed: (n >= 2) m ascending from 0, and m/s; linear between, and constant below.
+            frequency: of the sound, Hz.
+            absorption: (n) dB/m; default: none.
+        """
+        self._depth, self._speed = np.array(depth, float), np.array(speed, float)
+        self._absorption = np.zeros(len(depth)) if absorption is None else np.array(absorption, float)
+        self._omega = 2.0 * math.pi * frequency
+
+    def paths(
+        self, horizontal: float, a: float, b: float, boundaries: Boundaries = _OPEN, order: int = ORDER
+    ) -> tuple[Path, ...]:
+        """All rays from depth a to depth b, the earliest first; at most the 64 earliest, and none that turns in the water more than 16 times.
+
+        Args:
+            horizontal: distance, m.
+            a, b: depths, m; above the surface and below the bottom count as at it.
+            boundaries: surface and bottom. Without a bottom what gets below the profile is gone.
+            order: reflections at surface and bottom at most.
+        """
+        return self._find(_kernels()[0].MOST, horizontal, a, b, boundaries, order)
+
+    def earliest(
+        self, horizontal: float, a: float, b: float, boundaries: Boundaries = _OPEN, order: int = ORDER
+    ) -> Path | None:
+        """The first of `paths`, however weak, without the others; None where there is none."""
+        return next(iter(self._find(1, horizontal, a, b, boundaries, order)), None)
+
+    def _find(
+        self, most: int, horizontal: float, a: float, b: float, boundaries: Boundaries, order: int
+    ) -> tuple[Path, ...]:
+        search, _ = _kernels()
+        out = np.empty((most, search.COLUMNS))
+        a, b = (min(max(z, 0.0), boundaries.bottom) for z in (a, b))
+        upper, lower = min(a, b), max(a, b)
+        count = search.find_rays(
+            self._depth, self._speed, self._absorption, float(horizontal), upper, lower, float(boundaries.bottom), order,
+            self._omega, out,
+        )  # fmt: skip
+        return tuple(self._path(row, a > b, boundaries) for row in out[:count].tolist())
+
+    def _path(self, row: list[float], climbs: bool, boundaries: Boundaries) -> Path:
+        time, dip_a, dip_b, area, absorbed, surface, bottom, turns, above, below, caustic = row
+        if climbs:
+            dip_a, dip_b = -dip_b, -dip_a
+        lost = 0.0
+        if surface and boundaries.roughness:
+            lost += surface * surface_loss(above, boundaries.roughness, self._omega / float(self._speed[0]))
+        if bottom:
+            lost += bottom * bottom_loss(below, boundaries.sediment)
+        spread = 10.0 * math.log10(max(area, 1.0))
+        return Path(time, dip_a, dip_b, spread, absorbed, lost, int(surface), int(bottom), int(turns), bool(caustic))
+
+    def straight(self, horizontal: float, a: float, b: float) -> Path:
+        """The straight line between two points, at the mean slowness of the depths between them, with spherical spreading. As `paths`."""
+        low, high = min(a, b), max(a, b)
+        inside = self._depth[(self._depth > low) & (self._depth < high)]
+        z = np.concatenate(((low,), inside, (high,)))
+        c = np.interp(z, self._depth, self._speed)
+        length, dip = math.hypot(horizontal, b - a), math.atan2(b - a, horizontal)
+        slowness = 1.0 / float(c[0])
+        if high > low:
+            slowness = float((np.diff(z) * _log_ratio(np.diff(c) / c[:-1]) / c[:-1]).sum()) / (high - low)
+        alpha = float(np.interp(z, self._depth, self._absorption).mean())
+        return Path(length * slowness, dip, dip, 20.0 * math.log10(max(length, 1.0)), alpha * length)
+
+
+@lru_cache(maxsize=64)
+def channel_of(column: WaterColumn, frequency: float, tolerance: float = TOLERANCE) -> Channel:
+    """That of a water column, in as few layers as its sound speed allows.
+
+    Args:
+        column: of the water.
+        frequency: of the sound, Hz.
+        tolerance: by which the sound speed may differ, m/s; with 0 nothing is compiled.
+    """
+    kept = (
+        _kernels()[1].thin_out(column.depth, column.sound_speed, tolerance)
+        if tolerance
+        else np.arange(len(column.depth))
+    )
+    depth = column.depth[kept]
+    absorption = np.array([column.absorption_at(frequency, z) for z in depth.tolist()])
+    return Channel(depth, column.sound_speed[kept], frequency, absorption)
+
+
+def first(paths: tuple[Path, ...], most: float = math.inf) -> Path | None:
+    """The earliest that loses no more than `most` (dB); None when there is none."""
+    return next((path for path in paths if path.loss <= most), None)
+
+
+def strongest(paths: tuple[Path, ...], most: float = math.inf) -> Path | None:
+    """The one that loses least, and no more than `most` (dB); None when there is none."""
+    return min((path for path in paths if path.loss <= most), key=lambda path: path.loss, default=None)
+
+
+def _log_ratio(u: FloatArray) -> FloatArray:
+    """log(1 + u) / u, 1 at 0."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        result: FloatArray = np.where(np.abs(u) < 1e-12, 1.0 - 0.5 * u, np.log1p(u) / u)
+    return result

@@ -1,0 +1,225 @@
+"""A ray in a layered sea, whose sound speed is linear between nodes: an arc of a circle in each layer, in closed form.
+
+The ray keeps its slowness p = cos(grazing) / c (Snell). Between two depths it is described by its grazing angle at the fastest of them,
+`theta`: then no sine is the difference of two nearly equal numbers, however flat the ray.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+
+_SAME_M = 1e-9
+"""Depths this near are one."""
+_TURNING = 1e-14
+"""Relative error of the squared sine where a ray just turns."""
+ENDLESS_M = 1e15
+"""A way that is longer than any."""
+_SPREAD = 6
+"""Nodes before the turning point about which a bend of the profile is spread."""
+_SMOOTH = 2.0
+"""Ratio of gradients up to which it is."""
+
+
+class Medium(NamedTuple):
+    """Layers between nodes, seen from a ray's two ends.
+
+    Attributes:
+        z, c, alpha: (n) depth (m), sound speed (m/s) and absorption (dB/m) of the nodes; the ends of the ray are nodes.
+        e, f: (n) squared sine of a ray at a node is e + f sin(theta)^2; not positive: the ray turns before.
+        k: (n - 1) sum of the speeds at both ends of a layer times its thickness, m2/s.
+        g: (n - 1) size of its gradient, 1/s.
+        upper, lower: node of the upper and of the lower end.
+        fastest: speed between them at most, m/s.
+        closed: there is a bottom, at the last node.
+    """
+
+    z: Array
+    c: Array
+    alpha: Array
+    e: Array
+    f: Array
+    k: Array
+    g: Array
+    upper: int
+    lower: int
+    fastest: float
+    closed: bool
+
+
+@compiled
+def medium(depth: Array, speed: Array, alpha: Array, a: float, b: float, bottom: float) -> Medium:
+    """Layers from the surface to the bottom (m; inf: to the end of the profile) with nodes at the ends of a ray, a <= b (m)."""
+    n, closed = len(depth), math.isfinite(bottom)
+    last = bottom if closed else max(b, depth[-1])
+    z, c, w = np.empty(n + 4), np.empty(n + 4), np.empty(n + 4)
+    ends = (a, b, last)
+    count, nxt, upper, lower = 0, 0, 0, 0
+    for i in range(n + 1):
+        here = depth[i] if i < n else math.inf
+        while nxt < 3 and ends[nxt] <= here + _SAME_M:
+            if count == 0 or ends[nxt] > z[count - 1] + _SAME_M:
+                j = min(max(i, 1), n - 1)
+                # Constant beyond the profile, as between nodes of one speed.
+                part = min(max((ends[nxt] - depth[j - 1]) / (depth[j] - depth[j - 1]), 0.0), 1.0)
+                z[count], c[count] = ends[nxt], speed[j - 1] + part * (speed[j] - speed[j - 1])
+                w[count] = alpha[j - 1] + part * (alpha[j] - alpha[j - 1])
+                count += 1
+            if nxt == 0:
+                upper = count - 1
+            if nxt == 1:
+                lower = count - 1
+            nxt += 1
+        if here >= last - _SAME_M:
+            break
+        if count == 0 or here > z[count - 1] + _SAME_M:
+            z[count], c[count], w[count] = here, speed[i], alpha[i]
+            count += 1
+    z, c, w = z[:count], c[:count], w[:count]
+    fastest = c[upper : lower + 1].max()
+    e = (fastest - c) * (fastest + c) / (fastest * fastest)
+    k, g = (c[1:] + c[:-1]) * (z[1:] - z[:-1]), np.abs(c[1:] - c[:-1]) / (z[1:] - z[:-1])
+    return Medium(z, c, w, e, 1.0 - e, k, g, upper, lower, fastest, closed)
+
+
+@compiled
+def sine_at(m: Medium, node: int, q: float) -> float:
+    """Of the grazing angle at a node; q is the squared sine of theta. 0 where the ray turns before."""
+    return math.sqrt(max(m.e[node] + q * m.f[node], 0.0))
+
+
+@compiled
+def advance(m: Medium, p: float, q: float, begin: int, end: int, limit: float) -> tuple[float, float, float, int]:
+    """How far a ray goes from one node towards another.
+
+    Returns:
+        Its way through whole layers, m; the way it needs beyond them to turn, m; what of the first lies in the last layer; and the node that it
+        passed last. At a node where it just turns it counts as passing. Where the way exceeds the limit (m) it ends.
+    """
+    x, last, near, passed = 0.0, 0.0, sine_at(m, begin, q), begin
+    step = 1 if end > begin else -1
+    layer = begin if end > begin else begin - 1
+    while passed != end and x <= limit:
+        node = passed + step
+        square = m.e[node] + q * m.f[node]
+        if square < _TURNING * m.e[node]:
+            return x, near / (p * m.g[layer]), last, passed
+        far = math.sqrt(max(square, 0.0))
+        last = min(p * m.k[layer] / (near + far), ENDLESS_M)
+        x, near, passed, layer = x + last, far, node, layer + step
+    return x, 0.0, last, passed
+
+
+@compiled
+def advance_slope(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float, float]:
+    """How far a ray goes from one node towards another, or until it turns (m), and the derivative of that with p."""
+    x, slope, near = 0.0, 0.0, sine_at(m, begin, q)
+    step = 1 if end > begin else -1
+    layer = begin if end > begin else begin - 1
+    for node in range(begin + step, end + step, step):
+        square = m.e[node] + q * m.f[node]
+        if square <= 0.0:
+            arc = near / (p * m.g[layer])
+            return x + arc, slope - arc / (p * near * near)
+        far = math.sqrt(square)
+        both = near * far
+        ratio = m.k[layer] / ((near + far) * both)
+        x += p * ratio * both
+        slope += ratio
+        near = far
+        layer += step
+    return x, slope
+
+
+class Leg(NamedTuple):
+    """A way between two nodes, or to where the ray turns.
+
+    Attributes:
+        x: m, horizontal.
+        time: s.
+        tube: x / p, which is finite when p is not, m2/s.
+        loss: absorption, dB.
+        turned: whether it turned.
+    """
+
+    x: float
+    time: float
+    tube: float
+    loss: float
+    turned: bool
+
+
+@compiled
+def leg(m: Medium, p: float, q: float, begin: int, end: int) -> Leg:
+    """All about the way of a ray from one node towards another, but for its derivatives."""
+    x, time, tube, loss, near = 0.0, 0.0, 0.0, 0.0, sine_at(m, begin, q)
+    step = 1 if end > begin else -1
+    layer = begin if end > begin else begin - 1
+    for node in range(begin + step, end + step, step):
+        square, c0 = m.e[node] + q * m.f[node], m.c[node - step]
+        if square <= 0.0:
+            g, dip = m.g[layer], math.asin(min(near, 1.0))
+            arc = near / (p * g)
+            loss += m.alpha[node - step] * dip / (p * g)
+            return Leg(x + arc, time + math.atanh(min(near, 1.0)) / g, tube + arc / p, loss, True)
+        far, c1, thick = math.sqrt(square), m.c[node], abs(m.z[node] - m.z[node - step])
+        ratio = m.k[layer] / (near + far)
+        run = p * ratio
+        x, tube = x + run, tube + ratio
+        time += thick * _slowness(p, c0, c1, near, far)
+        turn = math.asin(min(abs(near * c1 - far * c0) * p, 1.0))
+        length = math.hypot(run, thick) * (1.0 + turn * turn / 24.0 + 7.0 * turn**4 / 5760.0)
+        loss += 0.5 * (m.alpha[node] + m.alpha[node - step]) * length
+        near = far
+        layer += step
+    return Leg(x, time, tube, loss, False)
+
+
+@compiled
+def widening(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float, bool]:
+    """The derivative with p of a ray's way from one node towards another, as the sea between the nodes is; and whether the ray turns.
+
+    A small jump of the gradient g at a node stands for a bend of the profile that is spread over the layers about it. Rays that turn just
+    beyond the node make of it a large jump: dx/dp has the term (1 / g before - 1 / g behind) / (p^2 sine). So near the turning point the mean of
+    1 / sine about the node is taken in its place. A large jump is one of the sea itself, and stays.
+    """
+    _, slope = advance_slope(m, p, q, begin, end)
+    step = 1 if end > begin else -1
+    node = begin
+    while node != end and m.e[node + step] + q * m.f[node + step] > 0.0:
+        node += step
+    if node == end:
+        return slope, False
+    for j in range(node + step, node - _SPREAD * step, -step):
+        if (j - begin) * step <= 0:
+            break
+        if j == end:
+            continue
+        before, behind = (m.c[j] - m.c[j - step]), (m.c[j + step] - m.c[j])
+        if before <= 0.0 or behind <= 0.0:
+            continue
+        before, behind = abs(m.z[j] - m.z[j - step]) / before, abs(m.z[j + step] - m.z[j]) / behind
+        if max(before, behind) > _SMOOTH * min(before, behind):
+            continue
+        here = m.e[j] + q * m.f[j]
+        a = 0.5 * (here + m.e[j - step] + q * m.f[j - step])
+        b = 0.5 * (here + m.e[j + step] + q * m.f[j + step])
+        if a > 0.0:
+            root = math.sqrt(a)
+            mean = 2.0 / (root + math.sqrt(b)) if b > 0.0 else 2.0 * root / (a - b)
+            slope -= (mean - (1.0 / math.sqrt(here) if here > 0.0 else 0.0)) * (behind - before) / (p * p)
+    return slope, True
+
+
+@compiled
+def _slowness(p: float, c0: float, c1: float, near: float, far: float) -> float:
+    """Time over thickness of a layer, s/m: log(c1 (1 + sine) / (c0 (1 + sine'))) / (c1 - c0), which has a limit for equal speeds."""
+    flat = p * p * (c0 + c1) / ((near + far) * (1.0 + far))
+    rate = 1.0 / c0 + flat + flat * (c1 - c0) / c0
+    u = (c1 - c0) * rate
+    return rate * (1.0 + u * (u / 3.0 - 0.5) if abs(u) < 1e-5 else math.log1p(u) / u)
