@@ -15,6 +15,7 @@ from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
 from uwserver.sensors.acoustic.imaging import echoes, speckle
 from uwserver.sensors.acoustic.imaging.fan import Fan, directivity, dot_products
+from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
 from uwserver.sensors.acoustic.imaging.silhouettes import Silhouettes
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
@@ -148,6 +149,7 @@ class ScanningSonar(Sensor):
 
     def load_kernels(self) -> None:
         load_kernels()
+        load_pictures()
 
     def turn_on(self) -> SonarMemory:
         """Ready at once, at the first step."""
@@ -200,14 +202,14 @@ class ScanningSonar(Sensor):
         c, alpha = scope.water.sound_speed(p_NS[2]), self._absorption.at(scope, p_NS[2])
         gates = echoes.gates(reach, config.bins, c / (2.0 * config.bandwidth_hz), stretch)
         ground = kernels()[0].Ground(scope.lambert, MU_SURFACE)
-        second = np.zeros(gates.count + 3)
+        second = np.zeros(gates.total + 3)
         finer = self._silhouettes.refine(hits, direction)
         echoes.deposit(self._fan.cells, direction, R, *hits, ground, gates.per_metre, second)
         if finer is not None:
             direction = finer.direction @ R.T
             hits = cast(scope, p_NS, direction, farthest)
             echoes.deposit(finer.cells, direction, R, *hits, ground, gates.per_metre, second)
-        energy = np.empty(gates.count)
+        energy = np.empty(gates.total)
         echoes.energies(second, gates.per_metre, alpha, energy)
         intensity = self._receive(energy, gates, p_NS, R[:, 0])
         if config.output == "pressure":
@@ -232,7 +234,7 @@ class ScanningSonar(Sensor):
         if self._config.ideal:
             speckle.detect_mean(energy, gates.window, gates.per_bin, out)
             return out
-        field = np.empty((gates.count, 2))
+        field = np.empty((gates.total, 2))
         number = int(self.rng.integers(1 << 63))
         faded, share = speckle.fading(p_NS, axis, self._fade_length, self._fade_angle)
         key = np.uint64(self.draws.key)

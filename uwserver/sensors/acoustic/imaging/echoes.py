@@ -34,19 +34,19 @@ class Gates(NamedTuple):
 
     Attributes:
         per_metre: gates of a true metre.
-        window: gates that the resolution of the pulse is long.
+        window: gates that the resolution of the pulse is long, 2 or more.
         per_bin: gates of a bin.
-        count: of a ping.
+        total: of a ping, some behind the last bin included.
     """
 
     per_metre: float
-    window: int
-    per_bin: float
-    count: int
+    window: float
+    per_bin: int
+    total: int
 
 
 def gates(reach: float, bins: int, resolution: float, stretch: float = 1.0) -> Gates:
-    """Gates of a ping: no longer than a bin, and at least two for the resolution of the pulse.
+    """Gates of a ping: a whole number of them in each bin, and two or more in the resolution of the pulse.
 
     Args:
         reach: range at the end of the last bin, as the device believes, m.
@@ -54,13 +54,14 @@ def gates(reach: float, bins: int, resolution: float, stretch: float = 1.0) -> G
         resolution: of the pulse, true m: c / (2 B).
         stretch: believed over true sound speed.
     """
-    bin_m, resolved = reach / bins, min(stretch * resolution, reach)
-    window = max(_LEAST_LOOKS, math.ceil(resolved / bin_m))
-    gate_m = max(resolved / window, reach / MOST_GATES)
-    return Gates(stretch / gate_m, window, bin_m / gate_m, math.ceil(reach / gate_m) + window + 1)
+    resolved = min(stretch * resolution, reach)
+    per_bin = math.ceil(min(_LEAST_LOOKS * reach / (bins * resolved), max(MOST_GATES // bins, 1)))
+    gate_m = reach / (bins * per_bin)
+    window = max(resolved / gate_m, float(_LEAST_LOOKS))
+    return Gates(stretch / gate_m, window, per_bin, bins * per_bin + math.ceil(0.5 * window) + 1)
 
 
-_strength = Elsewhere("uwserver.physics.rays.echoes", "_mu")
+_strength: Any = Elsewhere("uwserver.physics.rays.echoes", "strength")
 
 
 @entry

@@ -7,9 +7,11 @@ import math
 import numpy as np
 
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.layout import CELL
 from uwserver.physics.rays.raycast import Hits
 
+CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
+"""A cell of a fan: unit direction of its middle in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the
+angles that it covers; the intensity that goes into it, times its solid angle."""
 FINEST = 32
 """A cell may be cut into so many, across or along."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)

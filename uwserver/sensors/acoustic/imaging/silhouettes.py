@@ -14,9 +14,8 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, FloatArray, Records
 from uwserver.physics.kernel.deferred import compiled, entry
-from uwserver.physics.kernel.layout import CELL
 from uwserver.physics.rays.raycast import NOTHING, Hits
-from uwserver.sensors.acoustic.imaging.fan import FINEST, Fan
+from uwserver.sensors.acoustic.imaging.fan import CELL, FINEST, Fan
 
 _NEAR, _FLAT = 0.03, 0.05
 """Parts of a range within which two rays meet the same, and within which one meets the plane of what the other has met."""
@@ -135,7 +134,13 @@ def _is_thin(i: int, columns: int, direction: Array, distance: Array, normal: Ar
 def _mark(column: int, row: int, across: int, along: int, low: float, high: float, frame: Any, cuts: Array) -> None:
     """Ask for a cell to be cut at least so often, and finely at least between two parts of its width, or of its height."""
     columns, rows, emitted, faint = frame
-    if high > 0.0 and low < 1.0 and 0 <= column < columns and 0 <= row < rows and emitted[row * columns + column] >= faint:
+    if (
+        high > 0.0
+        and low < 1.0
+        and 0 <= column < columns
+        and 0 <= row < rows
+        and emitted[row * columns + column] >= faint
+    ):
         cell = cuts[row * columns + column]
         if cell.across == 0:
             cell.low, cell.high = 1.0, 0.0
@@ -154,18 +159,18 @@ def _join(at_x: float, at_y: float, dx: float, dy: float, form: int, frame: Any,
         finest *= 2
     # One ray in `length` rows meets the thing: that is the part of a cell which it covers.
     width = 1.0 / length
-    steps = int(math.ceil(4.0 * length))
+    steps = math.ceil(4.0 * length)
     for k in range(-steps, steps + 1):
         x, y = at_x + dx * k / steps, at_y + dy * k / steps
-        column, row = int(math.floor(x)), int(math.floor(y))
+        column, row = math.floor(x), math.floor(y)
         for side in range(-1, 2):
             if form == _UPRIGHT:
                 _mark(column + side, row, finest, 1, x - width - column - side, x + width - column - side, frame, cuts)
             elif form == _LEVEL:
                 _mark(column, row + side, 1, finest, y - width - row - side, y + width - row - side, frame, cuts)
             else:
-                _mark(int(math.floor(x + side * width)), row, _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
-                _mark(column, int(math.floor(y + side * width)), _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
+                _mark(math.floor(x + side * width), row, _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
+                _mark(column, math.floor(y + side * width), _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
 
 
 @entry
@@ -213,7 +218,7 @@ def find_thin(
         for j in (first, second):
             if j >= 0:
                 _join(x, y, place[j, 0] - x, place[j, 1] - y, form, frame, cuts)
-    return _fit(cuts, most)
+    return int(_fit(cuts, most))
 
 
 @compiled
@@ -270,7 +275,7 @@ def _fit(cuts: Array, most: int) -> int:
             total += _pieces(cuts[i])
             largest = max(largest, cuts[i].across, cuts[i].along)
         if total <= most:
-            return total
+            return int(total)
         for i in range(len(cuts)):
             cell = cuts[i]
             if largest == 1:

@@ -135,46 +135,49 @@ def scatter(energy: Array, key: int, number: int, noise: float, faded: Array, sh
             field[first + i, 0], field[first + i, 1] = phasor[i, 0], phasor[i, 1]
 
 
-@compiled
-def _samples(k: int, window: int, per_bin: float, gates: int) -> tuple[int, int]:
-    """First gates of the samples in bin k, from one and up to before another. That of a sample is half a window before its middle."""
-    begin, end = math.ceil(k * per_bin - 0.5 * window), math.ceil((k + 1) * per_bin - 0.5 * window)
-    return max(int(begin), 1 - window), min(int(end), gates)
-
-
 @entry
-def detect(field: Array, window: int, per_bin: float, out: Array) -> None:
-    """Bins of the matched filter's output: the peak of the samples in each. The pulse sums the sound of as many gates as it is long.
+def detect(field: Array, window: float, per_bin: int, out: Array) -> None:
+    """Bins of the matched filter's output: the peak of its samples in each, one a gate. The pulse sums the sound of as many gates as it is long.
 
     Args:
         field: (gates, 2) as of `scatter`.
         window, per_bin: of `Gates`.
         out: (bins) receives intensities, uPa^2.
     """
+    core, last = int(window), len(field)
+    # What is left of the window goes to both its ends, by energy.
+    rest = math.sqrt(0.5 * (window - core))
     for k in range(len(out)):
-        begin, end = _samples(k, window, per_bin, len(field))
-        peak = 0.0
-        for first in range(begin, end):
+        out[k] = 0.0
+        for middle in range(k * per_bin, (k + 1) * per_bin):
+            first = middle - core // 2
             real = imaginary = 0.0
-            for j in range(max(first, 0), min(first + window, len(field))):
+            for j in range(max(first, 0), min(first + core, last)):
                 real += field[j, 0]
                 imaginary += field[j, 1]
-            peak = max(peak, real * real + imaginary * imaginary)
-        out[k] = peak
+            for j in (first - 1, first + core):
+                if 0 <= j < last:
+                    real += rest * field[j, 0]
+                    imaginary += rest * field[j, 1]
+            out[k] = max(out[k], real * real + imaginary * imaginary)
 
 
 @entry
-def detect_mean(energy: Array, window: int, per_bin: float, out: Array) -> None:
+def detect_mean(energy: Array, window: float, per_bin: int, out: Array) -> None:
     """The same of mean intensities (gates), which the pulse sums as they are: without speckle."""
+    core, last = int(window), len(energy)
+    rest = 0.5 * (window - core)
     for k in range(len(out)):
-        begin, end = _samples(k, window, per_bin, len(energy))
-        peak = 0.0
-        for first in range(begin, end):
+        out[k] = 0.0
+        for middle in range(k * per_bin, (k + 1) * per_bin):
+            first = middle - core // 2
             total = 0.0
-            for j in range(max(first, 0), min(first + window, len(energy))):
+            for j in range(max(first, 0), min(first + core, last)):
                 total += energy[j]
-            peak = max(peak, total)
-        out[k] = peak
+            for j in (first - 1, first + core):
+                if 0 <= j < last:
+                    total += rest * energy[j]
+            out[k] = max(out[k], total)
 
 
 @entry
@@ -198,4 +201,3 @@ def compress(
         level = 10.0 * math.log10(max(intensity[k], _LEAST_INTENSITY)) + offset
         level += min(spreading * math.log10(r) + 2.0 * alpha * r, limit)
         counts[k] = int(np.rint(min(max(level * steps, 0.0), full)))
-
