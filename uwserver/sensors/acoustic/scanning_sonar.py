@@ -238,7 +238,7 @@ class ScanningSonar(Sensor):
         number = int(self.rng.integers(1 << 63))
         faded, share = speckle.fading(p_NS, axis, self._fade_length, self._fade_angle)
         key = np.uint64(self.draws.key)
-        speckle.scatter(energy, key, number, self._noise / gates.window, faded, share, field)
+        speckle.scatter(energy, key, number, self._noise / gates.window, faded, share, speckle.PHASORS, field)
         speckle.detect(field, gates.window, gates.per_bin, out)
         return out
 

@@ -37,7 +37,7 @@ def load() -> None:
     echoes.energies(second, gates.per_metre, 0.01, energy)
     field, bins, counts = np.empty((gates.total, 2)), np.empty(10), np.empty(10, np.int64)
     faded, share = speckle.fading((0.0, 0.0, 0.0), np.array((1.0, 0.0, 0.0)), 1.0, 1.0)
-    speckle.scatter(energy, np.uint64(0), 0, 0.0, faded, share, field)
+    speckle.scatter(energy, np.uint64(0), 0, 0.0, faded, share, speckle.PHASORS, field)
     speckle.detect(field, gates.window, gates.per_bin, bins)
     speckle.compress(bins, 1.0, 30.0, 0.01, 60.0, 100.0, 1.0, 255.0, counts)
     speckle.detect_mean(energy, gates.window, gates.per_bin, bins)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray
@@ -18,30 +19,29 @@ from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import philox
 
 BLOCK = 8
-"""Gates whose phasors are made of one block of random words."""
+"""Gates whose phasors are made of one random word: it says where in a table of normal numbers they stand."""
+_BLOCKS = 4
+"""Of as many words as the generator gives at a time."""
 DIRECTIONS = 64
 """In the space of poses, by turns."""
 _SPECKLE, _NOISE = np.uint64(1), np.uint64(2)
 """Second word of the counter. That of all other numbers of a path is 0."""
 _LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
-_EIGHT, _BYTE, _16 = np.uint64(8), np.uint64(0xFF), np.uint64(16)
+_PLACES = 1 << 15
+_PLACE = np.uint64(_PLACES - 1)
 _LEAST_INTENSITY = 1e-30
 _PACE = 1.7
 """Units of fading along a random direction that leave a correlation of 1 / e after one unit of motion."""
 
 
-def _amplitudes() -> FloatArray:
-    """(256) amplitudes of a complex normal number: the means of equal parts of the exponential distribution of its intensity, whose mean is 1."""
-    rest = 1.0 - np.arange(257) / 256.0
-    above = np.zeros(257)
-    above[:256] = rest[:256] * (1.0 - np.log(rest[:256]))
-    result: FloatArray = np.sqrt(256.0 * -np.diff(above))
-    return result
+def _phasors() -> npt.NDArray[np.float32]:
+    """(_PLACES + BLOCK, 2) complex normal numbers of mean intensity 1, as real and imaginary part."""
+    made = np.random.Generator(np.random.Philox(key=11)).standard_normal((_PLACES + BLOCK, 2))
+    return (made / np.sqrt(2.0 * (made**2).mean())).astype(np.float32)
 
 
-_AMPLITUDE = _amplitudes()
-_TURN = np.exp(2j * np.pi * np.arange(256) / 256.0)
-_COSINE, _SINE = _TURN.real.copy(), _TURN.imag.copy()
+PHASORS = _phasors()
+"""Of all sensors: which ones a gate has is a number of the sensor."""
 
 
 def _directions() -> FloatArray:
@@ -75,28 +75,21 @@ def fading(p: Vec3, axis: FloatArray, length: float, angle: float) -> tuple[Floa
 
 
 @compiled
-def _phasor(word: np.uint64) -> tuple[float, float]:
-    """A complex normal number of mean intensity 1, of the lowest 16 bits of a random word."""
-    # An unsigned index needs no look whether it counts from the end.
-    amplitude, turn = _AMPLITUDE[word & _BYTE], (word >> _EIGHT) & _BYTE
-    return amplitude * _COSINE[turn], amplitude * _SINE[turn]
-
-
-@compiled
-def _add(words: tuple[np.uint64, np.uint64, np.uint64, np.uint64], factor: float, field: Array) -> None:
-    """Add the phasors (BLOCK, 2) of four words, times a factor."""
-    for j in range(4):
-        word = words[j]
-        a, b = _phasor(word)
-        c, d = _phasor(word >> _16)
-        field[2 * j, 0] += factor * a
-        field[2 * j, 1] += factor * b
-        field[2 * j + 1, 0] += factor * c
-        field[2 * j + 1, 1] += factor * d
+def _add(words: tuple[np.uint64, np.uint64, np.uint64, np.uint64], factor: float, phasors: Array, field: Array) -> None:
+    """Add the phasors of all blocks of four words, times a factor, to the gates (n, 2)."""
+    for block in range(_BLOCKS):
+        place, first = words[block] & _PLACE, block * BLOCK
+        for i in range(min(BLOCK, len(field) - first)):
+            # An unsigned index needs no look whether it counts from the end.
+            at = place + np.uint64(i)
+            field[first + i, 0] += factor * phasors[at, 0]
+            field[first + i, 1] += factor * phasors[at, 1]
 
 
 @entry
-def scatter(energy: Array, key: int, number: int, noise: float, faded: Array, share: Array, field: Array) -> None:
+def scatter(
+    energy: Array, key: int, number: int, noise: float, faded: Array, share: Array, phasors: Array, field: Array
+) -> None:  # fmt: skip
     """The sound of each gate: echoes with the phasors of the pose, noise with those of the ping.
 
     Args:
@@ -105,34 +98,31 @@ def scatter(energy: Array, key: int, number: int, noise: float, faded: Array, sh
         number: of the ping.
         noise: mean intensity in a gate.
         faded, share: of `fading`.
+        phasors: PHASORS.
         field: (gates, 2) receives real and imaginary part, uPa.
     """
     k, n = np.uint64(key), np.uint64(number)
     low, high = k & _LOW, k >> _HALF
-    phasor, root = np.empty((BLOCK, 2)), math.sqrt(noise)
-    for first in range(0, len(energy), BLOCK):
-        count = min(BLOCK, len(energy) - first)
-        block = first // BLOCK
-        strongest = 0.0
-        for i in range(count):
+    size, root = _BLOCKS * BLOCK, math.sqrt(noise)
+    for first in range(0, len(energy), size):
+        end, turn = min(first + size, len(energy)), first // size
+        counter, way = np.uint64(turn), turn % DIRECTIONS
+        here, strongest = field[first:end], 0.0
+        for i in range(end - first):
+            here[i, 0] = here[i, 1] = 0.0
             strongest = max(strongest, energy[first + i])
-        for i in range(BLOCK):
-            phasor[i, 0] = phasor[i, 1] = 0.0
         if strongest > 0.0:
-            way = block % DIRECTIONS
             turned = 0.5 * math.pi * share[way]
             for step in range(2):
                 m = np.uint64(faded[way] + step)
-                words = philox(np.uint64(block), _SPECKLE, m & _LOW, m >> _HALF, low, high)
-                _add(words, math.sin(turned) if step else math.cos(turned), phasor)
-            for i in range(count):
+                words = philox(counter, _SPECKLE, m & _LOW, m >> _HALF, low, high)
+                _add(words, math.sin(turned) if step else math.cos(turned), phasors, here)
+            for i in range(end - first):
                 amplitude = math.sqrt(energy[first + i])
-                phasor[i, 0] *= amplitude
-                phasor[i, 1] *= amplitude
+                here[i, 0] *= amplitude
+                here[i, 1] *= amplitude
         if root > 0.0:
-            _add(philox(np.uint64(block), _NOISE, n & _LOW, n >> _HALF, low, high), root, phasor)
-        for i in range(count):
-            field[first + i, 0], field[first + i, 1] = phasor[i, 0], phasor[i, 1]
+            _add(philox(counter, _NOISE, n & _LOW, n >> _HALF, low, high), root, phasors, here)
 
 
 @entry
@@ -148,18 +138,18 @@ def detect(field: Array, window: float, per_bin: int, out: Array) -> None:
     # What is left of the window goes to both its ends, by energy.
     rest = math.sqrt(0.5 * (window - core))
     for k in range(len(out)):
-        out[k] = 0.0
+        peak = 0.0
         for middle in range(k * per_bin, (k + 1) * per_bin):
             first = middle - core // 2
             real = imaginary = 0.0
+            if first >= 1 and first + core < last:
+                real = rest * (field[first - 1, 0] + field[first + core, 0])
+                imaginary = rest * (field[first - 1, 1] + field[first + core, 1])
             for j in range(max(first, 0), min(first + core, last)):
                 real += field[j, 0]
                 imaginary += field[j, 1]
-            for j in (first - 1, first + core):
-                if 0 <= j < last:
-                    real += rest * field[j, 0]
-                    imaginary += rest * field[j, 1]
-            out[k] = max(out[k], real * real + imaginary * imaginary)
+            peak = max(peak, real * real + imaginary * imaginary)
+        out[k] = peak
 
 
 @entry
@@ -168,16 +158,15 @@ def detect_mean(energy: Array, window: float, per_bin: int, out: Array) -> None:
     core, last = int(window), len(energy)
     rest = 0.5 * (window - core)
     for k in range(len(out)):
-        out[k] = 0.0
+        peak = 0.0
         for middle in range(k * per_bin, (k + 1) * per_bin):
-            first = middle - core // 2
-            total = 0.0
+            first, total = middle - core // 2, 0.0
+            if first >= 1 and first + core < last:
+                total = rest * (energy[first - 1] + energy[first + core])
             for j in range(max(first, 0), min(first + core, last)):
                 total += energy[j]
-            for j in (first - 1, first + core):
-                if 0 <= j < last:
-                    total += rest * energy[j]
-            out[k] = max(out[k], total)
+            peak = max(peak, total)
+        out[k] = peak
 
 
 @entry

@@ -10,7 +10,15 @@ import pytest
 from scipy import stats
 
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, compress, detect, detect_mean, fading, scatter
+from uwserver.sensors.acoustic.imaging.speckle import (
+    DIRECTIONS,
+    PHASORS,
+    compress,
+    detect,
+    detect_mean,
+    fading,
+    scatter,
+)
 
 COUNT = 40_000
 EVEN = np.ones(COUNT)
@@ -22,7 +30,7 @@ def field(
     energy: FloatArray = EVEN, key: int = 1, number: int = 0, noise: float = 0.0, pose: Any = STILL
 ) -> FloatArray:
     out = np.empty((len(energy), 2))
-    scatter(energy, np.uint64(key), number, noise, *pose, out)
+    scatter(energy, np.uint64(key), number, noise, *pose, PHASORS, out)
     return out
 
 
