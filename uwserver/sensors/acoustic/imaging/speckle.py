@@ -35,9 +35,13 @@ _PACE = 1.7
 
 
 def _phasors() -> npt.NDArray[np.float32]:
-    """(_PLACES + BLOCK, 2) complex normal numbers of mean intensity 1, as real and imaginary part."""
-    made = np.random.Generator(np.random.Philox(key=11)).standard_normal((_PLACES + BLOCK, 2))
-    return (made / np.sqrt(2.0 * (made**2).mean())).astype(np.float32)
+    """(_PLACES + BLOCK, 2) complex normal numbers of mean intensity 1, as real and imaginary part. Their spectrum is made flat, so that sums of
+    neighbours have their mean intensity too; and they go round."""
+    a, b = np.random.Generator(np.random.Philox(key=11)).standard_normal((2, _PLACES))
+    spectrum = np.fft.fft(a + 1j * b)
+    made = np.fft.ifft(spectrum / np.abs(spectrum)) * np.sqrt(_PLACES)
+    made = np.concatenate([made, made[:BLOCK]])
+    return np.stack([made.real, made.imag], axis=1).astype(np.float32)
 
 
 PHASORS = _phasors()
