@@ -53,6 +53,18 @@ def _load_soundings() -> None:
         bank.load(each)
 
 
+def _load_pictures() -> None:
+    from uwserver.sensors.acoustic.imaging.kernels import load
+
+    load()
+
+
+def _pictures() -> Iterable[Any]:
+    from uwserver.sensors.acoustic.imaging.kernels import KERNELS
+
+    return [kernel.made() for kernel in KERNELS]
+
+
 def _autopilots() -> Iterable[Any]:
     from uwserver.autopilot.entries import ENTRIES
 
@@ -68,7 +80,8 @@ def load_autopilots() -> None:
 
 
 COMPILE: dict[str, Callable[[], None]] = {
-    "sensors": _load_sensors, "soundings": _load_soundings, "sound": channel.load_kernels, "autopilots": load_autopilots,
+    "sensors": _load_sensors, "soundings": _load_soundings, "sound": channel.load_kernels, "pictures": _load_pictures,
+    "autopilots": load_autopilots,
 }  # fmt: skip
 """What compiles the kernels of a stage, and no others."""
 
@@ -76,6 +89,7 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
     "sensors": _sensors,
     "soundings": lambda: [kernel for each in banks_of_all(True).values() for kernel in bank.kernels(each)],
     "sound": channel.kernels,
+    "pictures": _pictures,
     "autopilots": _autopilots,
 }
 

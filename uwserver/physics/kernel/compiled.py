@@ -42,7 +42,7 @@ ENTRY_KERNELS = {
         "narrow_phase.find_contacts", "mesh.fill_cells", "hits.intersect_simple", "hits.select_rays", "hits.refine",
         *(() if find_spec("embreex") else ("tree.build", "tree.pick_nearest")),
     ),
-    "echoes": ("hits.intersect_level", "echoes.intensity", "echoes.backscatter", "echoes.compress"),
+    "echoes": ("hits.intersect_level", "echoes.backscatter"),
 }  # fmt: skip
 """What Python calls, by what a world needs it for."""
 

@@ -305,11 +305,6 @@ class SeaRows(NamedTuple):
     waves: Array
 
 
-CELL = _record(_f8("direction across along", 3), _f8("emitted"))
-"""A ray of a fan: unit direction in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the angles that
-its cell covers; the intensity that goes into the cell, times its solid angle."""
-
-
 Forms = Mapping[str, "np.dtype[Any]"]
 """Of each array of a table of addresses, in its order: name, and dtype of a row. The one list by which a table is written and read."""
 

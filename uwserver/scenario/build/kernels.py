@@ -26,7 +26,7 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
     if sea:
         needs.add("sea")
     if any(isinstance(config, ScanningSonarConfig) for config in sensors):
-        needs.add("echoes")
+        needs |= {"echoes", "pictures"}
     if vehicles:
         needs.add("sensors")
     if any(isinstance(config, AltimeterConfig | DvlConfig) for config in sensors):

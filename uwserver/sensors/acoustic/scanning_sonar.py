@@ -11,10 +11,12 @@ from msgspec import UNSET, Meta, UnsetType
 from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.raycast import Hits
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
-from uwserver.sensors.acoustic.fan import Fan, directivity, dot_products
+from uwserver.sensors.acoustic.imaging import echoes, speckle
+from uwserver.sensors.acoustic.imaging.fan import Fan, directivity, dot_products
+from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
+from uwserver.sensors.acoustic.imaging.silhouettes import Silhouettes
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS, rad
@@ -123,11 +125,14 @@ class ScanningSonar(Sensor):
         self._mount, self._config = mount, config
         width, height = rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg)
         cover = 1.0 if config.model == "paper" else _FLANKS
-        self._fan = Fan(width, height, config.rays_horizontal, config.rays_vertical, cover)
         level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
-        self._fan.cells["emitted"] *= level
+        columns, rows, staggered = config.rays_horizontal, config.rays_vertical, config.model != "paper"
+        self._fan = Fan(width, height, columns, rows, cover, level, staggered)
+        self._silhouettes = Silhouettes(self._fan)
         self._noise = 10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(width, height)
         self._absorption = Absorption(config.frequency_hz)
+        aperture = 0.886 * 1500.0 / (config.frequency_hz * width)
+        self._fade_length, self._fade_angle = 0.5 * aperture, 0.8 * width
         bins = Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
         if config.output == "pressure":
             bins = Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,))
@@ -144,6 +149,7 @@ class ScanningSonar(Sensor):
 
     def load_kernels(self) -> None:
         load_kernels()
+        load_pictures()
 
     def turn_on(self) -> SonarMemory:
         """Ready at once, at the first step."""
@@ -187,43 +193,53 @@ class ScanningSonar(Sensor):
         """The bins of a ping."""
         config, reach = self._config, self.settings.range
         R = np.array(matrix(scope.attitude(self._mount.q))) @ _about_z(angle)
-        hits = cast(scope, p_NS, self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0))
+        direction, farthest = self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0)
+        hits = cast(scope, p_NS, direction, farthest)
         if config.model == "paper":
             picture = dot_products(self._fan, hits, R, reach, config.bins)
             shown = picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)
             return tuple(shown.tolist())
-        alpha = self._absorption.at(scope, p_NS[2])
-        intensity = self._intensity(scope, hits, R, p_NS[2], stretch, alpha)
-        if not config.ideal:
-            intensity += self._noise
-            # Many scatterers with random phases: the amplitude is Rayleigh, the intensity exponential; so is the noise.
-            intensity *= self.rng.standard_exponential(config.bins)
+        c, alpha = scope.water.sound_speed(p_NS[2]), self._absorption.at(scope, p_NS[2])
+        gates = echoes.gates(reach, config.bins, c / (2.0 * config.bandwidth_hz), stretch)
+        ground = kernels()[0].Ground(scope.lambert, MU_SURFACE)
+        second = np.zeros(gates.total + 3)
+        finer = self._silhouettes.refine(hits, direction)
+        echoes.deposit(self._fan.cells, direction, R, *hits, ground, gates.per_metre, second)
+        if finer is not None:
+            direction = finer.direction @ R.T
+            hits = cast(scope, p_NS, direction, farthest)
+            echoes.deposit(finer.cells, direction, R, *hits, ground, gates.per_metre, second)
+        energy = np.empty(gates.total)
+        echoes.energies(second, gates.per_metre, alpha, energy)
+        intensity = self._receive(energy, gates, p_NS, R[:, 0])
         if config.output == "pressure":
             return tuple((1e-6 * np.sqrt(intensity)).tolist())
         counts = np.empty(config.bins, np.int64)
-        kernels()[0].compress(
+        speckle.compress(
             intensity, reach / config.bins, config.tvg_spreading, alpha, config.tvg_limit_db,
             self.settings.gain - config.floor_db, _FULL_SCALE / config.dynamic_range_db, _FULL_SCALE, counts,
         )  # fmt: skip
         return tuple(counts.tolist())
 
-    def _intensity(self, scope: Scope, hits: Hits, R: FloatArray, z: float, stretch: float, alpha: float) -> FloatArray:
-        """(bins) mean intensity of the echoes, uPa^2, in a cell of the pulse's resolution.
+    def _receive(self, energy: FloatArray, gates: echoes.Gates, p_NS: Vec3, axis: FloatArray) -> FloatArray:
+        """(bins) intensity, uPa^2: the peak of what the pulse leaves of the echoes (gates) in each bin.
 
         Args:
-            scope: the instant.
-            hits: of the fan.
-            R: (3, 3) attitude of the fan.
-            z: depth of the transducer, m.
-            stretch: believed over true sound speed.
-            alpha: absorption, dB/m.
+            energy: mean intensity of the echoes of each gate.
+            gates: of this ping.
+            p_NS: of the transducer.
+            axis: (3) of the beam, in N.
         """
-        bins = self._config.bins
-        out: FloatArray = np.empty(bins)
-        resolution = scope.water.sound_speed(z) / (2.0 * self._config.bandwidth_hz)
-        echoes = kernels()[0]
-        pulse = echoes.Pulse(stretch * bins / self.settings.range, resolution, alpha)
-        echoes.intensity(self._fan.cells, R, hits, echoes.Ground(scope.lambert, MU_SURFACE), pulse, out)
+        out: FloatArray = np.empty(self._config.bins)
+        if self._config.ideal:
+            speckle.detect_mean(energy, gates.window, gates.per_bin, out)
+            return out
+        field = np.empty((gates.total, 2))
+        number = int(self.rng.integers(1 << 63))
+        faded, share = speckle.fading(p_NS, axis, self._fade_length, self._fade_angle)
+        key = np.uint64(self.draws.key)
+        speckle.scatter(energy, key, number, self._noise / gates.window, faded, share, speckle.PHASORS, field)
+        speckle.detect(field, gates.window, gates.per_bin, out)
         return out
 
 

@@ -11,6 +11,8 @@ import pytest
 from scipy import integrate, stats
 
 from uwserver.frames import quat_from_rpy, rotate
+from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid
+from uwserver.physics.rays.casting import Rays
 from uwserver.sensors import Pose, ScanningSonarConfig
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
@@ -89,27 +91,47 @@ def test_mean_level_is_that_of_the_sonar_equation(facing, r):
     assert level == pytest.approx(sonar_equation(LEVELS, instant, HEIGHT, (k + 0.5) * 0.1), abs=0.5)
 
 
-@pytest.mark.parametrize("r", [10.0, 14.0, 18.0, 23.0, 29.0])
+FINE = msgspec.structs.replace(LEVELS, bins=4000, range_m=14.0)
+"""Bins shorter than half a pulse: each holds the sample of one instant, and not the peak of several."""
+
+
+def pings(config, shapes, count, facing, seed=0):
+    """Bins of pings from places 5 m apart along the bottom: none sees the speckle of another."""
+    sonar = config.build(Pose())
+    sonar.start(seed)
+    for k in range(count):
+        sonar.memory = sonar.turn_on()
+        yield np.array(sonar.sense(facing(*shapes, p_NB=(3.0 * k, 4.0 * k, DEEP))).values[3])
+
+
+@pytest.mark.parametrize("r", [9.0, 11.0, 13.0])
 def test_mean_of_noisy_pings_is_the_mean_level(facing, r):
     """10 lg of the mean intensity, with noise taken off."""
-    config = msgspec.structs.replace(LEVELS, ideal=False)
-    instant = facing(Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0)))
-    quiet = row(LEVELS, instant) ** 2
-    sonar = config.build(Pose())
-    noise = 1e-12 * sonar._noise
-    total = np.zeros(300)
-    for _ in range(400):
-        sonar.memory = sonar.turn_on()
-        total += np.square(sonar.sense(instant).values[3])
-    k = int(r / 30.0 * 300)
-    near = slice(k - 5, k + 6)
-    assert 10.0 * np.log10((total[near] / 400 - noise).sum() / quiet[near].sum()) == pytest.approx(0.0, abs=0.2)
+    bottom = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0))
+    quiet = row(FINE, facing(bottom)) ** 2
+    config = msgspec.structs.replace(FINE, ideal=False)
+    noise = 1e-12 * config.build(Pose())._noise
+    total = sum(np.square(ping) for ping in pings(config, (bottom,), 100, facing))
+    k = int(r / 14.0 * 4000)
+    near = slice(k - 100, k + 101)
+    assert 10.0 * np.log10((total[near] / 100 - noise).sum() / quiet[near].sum()) == pytest.approx(0.0, abs=0.2)
+
+
+def test_bins_longer_than_the_pulse_show_the_peak_of_their_looks(facing):
+    """Of n independent looks the peak is 1 + 1/2 + ... + 1/n times their mean: here there are 13, and one between each two."""
+    bottom = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0))
+    quiet = row(LEVELS, facing(bottom)) ** 2
+    config = msgspec.structs.replace(LEVELS, ideal=False, noise_level_db=-100.0)
+    total = sum(np.square(ping) for ping in pings(config, (bottom,), 60, facing))
+    lifted = (total[100:] / 60).sum() / quiet[100:].sum()
+    assert sum(1.0 / n for n in range(1, 14)) < lifted < sum(1.0 / n for n in range(1, 28))
 
 
 def test_level_does_not_depend_on_the_number_of_rays(facing):
     """Rays x 4: less than 0.2 dB, in every tenth of the range that is seen; on a bottom and on a wall."""
     more = msgspec.structs.replace(LEVELS, rays_horizontal=26, rays_vertical=142)
-    bottom, wall = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0)), Plane((21.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    # Not at the border of two tenths: what the pulse shows before a wall is a matter of millimetres.
+    bottom, wall = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0)), Plane((21.4, 0.0, 0.0), (-1.0, 0.0, 0.0))
     for shapes in ((bottom,), (wall,), (bottom, wall)):
         few, many = (np.square(row(config, facing(*shapes))).reshape(10, 30).sum(axis=1) for config in (LEVELS, more))
         seen = many > 1e-4 * many.max()
@@ -147,6 +169,75 @@ def test_echoes_right_up_to_the_last_bin(facing, model, reach):
     assert not row(config, facing(Plane((reach * 1.04, 0.0, 0.0), (-1.0, 0.0, 0.0)))).any()
 
 
+# -- thin things ------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bin_m", [0.005, 0.0075, 0.013, 0.04, 0.1, 0.2])
+@pytest.mark.parametrize("r", [10.0, 10.03])
+def test_a_plate_has_the_level_of_the_sonar_equation_in_bins_of_any_length(scope, bin_m, r):
+    """Half a metre square and hard: SL + 10 lg BT - 40 lg r - 2 alpha r + 10 lg mu + 10 lg A, A weighted by the two-way pattern."""
+    reach = 60 * 0.2
+    config = msgspec.structs.replace(LEVELS, range_m=reach, bins=round(reach / bin_m))
+    instant = among(scope, Box((0.05, 0.25, 0.25)), (r + 0.05, 0.0, DEEP))
+    seen = np.linspace(-0.25, 0.25, 41) / r
+    patterns = [np.mean([one_way(a, rad(width)) ** 2 for a in seen]) for width in (3.0, 30.0)]
+    alpha = instant.water.absorption(7e5, DEEP)
+    level = 200.0 + 10.0 * math.log10(1e5 * 4e-4) - 40.0 * math.log10(r) - 2.0 * alpha * r
+    level += -27.0 + 10.0 * math.log10(0.25 * patterns[0] * patterns[1])
+    amplitude = row(config, instant)
+    assert 20.0 * math.log10(amplitude.max() * 1e6) == pytest.approx(level, abs=0.5)
+    assert (amplitude.argmax() + 0.5) * reach / config.bins == pytest.approx(r, abs=0.5 * bin_m + 0.006)
+
+
+def among(scope, shape, p, q=(1.0, 0.0, 0.0, 0.0), **state):
+    """Before one solid, by the rays of a world."""
+    rays = Rays()
+    rays.add_static(0, Solid("thing", (Placed(shape, p, q),)))
+    instant = scope(**{"p_NB": (0.0, 0.0, DEEP), **state})
+    instant.geometry = rays.at(np.zeros((0, 13)))
+    return instant
+
+
+UPRIGHT = quat_from_rpy(0.0, math.pi / 2, 0.0)
+
+
+@pytest.mark.parametrize("r", [10.0, 20.0, 40.0])
+@pytest.mark.parametrize("half_length", [6.0, 20.0])
+def test_a_pile_of_5_cm_is_seen_in_every_bearing_at_one_level(scope, r, half_length):
+    """Within 1 dB of the mean over bearings from -0.9 to 0.9 degrees, the two-way pattern taken off."""
+    sonar = msgspec.structs.replace(LEVELS, range_m=60.0, bins=400).build(Pose())
+    levels = []
+    for bearing in np.arange(-0.9, 0.901, 0.06):
+        instant = among(
+            scope, Cylinder(0.025, half_length), (r, 0.0, DEEP), UPRIGHT, q_NB=quat_from_rpy(0.0, 0.0, rad(bearing))
+        )
+        sonar.memory = sonar.turn_on()
+        echo = max(sonar.sense(instant).values[3]) * 1e6
+        levels.append(20.0 * math.log10(echo) - 20.0 * math.log10(one_way(rad(bearing), rad(3.0))))
+    mean = 10.0 * math.log10(np.mean(10.0 ** (0.1 * np.array(levels))))
+    assert np.abs(np.array(levels) - mean).max() < 1.0
+
+
+def test_a_turn_sees_a_pile_wherever_it_stands(scope):
+    """The strongest ping of a turn of 1.8 degrees a step, the pile at any bearing: 3 dB of the pattern lie between two steps."""
+    config = msgspec.structs.replace(LEVELS, range_m=30.0, sector_width_deg=7.2, step_deg=1.8)
+    peaks = []
+    for bearing in np.linspace(-0.9, 0.9, 7):
+        sonar, (y, x) = config.build(Pose()), (20.0 * math.sin(rad(bearing)), 20.0 * math.cos(rad(bearing)))
+        instant, strongest = among(scope, Cylinder(0.025, 10.0), (x, y, DEEP), UPRIGHT), 0.0
+        for _ in range(5):
+            sonar.memory.ready = 0.0
+            strongest = max(strongest, *sonar.sense(instant).values[3])
+        peaks.append(20.0 * math.log10(strongest))
+    assert max(peaks) - min(peaks) < 3.0
+
+
+def test_a_still_sonar_hears_the_same_of_a_thin_thing(scope):
+    config = msgspec.structs.replace(LEVELS, ideal=False, noise_level_db=-100.0)
+    instant = among(scope, Cylinder(0.025, 10.0), (14.0, 0.1, DEEP), UPRIGHT)
+    assert row(config, instant).tolist() == row(config, instant).tolist()
+
+
 # -- the paper --------------------------------------------------------------------------------------------------------------------------
 
 
@@ -173,26 +264,60 @@ def test_the_papers_picture_ray_by_ray(facing):
 
 
 def test_speckle_is_rayleigh(facing):
-    """Amplitude before compression over its expected root mean square: Kolmogorov-Smirnov, 20 seeds."""
-    config = msgspec.structs.replace(LEVELS, ideal=False)
-    instant = facing(Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0)))
-    expected = np.sqrt(row(LEVELS, instant) ** 2 + 1e-12 * config.build(Pose())._noise)
+    """Amplitude over its expected root mean square: Kolmogorov-Smirnov, 20 seeds. Of bins that share no gate."""
+    bottom = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0))
+    config = msgspec.structs.replace(FINE, ideal=False)
+    expected = np.sqrt(row(FINE, facing(bottom)) ** 2 + 1e-12 * config.build(Pose())._noise)
     p = []
     for seed in range(40, 60):
-        sonar = config.build(Pose())
-        sonar.start(seed)
-        amplitudes = []
-        for _ in range(10):
-            sonar.memory = sonar.turn_on()
-            amplitudes.append(sonar.sense(instant).values[3] / expected)
+        amplitudes = [(ping / expected)[::20] for ping in pings(config, (bottom,), 10, facing, seed)]
         p.append(stats.kstest(np.concatenate(amplitudes), stats.rayleigh(scale=math.sqrt(0.5)).cdf).pvalue)
     assert sum(value > 0.05 for value in p) >= 18
     assert min(p) >= 0.001
 
 
+def test_a_still_sonar_sees_the_same_speckle_turn_after_turn_and_a_moving_one_another(facing):
+    """Correlation of the levels of a turn with those of the next one."""
+    bottom = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0))
+    config = msgspec.structs.replace(LEVELS, ideal=False, step_deg=60.0, bins=1000, noise_level_db=-300.0)
+    mean = row(msgspec.structs.replace(config, ideal=True), facing(bottom))[300:]
+
+    def turns(*places):
+        sonar = config.build(Pose())
+        made = []
+        for p in places:
+            for _ in range(6):
+                sonar.memory.ready = 0.0
+                made.append(np.array(sonar.sense(facing(bottom, p_NB=p)).values[3])[300:] / mean)
+        return np.array(made).reshape(len(places), -1)
+
+    x, near, far = (0.0, 0.0, DEEP), (0.002, 0.0, DEEP), (0.5, 0.0, DEEP)
+    first, second, moved, away, back = turns(x, x, near, far, x)
+    assert np.array_equal(first, second)
+    assert np.array_equal(first, back)
+    assert np.corrcoef(first, moved)[0, 1] > 0.8
+    assert abs(np.corrcoef(first, away)[0, 1]) < 0.1
+    # Bearings apart have speckle of their own.
+    assert abs(np.corrcoef(first[:700], first[700:1400])[0, 1]) < 0.15
+
+
+def test_noise_is_that_of_the_ping(facing):
+    """Also where nothing moves; and the same again in a run that repeats."""
+    config = msgspec.structs.replace(FINE, ideal=False)
+    sonar, again = config.build(Pose()), config.build(Pose())
+    rows = []
+    for each in (sonar, sonar, again):
+        number = len(rows) % 2
+        each.memory = each.turn_on()
+        each.begin(number)
+        rows.append(each.sense(facing()).values[3])
+    assert rows[0] == rows[2]
+    assert abs(np.corrcoef(rows[0], rows[1])[0, 1]) < 0.1
+
+
 def test_noise_alone_has_its_level(facing):
     """NL + 10 lg B - DI with nothing in sight."""
-    config = msgspec.structs.replace(LEVELS, ideal=False, bins=4000)
+    config = msgspec.structs.replace(FINE, ideal=False)
     mean = np.mean(row(config, facing()) ** 2) * 1e12
     index = 10.0 * math.log10(4.0 * math.pi / (rad(3.0) * rad(30.0)))
     assert 10.0 * math.log10(mean) == pytest.approx(42.0 + 50.0 - index, abs=0.2)

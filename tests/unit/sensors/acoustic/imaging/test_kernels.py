@@ -1,0 +1,12 @@
+"""Kernels of pictures are compiled with the others, under the names that they have in the cache."""
+
+from __future__ import annotations
+
+from uwserver.sensors.acoustic.imaging import kernels
+from uwserver.world import banks
+
+
+def test_all_that_python_calls_is_compiled_ahead() -> None:
+    banks.COMPILE["pictures"]()
+    assert all(kernel.made().signatures for kernel in kernels.KERNELS)
+    assert len(set(banks.kernels_of("pictures"))) == len(kernels.KERNELS)

@@ -1,0 +1,341 @@
+"""More rays where a fan's rays meet what is thinner than its cells: a pile, a strut, a cable (compiled).
+
+A ray that meets what few of its neighbours meet has met something thin. Such rays are joined to the nearest others that met the same: what lies
+along these lines, and as far beyond, is cut into cells so narrow that each row of them tells how much of it the thing covers. All follows from
+what the rays of one pose meet, so that a sonar which does not move hears the same.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array, FloatArray, Records
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.rays.raycast import NOTHING, Hits
+from uwserver.sensors.acoustic.imaging.fan import CELL, FINEST, Fan
+
+_NEAR, _FLAT = 0.03, 0.05
+"""Parts of a range within which two rays meet the same, and within which one meets the plane of what the other has met."""
+_FAINT = 0.01
+"""Cells with less than this part of the strongest one's power are not cut."""
+_MOST_THIN = 0.15
+"""Part of all rays: where more meet something thin, as over rough ground, they are many enough to need no others."""
+_ALIKE = 0.3
+"""Part of a range by which two ends of one thing may differ."""
+_FARTHEST_LINK = 12.0
+_ALONE = 6.0
+"""Cells: how far rays that met the same may be from each other, and how far it is looked for about a ray alone."""
+_OTHER, _UPRIGHT, _LEVEL = 0, 1, 2
+_SLENDER = 4.0
+"""What is upright or level has so many times larger squares one way than the other."""
+_COARSE = 4
+"""Least number of parts that a cell is cut into."""
+_MORE = 2
+"""Rays are at most added by this factor of those of the fan."""
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_LEAST = 64
+
+CUT = np.dtype([("across", "i8"), ("along", "i8"), ("low", "f8"), ("high", "f8")])
+"""Into how many parts a cell is cut across and along, 0 for none; between these parts of its width (height, if only that is cut) it is cut
+finely, elsewhere into four."""
+
+
+class Finer(NamedTuple):
+    """Rays in place of some of a fan.
+
+    Attributes:
+        direction: (m, 3) unit, in the transducer's frame.
+        cells: (m) of CELL.
+    """
+
+    direction: FloatArray
+    cells: Records
+
+
+class Silhouettes:
+    """Cuts cells of one fan. Holds work space alone: each answer depends on its arguments, and is good until the next."""
+
+    def __init__(self, fan: Fan) -> None:
+        self._fan = fan
+        n = len(fan.cells)
+        self._most = _padded(max(_MORE * n, _LEAST))
+        self._cuts = np.zeros(n, CUT)
+        self._finer = Finer(np.zeros((self._most, 3)), np.zeros(self._most, CELL))
+
+    def refine(self, hits: Hits, direction: FloatArray) -> Finer | None:
+        """Rays to be cast instead of those that met, or nearly met, something thin; None where there is nothing thin.
+
+        Args:
+            hits: of the fan's rays; those of cells that are cut are taken out of it.
+            direction: (n, 3) of these rays, in the frame of the hits.
+        """
+        fan, finer = self._fan, self._finer
+        emitted = fan.cells["emitted"]
+        found = find_thin(
+            fan.columns, fan.rows, fan.place, emitted, direction, hits.distance, hits.normal, hits.body, self._cuts,
+            len(finer.cells),
+        )  # fmt: skip
+        if found == 0:
+            return None
+        hits.body[self._cuts["across"] > 0] = NOTHING
+        count = cut(fan.columns, fan.cells, self._cuts, fan.area, fan.across_power, fan.along_power, *finer)
+        # Few different numbers of rays: an engine keeps arrays for each.
+        padded = _padded(count)
+        finer.direction[count:padded] = finer.direction[count - 1]
+        finer.cells["emitted"][count:padded] = 0.0
+        return Finer(finer.direction[:padded], finer.cells[:padded])
+
+
+def _padded(count: int) -> int:
+    size = _LEAST
+    while size < count:
+        size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4
+    return size
+
+
+@compiled
+def _same(a: int, b: int, direction: Array, distance: Array, normal: Array, bodies: Array) -> bool:
+    """Whether two rays meet one surface: at about the same range, or in one plane."""
+    if bodies[a] != bodies[b]:
+        return False
+    p, q = distance[a], distance[b]
+    if abs(p - q) <= _NEAR * min(p, q):
+        return True
+    for i, j in ((a, b), (b, a)):
+        height = there = 0.0
+        for m in range(3):
+            height += normal[i, m] * direction[i, m]
+            there += normal[i, m] * direction[j, m]
+        # In the plane the second would have its range where both products are the same.
+        if height * there > 0.0 and abs(distance[i] * height - distance[j] * there) <= _FLAT * distance[j] * abs(there):
+            return True
+    return False
+
+
+@compiled
+def _is_thin(i: int, columns: int, direction: Array, distance: Array, normal: Array, bodies: Array) -> bool:
+    """Whether on no side of a ray all three neighbours meet what it meets: those to the left, to the right, below and above."""
+    for step, side in ((columns, 1), (1, columns)):
+        for sense in (-1, 1):
+            there = i + sense * side
+            if (
+                _same(i, there, direction, distance, normal, bodies)
+                and _same(i, there - step, direction, distance, normal, bodies)
+                and _same(i, there + step, direction, distance, normal, bodies)
+            ):
+                return False
+    return True
+
+
+@compiled
+def _mark(column: int, row: int, across: int, along: int, low: float, high: float, frame: Any, cuts: Array) -> None:
+    """Ask for a cell to be cut at least so often, and finely at least between two parts of its width, or of its height."""
+    columns, rows, emitted, faint = frame
+    if (
+        high > 0.0
+        and low < 1.0
+        and 0 <= column < columns
+        and 0 <= row < rows
+        and emitted[row * columns + column] >= faint
+    ):
+        cell = cuts[row * columns + column]
+        if cell.across == 0:
+            cell.low, cell.high = 1.0, 0.0
+        cell.across, cell.along = max(cell.across, across), max(cell.along, along)
+        cell.low, cell.high = max(min(cell.low, low), 0.0), min(max(cell.high, high), 1.0)
+        if min(cell.across, cell.along) > 1:
+            cell.across = cell.along = _COARSE
+
+
+@compiled
+def _join(at_x: float, at_y: float, dx: float, dy: float, form: int, frame: Any, cuts: Array) -> None:
+    """Ask for the cells along the line from one ray to another to be cut, and as far beyond the first."""
+    length = max(abs(dx), abs(dy), 1.0)
+    finest = _COARSE
+    while finest < min(4.0 * length, float(FINEST)):
+        finest *= 2
+    # One ray in `length` rows meets the thing: that is the part of a cell which it covers.
+    width = 1.0 / length
+    steps = math.ceil(4.0 * length)
+    for k in range(-steps, steps + 1):
+        x, y = at_x + dx * k / steps, at_y + dy * k / steps
+        column, row = math.floor(x), math.floor(y)
+        for side in range(-1, 2):
+            if form == _UPRIGHT:
+                _mark(column + side, row, finest, 1, x - width - column - side, x + width - column - side, frame, cuts)
+            elif form == _LEVEL:
+                _mark(column, row + side, 1, finest, y - width - row - side, y + width - row - side, frame, cuts)
+            else:
+                _mark(math.floor(x + side * width), row, _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
+                _mark(column, math.floor(y + side * width), _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
+
+
+@entry
+def find_thin(
+    columns: int, rows: int, place: Array, emitted: Array, direction: Array, distance: Array, normal: Array, bodies: Array,
+    cuts: Array, most: int,
+) -> int:  # fmt: skip
+    """Which cells are cut, and how.
+
+    Args:
+        columns, rows: of the fan.
+        place: (n, 2) of `Fan`.
+        emitted: (n) of its cells.
+        direction: (n, 3) of the rays, in the frame of the normals.
+        distance, normal, bodies: of `Hits`.
+        cuts: (n) of CUT, receive how.
+        most: new cells.
+
+    Returns:
+        How many new cells.
+    """
+    n = len(emitted)
+    thin, count, faint = np.empty(n, np.int64), 0, 0.0
+    for i in range(n):
+        cuts[i].across = cuts[i].along = 0
+        faint = max(faint, _FAINT * emitted[i])
+    # At the border of the fan nobody knows.
+    for row in range(1, rows - 1):
+        for i in range(row * columns + 1, (row + 1) * columns - 1):
+            seen = bodies[i] != NOTHING and emitted[i] >= faint
+            if seen and _is_thin(i, columns, direction, distance, normal, bodies):
+                thin[count] = i
+                count += 1
+    if count == 0 or count > _MOST_THIN * n + 8:
+        return 0
+    frame = (columns, rows, emitted, faint)
+    for m in range(count):
+        i = thin[m]
+        first, second, form = _neighbours(i, thin[:count], place, distance, bodies)
+        x, y = place[i]
+        if first < 0:
+            # A ray alone cannot tell which way the thing goes on.
+            _join(x, y, 0.0, _ALONE, _UPRIGHT, frame, cuts)
+            _join(x, y, _ALONE, 0.0, _LEVEL, frame, cuts)
+        for j in (first, second):
+            if j >= 0:
+                _join(x, y, place[j, 0] - x, place[j, 1] - y, form, frame, cuts)
+    return int(_fit(cuts, most))
+
+
+@compiled
+def _neighbours(i: int, thin: Array, place: Array, distance: Array, bodies: Array) -> tuple[int, int, int]:
+    """The two nearest rays that met the same thing, -1 for none, and its form as all that are not far away tell."""
+    first = second = -1
+    nearest = after = _FARTHEST_LINK
+    wide = tall = 0.0
+    for j in thin:
+        alike = abs(distance[i] - distance[j]) <= _ALIKE * min(distance[i], distance[j])
+        dx, dy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
+        away = math.hypot(dx, dy)
+        if j == i or bodies[i] != bodies[j] or not alike or away > _FARTHEST_LINK:
+            continue
+        wide, tall = wide + dx * dx, tall + dy * dy
+        if away < nearest:
+            first, second, nearest, after = j, first, away, nearest
+        elif away < after:
+            second, after = j, away
+    form = _UPRIGHT if tall > _SLENDER * wide else _LEVEL if wide > _SLENDER * tall else _OTHER
+    return first, second, form
+
+
+@compiled
+def _block(cell: Any, place: int, count: int) -> int:
+    """Of `count` parts of a cell's width or height, how many one new cell holds from this one on: all of a block that is not cut finely."""
+    block = count // _COARSE
+    if block <= 1 or place % block != 0:
+        return 1
+    low, high = place / count, (place + block) / count
+    return 1 if high > cell.low and low < cell.high else block
+
+
+@compiled
+def _pieces(cell: Any) -> int:
+    """New cells of a cell."""
+    across = along = place = 0
+    while place < cell.across:
+        place += _block(cell, place, cell.across)
+        across += 1
+    place = 0
+    while place < cell.along:
+        place += _block(cell, place, cell.along)
+        along += 1
+    return across * along
+
+
+@compiled
+def _fit(cuts: Array, most: int) -> int:
+    """Halve the cuts until there are not too many new cells. Returns how many."""
+    while True:
+        total, largest = 0, 1
+        for i in range(len(cuts)):
+            total += _pieces(cuts[i])
+            largest = max(largest, cuts[i].across, cuts[i].along)
+        if total <= most:
+            return int(total)
+        for i in range(len(cuts)):
+            cell = cuts[i]
+            if largest == 1:
+                cell.across = cell.along = 0
+            elif max(cell.across, cell.along) == largest:
+                cell.across, cell.along = max(cell.across // 2, 1), max(cell.along // 2, 1)
+
+
+@entry
+def cut(
+    columns: int, cells: Array, cuts: Array, area: Array, across_power: Array, along_power: Array, direction: Array, finer: Any
+) -> int:  # fmt: skip
+    """Make the new cells.
+
+    Args:
+        columns: of the fan.
+        cells: (n) of it, as CELL.
+        cuts: (n) of CUT, as of `find_thin`.
+        area, across_power, along_power: of the fan.
+        direction: (most, 3) receives unit directions of the rays.
+        finer: (most) receives the cells.
+
+    Returns:
+        How many.
+    """
+    count = 0
+    for i in range(len(cells)):
+        how = cuts[i]
+        column, row, u = i % columns, i // columns, 0
+        while u < how.across:
+            wide, v = _block(how, u, how.across), 0
+            while v < how.along:
+                tall = _block(how, v, how.along)
+                new = finer[count]
+                # Middle and size of the new cell, as parts of the old one.
+                x, y = (u + 0.5 * wide) / how.across, (v + 0.5 * tall) / how.along
+                part_x, part_y = wide / how.across, tall / how.along
+                _place(cells[i], new, direction[count], row + v * _GOLDEN, column + u * _GOLDEN, x, y, part_x, part_y)
+                pattern = across_power[2 * FINEST * column + int(2 * FINEST * x + 0.5)]
+                pattern *= along_power[2 * FINEST * row + int(2 * FINEST * y + 0.5)]
+                new.emitted = area[row] * pattern * part_x * part_y
+                count += 1
+                v += tall
+            u += wide
+    return count
+
+
+@compiled
+def _place(
+    old: Any, new: Any, ray: Array, row: float, column: float, x: float, y: float, part_x: float, part_y: float
+) -> None:  # fmt: skip
+    """A part of a cell, and its ray: staggered as those of a fan, by the row across and by the column along."""
+    off_x, off_y = part_x * (row * _GOLDEN % 1.0 - 0.5), part_y * (column * _GOLDEN % 1.0 - 0.5)
+    long = far = 0.0
+    for j in range(3):
+        new.across[j], new.along[j] = part_x * old.across[j], part_y * old.along[j]
+        new.direction[j] = old.direction[j] + (x - 0.5) * old.across[j] + (y - 0.5) * old.along[j]
+        ray[j] = new.direction[j] + off_x * old.across[j] + off_y * old.along[j]
+        long += ray[j] * ray[j]
+        far += new.direction[j] * new.direction[j]
+    for j in range(3):
+        ray[j] /= math.sqrt(long)
+        new.direction[j] /= math.sqrt(far)
