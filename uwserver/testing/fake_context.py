@@ -12,7 +12,9 @@ import numpy as np
 from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Argument,
+    BodyView,
     Buffer,
+    Cast,
     Command,
     Event,
     Field,
@@ -23,8 +25,11 @@ from uwserver.ports import (
     Refused,
     Reply,
     Sample,
+    SceneState,
+    SceneView,
     Service,
     Value,
+    WaterView,
     matches,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
@@ -84,6 +89,10 @@ SERVICES = (
 )
 
 
+NOBODY = SceneState(Cast(1, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
+"""A world without bodies."""
+
+
 @dataclass
 class HeldCall:
     """A call that the test answers itself."""
@@ -123,6 +132,9 @@ class FakeContext:
         wanted: ports that they or the drivers want; no others are given.
         described: patterns for which `describe` was called.
         tick: grows with each `emit`.
+        state: where bodies are; replaced by the test.
+        looked: how often somebody asked for it.
+        files: triangles and looks by hash.
     """
 
     name: str = "fake"
@@ -141,6 +153,9 @@ class FakeContext:
     wanted: frozenset[str] = frozenset()
     described: list[str] = field(default_factory=list)
     tick: int = 0
+    state: SceneState = NOBODY
+    looked: int = 0
+    files: dict[str, bytes] = field(default_factory=dict)
     _seq: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -176,6 +191,29 @@ class FakeContext:
         """A sample of each sensor among the ports, with the next turn of the loop."""
         samples = [sample for path in ports if (sample := self.last(path)) is not None]
         asyncio.get_running_loop().call_soon(on_samples, samples)
+
+    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        """The state of the test, with the next turn of the loop."""
+        self.looked += 1
+        asyncio.get_running_loop().call_soon(lambda: on_state(self.state))
+
+    def scene(self, cast: Cast) -> SceneView:
+        """A world with nothing but bodies in it."""
+        bodies = [tuple(BodyView(b.name, "", b.like, ()) for b in group) for group in (cast.vehicles, cast.objects)]
+        water = WaterView(1025.0, 1500.0, (), 0.0, (0.0, 0.0, 0.0), (), "II", (0.4, 0.2, 0.2), (0.0, 0.1, 0.2))
+        facts = self.world
+        return SceneView(
+            1, cast.revision, facts.scenario, "", facts.epoch_utc, facts.rate_hz, None, water, None, (), bodies[0],
+            bodies[1], (), {},
+        )  # fmt: skip
+
+    def mesh(self, sha256: str) -> bytes | None:
+        """What the test has put there."""
+        return self.files.get(sha256)
+
+    def looks(self, sha256: str) -> bytes | None:
+        """Likewise."""
+        return self.files.get(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver."""
