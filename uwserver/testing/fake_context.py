@@ -12,7 +12,6 @@ import numpy as np
 from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Argument,
-    BodyView,
     Buffer,
     Cast,
     Command,
@@ -29,10 +28,10 @@ from uwserver.ports import (
     SceneView,
     Service,
     Value,
-    WaterView,
     matches,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.testing.fake_scene import NOBODY, bare_scene
 
 TICK_NS = 4_000_000
 """Simulation time of a tick."""
@@ -87,10 +86,6 @@ SERVICES = (
     Service("world/run_until", "Run to a time.", (Argument("t_s", "float", "time", "s"),), long_running=True),
     Service("world/echo", "Gives back its argument.", (Argument("value", "json", "anything", required=False),)),
 )
-
-
-NOBODY = SceneState(Cast(1, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
-"""A world without bodies."""
 
 
 @dataclass
@@ -199,13 +194,7 @@ class FakeContext:
 
     def scene(self, cast: Cast) -> SceneView:
         """A world with nothing but bodies in it."""
-        bodies = [tuple(BodyView(b.name, "", b.like, ()) for b in group) for group in (cast.vehicles, cast.objects)]
-        water = WaterView(1025.0, 1500.0, (), 0.0, (0.0, 0.0, 0.0), (), "II", (0.4, 0.2, 0.2), (0.0, 0.1, 0.2))
-        facts = self.world
-        return SceneView(
-            1, cast.revision, facts.scenario, "", facts.epoch_utc, facts.rate_hz, None, water, None, (), bodies[0],
-            bodies[1], (), {},
-        )  # fmt: skip
+        return bare_scene(cast, self.world)
 
     def mesh(self, sha256: str) -> bytes | None:
         """What the test has put there."""
@@ -213,7 +202,7 @@ class FakeContext:
 
     def looks(self, sha256: str) -> bytes | None:
         """Likewise."""
-        return self.files.get(sha256)
+        return self.mesh(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver."""
