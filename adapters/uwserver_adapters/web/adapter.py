@@ -1,0 +1,134 @@
+"""The `web` adapter: listens, and ends in order. What pages need is loaded with the first of them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+from collections.abc import AsyncIterator, Collection, Sequence
+from typing import TYPE_CHECKING
+
+from uwserver.adapter import (
+    AdapterContext,
+    CannotListen,
+    Listener,
+    Peer,
+    Peers,
+    Refusals,
+    address_text,
+    is_loopback,
+    serve_tcp,
+    serving,
+    tls_context,
+)
+from uwserver.ports import Event, Sample
+from uwserver_adapters.web.config import WebConfig
+
+if TYPE_CHECKING:
+    from uwserver_adapters.web.front import Front
+
+log = logging.getLogger(__name__)
+
+TOKEN_VARIABLE = "UWSERVER_TOKEN"
+
+
+class WebAdapter:
+    """Serves the web view on one TCP port; it is its own `Subscriber`.
+
+    Attributes:
+        peers: all connections.
+        token: that pages must show; None where none is needed.
+    """
+
+    Config = WebConfig
+
+    def __init__(self, config: WebConfig, context: AdapterContext) -> None:
+        self.config = config
+        self.context = context
+        self.token = config.token or os.environ.get(TOKEN_VARIABLE) or None
+        self._token_is_new = self.token is None and not is_loopback(config.bind)
+        if self._token_is_new:
+            self.token = secrets.token_hex(24)
+        refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        self.peers: Peers[Peer] = Peers(config.max_pages, refusals, context.stats, strangers=config.max_strangers)
+        self._front: Front | None = None
+
+    @property
+    def front(self) -> Front:
+        """All that pages meet."""
+        if self._front is None:
+            from uwserver_adapters.web.front import Front
+
+            self._front = Front(self.config, self.context, self.token, self.peers)
+        return self._front
+
+    def _greet(self) -> asyncio.Protocol:
+        return self.front.greet()
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled.
+
+        Raises:
+            CannotListen: see there.
+        """
+        async with self._listening() as server:
+            address = self._address(server.port)
+            try:
+                with serving(self.context, self, address, ready):
+                    if self._token_is_new:
+                        log.warning(
+                            "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
+                            self.context.name, TOKEN_VARIABLE, address, self.token,
+                        )  # fmt: skip
+                    await asyncio.get_running_loop().create_future()  # until cancelled
+            finally:
+                server.close()
+                if self._front is not None:
+                    await self._front.close()
+
+    def _address(self, port: int) -> str:
+        scheme = "http" if self.config.tls_cert is None else "https"
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.bind, self.config.bind)
+        return f"{scheme}://{address_text(host, port)}/"
+
+    @contextlib.asynccontextmanager
+    async def _listening(self) -> AsyncIterator[Listener]:
+        """The port, or the first free one of several."""
+        config = self.config
+        tls = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
+        async with contextlib.AsyncExitStack() as stack:
+            for port in config.ports:
+                listening = serve_tcp(
+                    self._greet,
+                    self.peers,
+                    config.bind,
+                    port,
+                    tls=tls,
+                    handshake_s=config.hello_timeout_s,
+                )
+                try:
+                    server = await stack.enter_async_context(listening)
+                    break
+                except CannotListen:
+                    if port == config.ports[-1]:
+                        raise
+            yield server
+
+    # -- what the world says --------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that pages read."""
+        return () if self._front is None else self._front.pages.wanted
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples of one tick."""
+        if self._front is not None:
+            self._front.pages.put_samples(samples)
+
+    def put_event(self, event: Event) -> None:
+        """Every page is told."""
+        if self._front is not None:
+            self._front.pages.put_event(event)
