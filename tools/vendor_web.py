@@ -1,7 +1,7 @@
 """The libraries of the web page, as their authors publish them: `python tools/vendor_web.py` compares, `--fetch` gets them by npm.
 
-Files lie unchanged in `clients/web/vendor/<name>-<version>/`, each folder with the licence and a `VENDOR.toml` that says where they come from and what
-their bytes are. Comparing needs no network.
+Files lie unchanged in `clients/web/vendor/<name>-<version>/`, each folder with the licence and a `VENDOR.toml` that says where they come
+from and what their bytes are. Comparing needs no network.
 """
 
 from __future__ import annotations
