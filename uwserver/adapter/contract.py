@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol, runtime_checkable
 
 from uwserver.adapter.world import WorldFacts
-from uwserver.ports import Event, Fault, Json, OnReply, Port, Sample, Service
+from uwserver.ports import Cast, Event, Fault, Json, OnReply, Port, Sample, SceneState, SceneView, Service
 from uwserver.table import Table
 
 log = logging.getLogger(__name__)
@@ -164,6 +164,27 @@ class AdapterContext(Protocol):
         Raises:
             Refused: `overload`; too much that was asked waits already.
         """
+
+    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        """Ask where all bodies are, and what their actuators achieve. This is ground truth: who tells it to peers says so in its table.
+
+        Args:
+            on_state: gets it on the loop, once.
+            source: as for `command`.
+
+        Raises:
+            Refused: `overload`; too much that was asked waits already.
+        """
+
+    def scene(self, cast: Cast) -> SceneView:
+        """What the world looks like with these bodies, which a `SceneState` names. The first of a large seabed takes some 10 ms."""
+
+    def mesh(self, sha256: str) -> bytes | None:
+        """Triangles that a scene names by hash: u32 numbers of vertices and triangles, then f32 x, y, z of each vertex, then u32 vertex
+        numbers of each triangle, all little endian. None where no scene has named it."""
+
+    def looks(self, sha256: str) -> bytes | None:
+        """The glTF file that a scene names by hash; None where no scene has named it."""
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events; the returned function ends it."""

@@ -3,6 +3,27 @@
 from __future__ import annotations
 
 from uwserver.ports.buffer import Buffer, Layout, binary_form
+from uwserver.ports.scene import (
+    ACHIEVED_FULL,
+    ActuatorView,
+    BeaconView,
+    BeamView,
+    BodyView,
+    Cast,
+    FanView,
+    LooksView,
+    MeshView,
+    OriginView,
+    Present,
+    SceneState,
+    SceneView,
+    SensorView,
+    ShapeView,
+    SolidView,
+    WaterView,
+    WaveView,
+)
+from uwserver.ports.stops import is_stop
 from uwserver.ports.values import (
     Argument,
     Call,
@@ -29,6 +50,8 @@ from uwserver.ports.values import (
 )
 
 __all__ = [
-    "Argument", "Buffer", "Call", "Command", "ErrorCode", "Event", "Fault", "Field", "Item", "Items", "Json", "Layout",
-    "OnReply", "Port", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "Service", "Value", "binary_form", "matches", "matching",
+    "ACHIEVED_FULL", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "Cast", "Command",
+    "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "Layout", "LooksView", "MeshView", "OnReply",
+    "OriginView", "Port", "Present", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "SceneState", "SceneView",
+    "SensorView", "Service", "ShapeView", "SolidView", "Value", "WaterView", "WaveView", "binary_form", "is_stop", "matches", "matching",
 ]  # fmt: skip

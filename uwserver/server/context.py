@@ -11,6 +11,7 @@ from uwserver import __version__
 from uwserver.adapter import AdapterStats, Driver, Order, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Call,
+    Cast,
     Command,
     Event,
     Fault,
@@ -21,11 +22,14 @@ from uwserver.ports import (
     Refused,
     Reply,
     Sample,
+    SceneState,
+    SceneView,
     Service,
     matching,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
+from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox, client_of
@@ -54,6 +58,7 @@ class Hub:
         status: the `world/status` answer.
         files: saved states.
         profiling: where the time of ticks goes.
+        scenery: what the world looks like.
     """
 
     server: str
@@ -64,6 +69,7 @@ class Hub:
     status: Callable[[], dict[str, Json]]
     files: StateFiles
     profiling: Profiling
+    scenery: Scenery
     stats: dict[str, AdapterStats] = field(default_factory=dict)
     _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
 
@@ -176,6 +182,22 @@ class Context:
         there = self.ports
         visible = [path for path in ports if path in there and there[path].direction == "sensor"]
         self._hub.simulation.readers.read(visible, on_samples, f"{self.name}:{source}")
+
+    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        """See `uwserver.adapter.AdapterContext.look`."""
+        self._hub.simulation.readers.look(on_state, f"{self.name}:{source}")
+
+    def scene(self, cast: Cast) -> SceneView:
+        """See `uwserver.adapter.AdapterContext.scene`."""
+        return self._hub.scenery.scene(cast)
+
+    def mesh(self, sha256: str) -> bytes | None:
+        """See `uwserver.adapter.AdapterContext.mesh`."""
+        return self._hub.scenery.meshes.data.get(sha256)
+
+    def looks(self, sha256: str) -> bytes | None:
+        """See `uwserver.adapter.AdapterContext.looks`."""
+        return self._hub.scenery.looks.get(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events."""

@@ -22,6 +22,7 @@ from uwserver.ports import Event, Json, Progress, Reply
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
 from uwserver.server.profiling import Profiling
@@ -108,7 +109,17 @@ class Server:
         name = resolved.scenario.server.name
         files = StateFiles(_state_folder(resolved), self._simulation, mailbox, self._call_soon)
         profiling = Profiling(self._simulation, time.now_ns, self._call_soon, self._loop.call_later)
-        self._hub = Hub(name, self._simulation, bus, mailbox, self.shutdown, self._status, files, profiling)
+        self._hub = Hub(
+            name,
+            self._simulation,
+            bus,
+            mailbox,
+            self.shutdown,
+            self._status,
+            files,
+            profiling,
+            Scenery(resolved, world),
+        )
         self._recorder = Recorder(options.record, world, resolved) if options.record else None
 
     @property

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Sequence
 from functools import partial
 
-from uwserver.ports import Refused, Sample
+from uwserver.ports import Refused, Sample, SceneState
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.steering import Steering
+from uwserver.world.lookout import Lookout
 from uwserver.world.world import World
 
 AT_ONCE = 16
 """Ports that are read between two ticks before others have their turn: about 0.1 ms."""
 
+OnState = Callable[[SceneState], None]
+"""Gets where all bodies are."""
 OnSamples = Callable[[Sequence[Sample]], None]
 """Gets the newest samples of some ports."""
 
@@ -24,6 +27,7 @@ class Readers:
         """Of a simulation; `bus` knows who wants what, `steering` is what its thread does between two ticks."""
         self._world, self._bus, self._steering = world, bus, steering
         self._wanted: Container[str] | None = None
+        self._lookout = Lookout(world)
         bus.expect(world.ports)
 
     def begin(self) -> None:
@@ -48,6 +52,21 @@ class Readers:
             Refused: `overload`; it asked too much before.
         """
         self._steering.add(partial(self._look, ports, 0, [], on_samples, source), source)
+
+    def look(self, on_state: OnState, source: str = "") -> None:
+        """Ask where all bodies are. Loop thread.
+
+        Args:
+            on_state: gets it on the loop, after all that the world had said before.
+            source: who asks.
+
+        Raises:
+            Refused: `overload`; it asked too much before.
+        """
+        self._steering.add(partial(self._look_at_bodies, on_state), source)
+
+    def _look_at_bodies(self, on_state: OnState) -> None:
+        self._bus.hand_over(partial(on_state, self._lookout.state()))
 
     def _look(self, ports: Sequence[str], first: int, found: list[Sample], on_samples: OnSamples, source: str) -> None:
         for path in ports[first : first + AT_ONCE]:

@@ -55,7 +55,7 @@ class Simulation:
     Attributes:
         world: touched by the simulation thread only, but for its immutable ports and services.
         failure: text of the fault that ended the run; "" while all is well.
-        readers: what of its samples is wanted.
+        readers: what of its samples is wanted, and who looks where its bodies are.
         until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 

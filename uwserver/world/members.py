@@ -88,6 +88,10 @@ class Population(Part):
     """Who is in the world: the part that knows how bodies and their components are made."""
 
     @abstractmethod
+    def likes(self) -> dict[str, str]:
+        """What of the scenario each body in the world is a copy of, by name."""
+
+    @abstractmethod
     def is_here(self, state: Any) -> bool:
         """Whether the bodies of a state are those of the world now."""
 

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver.adapter import SampleForm, in_pieces
-from uwserver.ports import ErrorCode, Event, Fault, Progress, Sample
+from uwserver.ports import ErrorCode, Event, Fault, Json, Progress, Sample
 
 TEXT_LIMIT = 2000
 """Longest text in an error, characters: what a peer sent must not come back at full length."""
@@ -101,6 +101,10 @@ class Encoding:
     def event(self, event: Event) -> bytes:
         """What every client should know."""
         return self._encode(_Notice("event", event))
+
+    def notice(self, method: str, params: dict[str, Json]) -> bytes:
+        """What a server says unasked besides."""
+        return self._encode({"jsonrpc": "2.0", "method": method, "params": params})
 
     def progress(self, request: RequestId, progress: Progress) -> bytes:
         """How far a call has come."""

@@ -159,6 +159,10 @@ class ScenarioPopulation(Population):
         """Who is and was there."""
         return PopulationState(tuple(self._params), self._born)
 
+    def likes(self) -> dict[str, str]:
+        """See `Population.likes`."""
+        return {born.name: born.like for born in self._born if born.present}
+
     def is_here(self, state: PopulationState) -> bool:
         """See `Population.is_here`."""
         return state.born == self._born and state.scenario == tuple(self._params)

@@ -1,0 +1,73 @@
+"""The adapter's table in a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import UNSET, Meta, UnsetType
+
+from uwserver.adapter import AdapterTable, is_loopback
+from uwserver.table import Name, Positive
+
+FIRST_PORT = 7680
+PORTS = 20
+"""Ports that are tried from the first on."""
+
+_Count = Annotated[int, Meta(ge=1)]
+
+
+class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
+    """Attributes:
+    bind: address to listen at; anything but loopback needs a token.
+    port: TCP port; 0 takes a free one; default: 7680, or the next free one.
+    token: pages must show it; default: the environment's UWSERVER_TOKEN; generated and printed when bind is not loopback and there is none.
+    view_token: who shows this one instead may only watch.
+    read_only: all pages may only watch.
+    exact_poses: pages see where vehicles really are, which is ground truth; default: on loopback.
+    allowed_hosts: names by which this server may be asked, beside its addresses and localhost; "*" for any.
+    allowed_origins: pages of other origins that may connect to the live data, as for `sockets`; by default none may.
+    frame_ancestors: origins of pages that may show the view in a frame; by default none may.
+    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is https then.
+    frames_hz: pictures of the state a second of wall time, at most.
+    max_pages: at a time.
+    max_strangers: connections besides, for files or not admitted yet; the oldest makes way.
+    max_requests_per_s: of one page; more are refused.
+    max_unanswered: commands and calls of one page that wait for the world.
+    max_subscriptions: of one page.
+    queue_samples, queue_bytes: that wait for a slow page, as for `sockets`.
+    hello_timeout_s: wall time in which a request must be complete, and a token shown.
+    """
+
+    bind: Name = "127.0.0.1"
+    port: Annotated[int, Meta(ge=0, le=65535)] | UnsetType = UNSET
+    token: Name | None = None
+    view_token: Name | None = None
+    read_only: bool = False
+    exact_poses: bool | UnsetType = UNSET
+    allowed_hosts: tuple[Name, ...] = ()
+    allowed_origins: tuple[Name, ...] = ()
+    frame_ancestors: tuple[Name, ...] = ()
+    tls_cert: Name | None = None
+    tls_key: Name | None = None
+    tls_client_ca: Name | None = None
+    frames_hz: Annotated[float, Meta(gt=0, le=120)] = 30.0
+    max_pages: _Count = 50
+    max_strangers: _Count = 256
+    max_requests_per_s: _Count = 2000
+    max_unanswered: _Count = 256
+    max_subscriptions: _Count = 256
+    queue_samples: _Count = 256
+    queue_bytes: _Count = 4 << 20
+    hello_timeout_s: Positive = 10.0
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """Ports to try, in this order."""
+        if isinstance(self.port, UnsetType):
+            return tuple(range(FIRST_PORT, FIRST_PORT + PORTS))
+        return (self.port,)
+
+    @property
+    def shows_poses(self) -> bool:
+        """`exact_poses`, or its default."""
+        return is_loopback(self.bind) if isinstance(self.exact_poses, UnsetType) else self.exact_poses

@@ -1,0 +1,179 @@
+"""One connection of a browser: one request and its answer, or the live data of a page over a WebSocket."""
+
+from __future__ import annotations
+
+import socket
+from typing import Final
+
+from websockets.frames import Frame, Opcode
+
+from uwserver.adapter import Peer, Peers
+from uwserver.ports import Json
+from uwserver_adapters.native.codec import Codec
+from uwserver_adapters.native.connection import NativeConnection
+from uwserver_adapters.native.session import Session
+from uwserver_adapters.native.websocket import Handshake
+from uwserver_adapters.web.config import WebConfig
+from uwserver_adapters.web.http import END, HEAD_LIMIT, Answer, Request, parse, text
+from uwserver_adapters.web.service import WebService
+from uwserver_adapters.web.site import LIVE, Site
+
+PIECE: Final = 1 << 16
+"""Bytes of an answer that are given to the transport at once."""
+TAKEN_S: Final = 5.0
+"""Wall time in which a peer must have taken the last piece."""
+SEND_BUFFER: Final = 1 << 16
+"""Of the kernel, bytes, for live data: what waits there is old when it comes."""
+
+
+class WebConnection(NativeConnection):
+    """Made for each connection.
+
+    Args:
+        service: the native protocol of pages.
+        site: what can be asked by HTTP.
+        config: of the adapter.
+        peers: of it.
+
+    Attributes:
+        serial: of its session; 0 before.
+        wants_frames: see `Page`.
+    """
+
+    def __init__(self, service: WebService, site: Site, config: WebConfig, peers: Peers[Peer]) -> None:
+        super().__init__(service, config, peers, self._open_handshake)
+        self.serial = 0
+        self.wants_frames = False
+        self._web = service
+        self._site = site
+        self._config = config
+        self._is_http = False
+        self._head = bytearray()
+        self._request: Request | None = None
+        self._is_asked = False
+        self._rest: memoryview | None = None
+
+    # -- requests -------------------------------------------------------------------------------------------------------------------
+
+    def takes_http(self, head: bytes) -> bool:
+        """All of it."""
+        self._is_http = True
+        return True
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes; a request that is complete is answered, or opens a WebSocket."""
+        if self._request is not None or not self._is_http:
+            if self._is_http and not self._is_asked:
+                super().receive(data)
+            elif not self._is_http:
+                self.farewell(b"this port speaks HTTP alone: open it in a browser\n")
+            return
+        self._head += data
+        end = self._head.find(END, 0, HEAD_LIMIT)
+        if end < 0:
+            if len(self._head) >= HEAD_LIMIT:
+                self._answer(text("431 Request Header Fields Too Large", "the head of this request is too long"))
+            return
+        request = parse(bytes(self._head[:end]))
+        if request is None:
+            self._answer(text("400 Bad Request", "this is no request of HTTP/1.1"))
+            return
+        self._request = request
+        if request.path == LIVE and "upgrade" in request.headers and request.method == "GET":
+            self._upgrade(request)
+        else:
+            self._is_asked = True
+            self._site.answer(request, self._answer)
+
+    def _upgrade(self, request: Request) -> None:
+        refused = self._site.objection(request)
+        if refused is not None:
+            self._stats.errors += 1
+            self._answer(refused)
+            return
+        data, self._head = bytes(self._head), bytearray()
+        super().takes_http(data)
+        super().receive(data)
+
+    def _open_handshake(self) -> Handshake:
+        assert self._request is not None
+        return Handshake(self._site.origins(self._request), self._config.allowed_hosts)
+
+    def _answer(self, answer: Answer) -> None:
+        """Send an answer in pieces, as fast as the peer takes them, and end."""
+        self._is_asked = True
+        if self.is_closing:
+            return
+        is_bodiless = self._request is not None and self._request.method == "HEAD"
+        self.write(answer.head())
+        self._rest = memoryview(b"" if is_bodiless else answer.body)
+        self._pump()
+
+    def _pump(self) -> None:
+        while self._rest is not None and not self._outbox.paused and not self.is_closing:
+            piece, self._rest = self._rest[:PIECE], self._rest[PIECE:]
+            self._stats.bytes_sent += len(piece)
+            if len(self._rest):
+                self.write(bytes(piece))
+            else:
+                self._rest = None
+                self.farewell(bytes(piece), TAKEN_S)
+
+    def resume_writing(self) -> None:
+        """The peer has read."""
+        super().resume_writing()
+        self._pump()
+
+    def missed(self) -> None:
+        """It was not admitted in time; who takes a long file is none."""
+        if self._rest is None:
+            super().missed()
+
+    @property
+    def is_owed(self) -> bool:
+        """Whether anything may still come for it."""
+        return self._is_asked or super().is_owed
+
+    # -- live data ------------------------------------------------------------------------------------------------------------------
+
+    def begin(self, codec: Codec) -> Session:
+        """It is a page from now on."""
+        session = super().begin(codec)
+        self.serial = session.serial
+        stream = self.transport.get_extra_info("socket")
+        if stream is not None:
+            stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        self._web.open(session, self)
+        return session
+
+    def closed(self) -> None:
+        """It has gone."""
+        session = self._session
+        super().closed()
+        if session is not None:
+            self._web.end(session)
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the transport has taken all that it was given, so that what is sent now is not late."""
+        return (
+            self._session is not None
+            and self._session.admitted
+            and not self.is_closing
+            and not self._outbox.paused
+            and self._outbox.is_empty
+            and self.waiting == 0
+        )
+
+    def send_frame(self, body: bytes) -> None:
+        """Send a binary message."""
+        data = Frame(Opcode.BINARY, body).serialize(mask=False)
+        self._stats.bytes_sent += len(data)
+        self.write(data)
+
+    def send_status(self, status: dict[str, Json]) -> None:
+        """Send the status, in the encoding of the session."""
+        session = self._session
+        if session is not None:
+            self._outbox.put_reply(session.codec.frame(session.codec.encoding.notice("status", status)))
+            self._outbox.flush()

@@ -1,0 +1,42 @@
+"""States and pictures as bytes: one message for all pages (docs/reference/web.md). Little endian."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from uwserver.ports import SceneState
+
+STATE: Final = 1
+PICTURE: Final = 2
+PAUSED: Final = 1
+"""Flag of a state: time stands still."""
+HIDDEN: Final = 2
+"""Flag of a state: this server does not tell where bodies are."""
+
+_STATE = struct.Struct("<BBHIq")
+_COUNT = struct.Struct("<H")
+_PICTURE = struct.Struct("<BBHHHq")
+RAW: Final = 0
+JPEG: Final = 1
+DEPTH: Final = 2
+SONAR: Final = 3
+"""How a picture is coded: u8 each, JPEG, u16 each (mm), or f32 bearing (rad) and f32 range (m) before the u8 of a row of sonar."""
+
+
+def state_frame(state: SceneState, flags: int) -> bytes:
+    """`u8 kind, u8 flags, u16 count, u32 revision, i64 t_ns`, f32 x, y, z, w, x, y, z of each body, `u16 count`, i8 of each actuator."""
+    is_shown = not flags & HIDDEN
+    bodies = state.poses if is_shown else state.poses[:0]
+    achieved = state.achieved if is_shown else state.achieved[:0]
+    return b"".join((
+        _STATE.pack(STATE, flags, len(bodies), state.cast.revision, state.t_ns),
+        bodies.astype("<f4").tobytes(),
+        _COUNT.pack(len(achieved)),
+        achieved.tobytes(),
+    ))  # fmt: skip
+
+
+def picture_frame(codec: int, port: int, width: int, height: int, t_ns: int, data: bytes) -> bytes:
+    """`u8 kind, u8 codec, u16 port, u16 width, u16 height, i64 t_ns`, then the picture."""
+    return _PICTURE.pack(PICTURE, codec, port, width, height, t_ns) + data

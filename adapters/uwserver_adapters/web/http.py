@@ -1,0 +1,100 @@
+"""Requests and answers of HTTP/1.1, without a socket: heads without a body in, one answer a connection out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+HEAD_LIMIT = 16 << 10
+"""Longest head of a request, bytes."""
+END: Final = b"\r\n\r\n"
+
+_FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
+_HEADER: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):[ \t]*(.*?)[ \t]*")
+
+
+class Request(NamedTuple):
+    """A request.
+
+    Attributes:
+        method: as sent.
+        path: without what follows a question mark.
+        headers: all values of each, by its name in small letters.
+    """
+
+    method: str
+    path: str
+    headers: Mapping[str, tuple[str, ...]]
+
+    def header(self, name: str) -> str:
+        """The one value of a header; "" for none or several, which is no less wrong."""
+        values = self.headers.get(name, ())
+        return values[0] if len(values) == 1 else ""
+
+
+def parse(head: bytes) -> Request | None:
+    """The head of a request, without its last empty line; None for what is none."""
+    first, *lines = head.decode("latin-1").split("\r\n")
+    request = _FIRST.fullmatch(first)
+    headers: dict[str, tuple[str, ...]] = {}
+    for line in lines:
+        header = _HEADER.fullmatch(line)
+        if header is None:
+            return None
+        name = header[1].lower()
+        headers[name] = (*headers.get(name, ()), header[2])
+    if request is None:
+        return None
+    return Request(request[1], request[2].partition("?")[0], headers)
+
+
+class Answer(NamedTuple):
+    """An answer, after which the connection is closed.
+
+    Attributes:
+        status: code and phrase.
+        body: sent but for HEAD.
+        kind: of the body; "" where there is none.
+        headers: further ones.
+    """
+
+    status: str
+    body: bytes = b""
+    kind: str = "text/plain; charset=utf-8"
+    headers: tuple[tuple[str, str], ...] = ()
+
+    def head(self) -> bytes:
+        """All before the body. No page of another origin can read it, or have it for a script, style or picture of its own."""
+        lines = [
+            f"HTTP/1.1 {self.status}",
+            f"Content-Length: {len(self.body)}",
+            "X-Content-Type-Options: nosniff",
+            "Referrer-Policy: no-referrer",
+            "Cross-Origin-Resource-Policy: same-origin",
+            "Connection: close",
+        ]
+        if self.kind:
+            lines.append(f"Content-Type: {self.kind}")
+        lines += [f"{name}: {value}" for name, value in self.headers]
+        return ("\r\n".join(lines) + "\r\n\r\n").encode("latin-1", "replace")
+
+
+def text(status: str, body: str, *headers: tuple[str, str]) -> Answer:
+    """A short text for people."""
+    return Answer(status, body.encode() + b"\n", headers=headers)
+
+
+def takes_gzip(request: Request) -> bool:
+    """Whether the peer understands gzip."""
+    for offer in ",".join(request.headers.get("accept-encoding", ())).split(","):
+        name, _, weight = offer.partition(";")
+        if name.strip().lower() in ("gzip", "*"):
+            return weight.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00", "q=0.000")
+    return False
+
+
+def is_same(request: Request, etag: str) -> bool:
+    """Whether the peer has it already."""
+    known = ",".join(request.headers.get("if-none-match", ()))
+    return etag in {each.strip().removeprefix("W/") for each in known.split(",")}

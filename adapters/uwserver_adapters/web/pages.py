@@ -1,0 +1,196 @@
+"""All pages that are there: each state is looked up and encoded once for all of them, and who cannot take it now gets a newer one later."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from typing import Protocol
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneState
+from uwserver_adapters.native.fanout import Fanout
+from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
+from uwserver_adapters.web.lease import Leases
+from uwserver_adapters.web.pictures import Pictures
+
+STATUS_S = 0.5
+"""Wall time between two status messages, and between two states when nothing changes."""
+
+
+class Page(Protocol):
+    """A page, as the stream knows it.
+
+    Attributes:
+        serial: of its session.
+        wants_frames: it draws states.
+        is_clear: all that it was sent has left this process, so that one more message is not one too many.
+    """
+
+    serial: int
+    wants_frames: bool
+
+    @property
+    def is_clear(self) -> bool:
+        """See above."""
+
+    def send_frame(self, body: bytes) -> None:
+        """Send a binary message."""
+
+    def send_status(self, status: dict[str, Json]) -> None:
+        """Send the status."""
+
+
+class Pages:
+    """The adapter's `Subscriber`, and what sends states to pages while there are any.
+
+    Args:
+        context: of the adapter.
+        fanout: routes of samples.
+        leases: who steers what.
+        frames_hz: most states a second of wall time.
+        shows_poses: whether pages may know where bodies are.
+
+    Attributes:
+        all: pages that are there.
+        pictures: what shows pictures and sonar.
+        looks: states that were asked for, in all.
+    """
+
+    def __init__(
+        self, context: AdapterContext, fanout: Fanout, leases: Leases, frames_hz: float, shows_poses: bool
+    ) -> None:
+        self.all: dict[Page, None] = {}
+        self.pictures = Pictures(context)
+        self.looks = 0
+        self._context = context
+        self._fanout = fanout
+        self._leases = leases
+        self._period_s = 1.0 / frames_hz
+        self._shows_poses = shows_poses
+        self._loop = asyncio.get_running_loop()
+        self._began = self._loop.time()
+        self._timer: asyncio.TimerHandle | None = None
+        self._status_timer: asyncio.TimerHandle | None = None
+        self._is_asked = False
+        self._paused = False
+        self._last: tuple[int, int, int] | None = None
+        self._sent = 0.0
+
+    # -- pages ----------------------------------------------------------------------------------------------------------------------
+
+    def enter(self, page: Page) -> None:
+        """A page is there."""
+        self.all[page] = None
+        if self._status_timer is None:
+            self._tell_status()
+
+    def leave(self, page: Page) -> None:
+        """A page has gone."""
+        self.all.pop(page, None)
+        self.pictures.leave(page)
+        self.follow()
+        if not self.all and self._status_timer is not None:
+            self._status_timer.cancel()
+            self._status_timer = None
+
+    def follow(self) -> None:
+        """What pages want has changed."""
+        wanted = any(page.wants_frames for page in self.all)
+        if wanted and self._timer is None:
+            self._last = None
+            self._turn()
+        elif not wanted and self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def close(self) -> None:
+        """Nothing is sent any more."""
+        for timer in (self._timer, self._status_timer):
+            if timer is not None:
+                timer.cancel()
+        self.all.clear()
+        self._timer = self._status_timer = None
+
+    # -- states ---------------------------------------------------------------------------------------------------------------------
+
+    def _turn(self) -> None:
+        self._timer = self._loop.call_later(self._period_s, self._turn)
+        if self._is_asked or not any(page.wants_frames and page.is_clear for page in self.all):
+            return  # the last one is still on its way, or nobody could take it
+        try:
+            self._context.look(self._show, "pages")
+        except Refused:
+            return
+        self._is_asked = True
+        self.looks += 1
+
+    def _show(self, state: SceneState) -> None:
+        self._is_asked = False
+        flags = (PAUSED if self._paused else 0) | (0 if self._shows_poses else HIDDEN)
+        now, sign = self._loop.time(), (state.t_ns, state.cast.revision, flags)
+        if sign == self._last and now - self._sent < STATUS_S:
+            return
+        takers = [page for page in self.all if page.wants_frames and page.is_clear]
+        if takers:
+            self._last, self._sent = sign, now
+            frame = state_frame(state, flags)
+            for page in takers:
+                page.send_frame(frame)
+
+    # -- status ---------------------------------------------------------------------------------------------------------------------
+
+    def _tell_status(self) -> None:
+        self._status_timer = self._loop.call_later(STATUS_S, self._tell_status)
+        self._leases.expire()
+        self._context.call("world/status", {}, "pages", self._told)
+
+    def _told(self, answer: Reply | Progress) -> None:
+        if not isinstance(answer, Reply) or not isinstance(answer.result, dict):
+            return
+        now = answer.result
+        self._paused = bool(now.get("paused"))
+        lateness = now.get("lateness")
+        recorder = now.get("recorder")
+        status: dict[str, Json] = {
+            "t_ns": answer.t_ns,
+            "t": now.get("t_s"),
+            "wall": round(self._loop.time() - self._began, 3),
+            "speed": now.get("speed"),
+            "real_time_factor": now.get("real_time_factor"),
+            "lateness_p99": lateness.get("p99_s") if isinstance(lateness, dict) else None,
+            "mode": now.get("mode"),
+            "paused": self._paused,
+            "recording": recorder is not None,
+            "failure": now.get("failure"),
+            "pages": len(self.all),
+            "lease": self._owners(),
+        }
+        for page in list(self.all):
+            if page.is_clear:
+                page.send_status(status)
+
+    def _owners(self) -> dict[str, Json]:
+        owners: dict[str, Json] = {}
+        for vehicle in self._context.world.vehicles:
+            lease = self._leases.owner(vehicle.name)
+            owners[vehicle.name] = None if lease is None else {"page": lease.page, "owner": lease.owner}
+        return owners
+
+    # -- what the world says --------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> frozenset[str]:
+        """Ports that anybody subscribes to, or sees pictures of."""
+        return frozenset(self._fanout.wanted) | self.pictures.wanted
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples to those who have subscribed, pictures to those who see them."""
+        self._fanout.put_samples(samples)
+        self.pictures.put_samples(samples)
+
+    def put_event(self, event: Event) -> None:
+        """Every page is told."""
+        if event.event in ("reset", "ports_changed"):
+            self._last = None
+            self.pictures.forget()
+        self._fanout.put_event(event)

@@ -1,0 +1,128 @@
+"""Pictures and rows of sonar for pages that look at them, encoded once; a slow page lowers its own rate and no one else's."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Protocol
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Buffer, Port, Refused, Sample
+from uwserver_adapters.web.frames import DEPTH, RAW, SONAR, picture_frame
+
+MOST_PORTS = 32
+"""That one page looks at."""
+_SONAR_HEAD = struct.Struct("<ff")
+_SIDE_LIMIT = 0xFFFF
+
+
+class Viewer(Protocol):
+    """Who looks at pictures."""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether one more message is not one too many."""
+
+    def send_frame(self, body: bytes) -> None:
+        """Send a binary message."""
+
+
+class Pictures:
+    """Which viewer looks at which ports, and what it has not said to have seen.
+
+    Args:
+        context: of the adapter.
+    """
+
+    def __init__(self, context: AdapterContext) -> None:
+        self._context = context
+        self._numbers: dict[str, int] = {}
+        self._wanted: dict[str, dict[Viewer, None]] = {}
+        self._unseen: set[tuple[Viewer, int]] = set()
+
+    @property
+    def wanted(self) -> frozenset[str]:
+        """Ports that anybody looks at."""
+        return frozenset(self._wanted)
+
+    def look(self, viewer: Viewer, ports: Sequence[str]) -> dict[str, int]:
+        """Show a viewer these ports and no others from now on; returns their numbers in the frames.
+
+        Raises:
+            Refused: unknown ports, ports without pictures, or too many.
+        """
+        if len(ports) > MOST_PORTS:
+            raise Refused("too_large", f"a page looks at {MOST_PORTS} ports at most, not {len(ports)}", "pictures")
+        for path in ports:
+            port = self._context.ports.get(path)
+            if port is None:
+                raise Refused("unknown_port", f'no port "{path[:200]}"', "pictures")
+            if not has_picture(port):
+                raise Refused("bad_argument", f'"{path}" has no picture: subscribe to its numbers', "pictures")
+        self.leave(viewer)
+        for path in ports:
+            self._wanted.setdefault(path, {})[viewer] = None
+        self._context.follow_wants()
+        return {path: self._numbers.setdefault(path, len(self._numbers) % _SIDE_LIMIT) for path in ports}
+
+    def seen(self, viewer: Viewer, numbers: Sequence[int]) -> None:
+        """A viewer has shown its pictures of these ports, and can take others."""
+        self._unseen -= {(viewer, number) for number in numbers}
+
+    def leave(self, viewer: Viewer) -> None:
+        """A viewer looks at nothing any more."""
+        for path in [path for path, viewers in self._wanted.items() if viewer in viewers]:
+            del self._wanted[path][viewer]
+            if not self._wanted[path]:
+                del self._wanted[path]
+        self._unseen = {(who, number) for who, number in self._unseen if who is not viewer}
+
+    def forget(self) -> None:
+        """The world began anew: whoever waited for a picture need not say so."""
+        self._unseen.clear()
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Send what is looked at, to those who can take it."""
+        if not self._wanted:
+            return
+        for sample in samples:
+            viewers = self._wanted.get(sample.port)
+            if viewers is None:
+                continue
+            number, port = self._numbers[sample.port], self._context.ports.get(sample.port)
+            takers = [v for v in viewers if (v, number) not in self._unseen and v.is_clear]
+            frame = encoded(port, sample, number) if takers and port is not None else None
+            if frame is not None:
+                for viewer in takers:
+                    self._unseen.add((viewer, number))
+                    viewer.send_frame(frame)
+
+
+def has_picture(port: Port) -> bool:
+    """Whether a sensor gives rows or pictures of bytes."""
+    return port.direction == "sensor" and any(field.type == "buffer" for field in port.fields)
+
+
+def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
+    """A sample as a frame; None where it holds no picture that a page can draw.
+
+    Rows with a `head_angle` and a `range` are those of a scanning sonar.
+    """
+    names = [field.name for field in port.fields]
+    picture = next((value for value in sample.value if isinstance(value, Buffer)), None)
+    if picture is None or len(names) != len(sample.value):
+        return None
+    by_name = dict(zip(names, sample.value, strict=True))
+    angle, reach = by_name.get("head_angle"), by_name.get("range")
+    if picture.dtype == "uint8" and isinstance(angle, int | float) and isinstance(reach, int | float):
+        head = _SONAR_HEAD.pack(angle, reach)
+        if len(picture.data) > _SIDE_LIMIT:
+            return None
+        return picture_frame(SONAR, number, len(picture.data), 1, sample.t_ns, head + picture.data)
+    codec = {"uint8": RAW, "uint16": DEPTH}.get(picture.dtype)
+    if codec is None or not picture.shape:
+        return None
+    height, width = picture.shape[:2] if len(picture.shape) > 1 else (1, picture.shape[0])
+    if max(height, width) > _SIDE_LIMIT:
+        return None
+    return picture_frame(codec, number, width, height, sample.t_ns, picture.data)

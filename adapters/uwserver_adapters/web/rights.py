@@ -1,0 +1,263 @@
+"""What pages may do: a context that asks for the lease before a vehicle is steered, and lets those that only watch read alone."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+
+import msgspec
+from msgspec import structs
+
+from uwserver.adapter import AdapterContext, Driver, Subscriber, WorldFacts, did_you_mean
+from uwserver.ports import (
+    Argument,
+    Cast,
+    Json,
+    OnReply,
+    Port,
+    Progress,
+    Refused,
+    Reply,
+    Sample,
+    SceneState,
+    SceneView,
+    Service,
+    is_stop,
+    matches,
+)
+from uwserver_adapters.web.lease import Leases
+
+_VEHICLE = Argument("vehicle", "str", "first level of its paths")
+_FORCE = Argument("force", "bool", "take it from who has it", required=False, default=False)
+_ANY = Argument("vehicle", "str", "first level of its paths; default: all", required=False, default="")
+TAKE = Service(
+    "web/lease/take",
+    "Steer a vehicle from this page, until it is given back, or no sign comes for 2 s.",
+    (_VEHICLE, _FORCE),
+)
+KEEP = Service("web/lease/keep", "A sign that the page is there; gives the vehicles that it steers.", reads_only=True)
+GIVE = Service("web/lease/give", "Steer a vehicle no more.", (_ANY,))
+STOP = Service("web/stop", "Disarm, put all actuators to neutral, and end the lease; needs none.", (_ANY,))
+SERVICES = {service.path: service for service in (TAKE, KEEP, GIVE, STOP)}
+
+
+class Rights:
+    """The context of all pages. A page is known by the serial with which its source begins.
+
+    Args:
+        context: of the adapter.
+        read_only: nobody may do anything.
+
+    Attributes:
+        name, stats: of the adapter.
+        leases: who steers what.
+        watching: pages that may only watch.
+    """
+
+    def __init__(self, context: AdapterContext, read_only: bool) -> None:
+        self.name, self.stats = context.name, context.stats
+        self.watching: set[int] = set()
+        self._context = context
+        self._read_only = read_only
+        self.leases = Leases(asyncio.get_running_loop().time, self._lost)
+        self._commanded: dict[int, set[str]] = {}
+
+    # -- what pages ask -------------------------------------------------------------------------------------------------------------
+
+    def command(
+        self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
+    ) -> None:
+        """See `uwserver.adapter.AdapterContext.command`; `denied` for a page without the lease."""
+        page = self._writing(source)
+        if port in self._context.ports:
+            self.leases.check(page, port.partition("/")[0])
+            self._commanded.setdefault(page, set()).add(port)
+        self._context.command(port, value, source, on_reply, queue)
+
+    def call(
+        self,
+        service: str,
+        args: Mapping[str, object],
+        source: str,
+        on_reply: OnReply,
+        client: str = "",
+        queue: str = "",
+    ) -> Callable[[], bool]:
+        """See `uwserver.adapter.AdapterContext.call`; `denied` for a page that may only watch, or needs the lease."""
+        if service in SERVICES:
+            result = self._own(service, args, source)
+            self._context.call("world/status", {}, source, lambda now: on_reply(structs.replace(now, result=result)))
+            return _too_late
+        known = self._context.services.get(service)
+        if known is not None and not known.reads_only:
+            page = self._writing(source)
+            vehicle = service.partition("/")[0]
+            if not is_stop(service) and any(vehicle == each.name for each in self._context.world.vehicles):
+                self.leases.check(page, vehicle)
+        return self._context.call(service, args, source, on_reply, "", queue)
+
+    def _writing(self, source: str) -> int:
+        page = int(source.partition(" ")[0])
+        if self._read_only or page in self.watching:
+            raise Refused("denied", "this page may only watch", "read_only")
+        return page
+
+    def _own(self, service: str, args: Mapping[str, object], source: str) -> Json:
+        known = {argument.name for argument in SERVICES[service].arguments}
+        for name in args:
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise Refused("bad_argument", f'{service} has no argument "{name[:100]}"{hint}', name[:100])
+        page = self._writing(source)
+        if service == KEEP.path:
+            return list[Json](self.leases.keep(page))
+        vehicle = self._vehicle(args.get("vehicle", ""), service == TAKE.path)
+        if service == TAKE.path:
+            force = args.get("force", False)
+            if not isinstance(force, bool):
+                raise Refused("bad_argument", '"force" is true or false', "force")
+            owner = source.partition(" ")[2].strip("()") or f"page {page}"
+            self.leases.take(page, owner, vehicle, force)
+            return None
+        if service == GIVE.path:
+            return list[Json](self.leases.give(page, vehicle or None))
+        stopped = [vehicle] if vehicle else [each.name for each in self._context.world.vehicles]
+        for each in stopped:
+            self.stop(each)
+        return list[Json](stopped)
+
+    def _vehicle(self, name: object, needed: bool) -> str:
+        there = [vehicle.name for vehicle in self._context.world.vehicles]
+        if not isinstance(name, str) or (name not in there and (name or needed)):
+            hint = did_you_mean(str(name)[:100], there)
+            raise Refused(
+                "bad_argument", f'no vehicle "{str(name)[:100]}"{hint}; there are: {", ".join(there)}', "vehicle"
+            )
+        return name
+
+    # -- all stop -------------------------------------------------------------------------------------------------------------------
+
+    def stop(self, vehicle: str) -> None:
+        """Disarm a vehicle and put its actuators to neutral; what its pilot has asked for is taken back."""
+        lease = self.leases.owner(vehicle)
+        queue = "" if lease is None else str(lease.page)
+        self.leases.end(vehicle)
+        services = self._context.services
+        for path in [path for path in services if path.startswith(f"{vehicle}/") and path.endswith("/disarm")]:
+            self._ask(path, queue)
+        for path, port in self._context.ports.items():
+            if port.direction == "actuator" and path.startswith(f"{vehicle}/"):
+                self._neutral(path, queue)
+
+    def leave(self, page: int) -> None:
+        """A page has gone."""
+        self.leases.give(page)
+        self._commanded.pop(page, None)
+        self.watching.discard(page)
+
+    def _lost(self, vehicle: str, page: int) -> None:
+        """A page steers a vehicle no more: what it commanded last must not go on. An autopilot that it has sent somewhere goes on."""
+        commanded = self._commanded.get(page, set())
+        mine = {port for port in commanded if port.startswith(f"{vehicle}/")}
+        commanded -= mine
+        for port in sorted(mine):
+            self._neutral(port, str(page))
+
+    def _neutral(self, port: str, queue: str) -> None:
+        for verb in ("deactivate", "activate"):
+            self._ask(f"{port}/{verb}", queue)
+
+    def _ask(self, service: str, queue: str) -> None:
+        if service not in self._context.services:
+            return
+        try:
+            self._context.call(service, {}, f"{queue or 'stop'} (all stop)", _unheard, "", queue)
+        except Refused:
+            self.stats.errors += 1
+
+    # -- what is told ---------------------------------------------------------------------------------------------------------------
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """Those of the world, and of pages."""
+        return {**self._context.services, **SERVICES}
+
+    def describe(self, pattern: str = "**") -> dict[str, Json]:
+        """The world, and the services of pages."""
+        described = self._context.describe(pattern)
+        own = [msgspec.to_builtins(service) for path, service in SERVICES.items() if matches(pattern, path)]
+        there = described["services"]
+        assert isinstance(there, list)
+        return {**described, "services": [*there, *own]}
+
+    # -- as it is -------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def world(self) -> WorldFacts:
+        """As it is."""
+        return self._context.world
+
+    @property
+    def ports(self) -> Mapping[str, Port]:
+        """As they are."""
+        return self._context.ports
+
+    def hello(self) -> dict[str, Json]:
+        """As it is."""
+        return self._context.hello()
+
+    def last(self, port: str) -> Sample | None:
+        """As it is."""
+        return self._context.last(port)
+
+    def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
+        """As it is."""
+        self._context.read(ports, on_samples, source)
+
+    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        """As it is."""
+        self._context.look(on_state, source)
+
+    def scene(self, cast: Cast) -> SceneView:
+        """As it is."""
+        return self._context.scene(cast)
+
+    def mesh(self, sha256: str) -> bytes | None:
+        """As it is."""
+        return self._context.mesh(sha256)
+
+    def looks(self, sha256: str) -> bytes | None:
+        """As it is."""
+        return self._context.looks(sha256)
+
+    def attach(self, subscriber: Subscriber) -> Callable[[], None]:
+        """As it is."""
+        return self._context.attach(subscriber)
+
+    def follow_wants(self) -> None:
+        """As it is."""
+        self._context.follow_wants()
+
+    def tell_conflict(self, text: str) -> None:
+        """As it is."""
+        self._context.tell_conflict(text)
+
+    def join(self, client: str) -> Callable[[], None]:
+        """Pages take part in no lockstep barrier: a closed laptop would hold up the world."""
+        return _left
+
+    def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
+        """Nor do they drive one."""
+        raise Refused("denied", "a page grants no ticks", client)
+
+
+def _left() -> None:
+    """Nothing was joined."""
+
+
+def _too_late() -> bool:
+    return False
+
+
+def _unheard(answer: Reply | Progress) -> None:
+    """Nobody waits for it."""

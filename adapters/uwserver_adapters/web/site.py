@@ -1,0 +1,195 @@
+"""What can be asked by HTTP: the page, what the world looks like, and whether the server is well."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable, Coroutine
+from typing import Final, Protocol
+
+import msgspec
+
+from uwserver.adapter import AdapterContext, Refusals, is_host_known
+from uwserver.ports import Progress, Refused, Reply, SceneState
+from uwserver_adapters.web.config import WebConfig
+from uwserver_adapters.web.files import Files, StaticFile, made
+from uwserver_adapters.web.http import Answer, Request, is_same, takes_gzip, text
+
+OnAnswer = Callable[[Answer], None]
+LIVE: Final = "/live"
+_BY_HASH: Final = re.compile(r"/(mesh|looks)/([0-9a-f]{64})\.(bin|glb)")
+_FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
+_ANEW: Final = ("Cache-Control", "no-cache")
+_JSON: Final = "application/json"
+_WANTS_TOKEN: Final = text(
+    "401 Unauthorized", "this server wants a token: Authorization: Bearer ...", ("WWW-Authenticate", "Bearer")
+)
+
+
+class Keeper(Protocol):
+    """Who knows the tokens."""
+
+    token: str | None
+
+    def knows(self, token: str) -> bool:
+        """Whether it is one of them."""
+
+
+class Site:
+    """Answers requests.
+
+    Args:
+        context: of the adapter.
+        config: of it.
+        files: of the page.
+        keeper: of tokens.
+        refusals: counts what was refused.
+    """
+
+    def __init__(
+        self, context: AdapterContext, config: WebConfig, files: Files, keeper: Keeper, refusals: Refusals
+    ) -> None:
+        self._context = context
+        self._config = config
+        self._files = files
+        self._keeper = keeper
+        self._refusals = refusals
+        self._scene: tuple[int, StaticFile] | None = None
+        self._reading: set[asyncio.Task[None]] = set()
+
+    def objection(self, request: Request) -> Answer | None:
+        """Why a request is not answered, whatever it asks for."""
+        hosts = request.headers.get("host", ())
+        if len(hosts) != 1 or not is_host_known(hosts[0], self._config.allowed_hosts):
+            # A page whose name was made to point here (DNS rebinding) is of our origin for its browser.
+            name = hosts[0][:200] if hosts else ""
+            reason = f'"{name}" is no name of this server that it knows: ask by address, or add it to allowed_hosts'
+            self._refusals.note("host", reason)
+            return text("421 Misdirected Request", reason)
+        if request.method not in ("GET", "HEAD"):
+            self._refusals.note("method", f"{request.method[:20]} is neither GET nor HEAD")
+            return text("405 Method Not Allowed", "ask with GET or HEAD", ("Allow", "GET, HEAD"))
+        return None
+
+    def origins(self, request: Request) -> tuple[str, ...]:
+        """Origins of pages that may connect to the live data: that of this page, and configured ones."""
+        host = request.header("host")
+        scheme = "http" if self._config.tls_cert is None else "https"
+        return (f"{scheme}://{host}", *self._config.allowed_origins)
+
+    def answer(self, request: Request, on_answer: OnAnswer) -> None:
+        """Answer now or later, once."""
+        found = self.objection(request)
+        path = request.path
+        if found is None and self._files.has(path):
+            self._send_file(request, on_answer)
+            return
+        if found is None:
+            found = self._objection_to_data(request)
+        if found is None and path == "/world.json":
+            self._send_scene(request, on_answer)
+            return
+        on_answer(found or self._data(path))
+
+    def _objection_to_data(self, request: Request) -> Answer | None:
+        """Data go to our own page, and to clients that are no browsers."""
+        site = request.header("sec-fetch-site")
+        if site not in ("", "same-origin", "none"):
+            self._refusals.note("origin", f"a page of another origin ({site}) asked for {request.path[:100]}")
+            return text("403 Forbidden", "pages of other origins get no data")
+        if self._keeper.token is not None:
+            kind, _, token = request.header("authorization").partition(" ")
+            if kind.lower() != "bearer" or not self._keeper.knows(token.strip()):
+                self._refusals.note("denied", "data were asked for without the token")
+                return _WANTS_TOKEN
+        return None
+
+    def _data(self, path: str) -> Answer:
+        if path == "/health":
+            return self._health()
+        if path == LIVE:
+            return text("426 Upgrade Required", "this is a WebSocket", ("Upgrade", "websocket"))
+        named = _BY_HASH.fullmatch(path)
+        if named is not None:
+            data = self._context.mesh(named[2]) if named[1] == "mesh" else self._context.looks(named[2])
+            if data is not None and (named[1] == "mesh") == (named[3] == "bin"):
+                kind = "application/octet-stream" if named[1] == "mesh" else "model/gltf-binary"
+                return Answer("200 OK", data, kind, (_FOR_EVER,))
+        return text("404 Not Found", "there are /, /world.json, /mesh/..., /looks/..., /health and /live here")
+
+    def _health(self) -> Answer:
+        answers: list[Reply | Progress] = []
+        self._context.call("world/status", {}, "health", answers.append)
+        (answer,) = answers
+        now = answer.result if isinstance(answer, Reply) else None
+        failed = isinstance(now, dict) and now.get("failure")
+        status = "503 Service Unavailable" if failed else "200 OK"
+        return Answer(status, msgspec.json.encode(now), _JSON, (("Cache-Control", "no-store"),))
+
+    # -- files ----------------------------------------------------------------------------------------------------------------------
+
+    def _send_file(self, request: Request, on_answer: OnAnswer) -> None:
+        self._later(self._file(request, on_answer))
+
+    async def _file(self, request: Request, on_answer: OnAnswer) -> None:
+        try:
+            found = await asyncio.get_running_loop().run_in_executor(None, self._files.read, request.path)
+        except OSError as error:
+            on_answer(text("404 Not Found", f"the file cannot be read any more: {error.strerror}"))
+            return
+        on_answer(_sent(request, found, (("Content-Security-Policy", self.policy(found)),)))
+
+    def policy(self, page: StaticFile) -> str:
+        """What a browser lets the page do: nothing that is not of this server."""
+        ancestors = " ".join(self._config.frame_ancestors) or "'none'"
+        scripts = " ".join(("'self'", *page.scripts))
+        return (
+            f"default-src 'self'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; "
+            f"connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
+            f"frame-ancestors {ancestors}"
+        )
+
+    # -- the scene ------------------------------------------------------------------------------------------------------------------
+
+    def _send_scene(self, request: Request, on_answer: OnAnswer) -> None:
+        def show(state: SceneState) -> None:
+            self._later(self._described(state, request, on_answer))
+
+        try:
+            self._context.look(show, "scene")
+        except Refused as refused:
+            on_answer(text("503 Service Unavailable", refused.fault.text, ("Retry-After", "1")))
+
+    async def _described(self, state: SceneState, request: Request, on_answer: OnAnswer) -> None:
+        if self._scene is None or self._scene[0] != state.cast.revision:
+            scene = self._context.scene(state.cast)
+            extra = {"exact_poses": self._config.shows_poses, "read_only": self._config.read_only}
+            data = msgspec.json.encode({**msgspec.structs.asdict(scene), **extra})
+            packed = await asyncio.get_running_loop().run_in_executor(None, _packed, data)
+            self._scene = state.cast.revision, packed
+        on_answer(_sent(request, self._scene[1], ()))
+
+    def _later(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._reading.add(task)
+        task.add_done_callback(self._reading.discard)
+
+    async def close(self) -> None:
+        """End what is under way."""
+        for task in list(self._reading):
+            task.cancel()
+        await asyncio.gather(*self._reading, return_exceptions=True)
+
+
+def _packed(data: bytes) -> StaticFile:
+    return made(data, _JSON)
+
+
+def _sent(request: Request, found: StaticFile, headers: tuple[tuple[str, str], ...]) -> Answer:
+    """A file as this peer takes it."""
+    headers = (*headers, _ANEW, ("ETag", found.etag), ("Vary", "Accept-Encoding"))
+    if is_same(request, found.etag):
+        return Answer("304 Not Modified", b"", "", headers)
+    if found.pressed is not None and takes_gzip(request):
+        return Answer("200 OK", found.pressed, found.kind, (*headers, ("Content-Encoding", "gzip")))
+    return Answer("200 OK", found.data, found.kind, headers)

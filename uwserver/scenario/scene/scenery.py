@@ -1,0 +1,163 @@
+"""What a world looks like: one description for viewers, recordings and whoever else draws it."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec import UnsetType
+
+from uwserver.environment.currents import ProfileConfig, flow_of
+from uwserver.physics.kernel.layout import (
+    WAVE_AMPLITUDE,
+    WAVE_DEPTH,
+    WAVE_K,
+    WAVE_KX,
+    WAVE_KY,
+    WAVE_OMEGA,
+    WAVE_PHASE,
+)
+from uwserver.ports import (
+    BodyView,
+    Cast,
+    OriginView,
+    Present,
+    SceneView,
+    SolidView,
+    WaterView,
+    WaveView,
+)
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.fittings import actuator_views
+from uwserver.scenario.scene.palette import JERLOV, OBJECT, SEABED, STRUCTURE, VEHICLE, WATERS
+from uwserver.scenario.scene.senses import beacon_views, sensor_views
+from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
+from uwserver.scenario.vehicle.body import body_params
+from uwserver.units import rad
+from uwserver.world.world import World
+
+SCHEMA = 1
+"""Version of the description's form."""
+SEABED_NAME = "seabed"
+_FLAT_K = 1e-9
+"""Wave number (rad/m) below which a component is the tide."""
+
+
+class Scenery:
+    """Describes a world from its scenario, when somebody asks; nothing is worked out before. Loop thread.
+
+    Attributes:
+        meshes: triangles of what was described.
+        looks: files of looks, by hash.
+    """
+
+    def __init__(self, resolved: Resolved, world: World) -> None:
+        """Of a world that was built of this scenario. What is read of the world does not change in a run, but for its current."""
+        self._resolved, self._world = resolved, world
+        self.meshes = Meshes()
+        self.looks: dict[str, bytes] = {}
+        self._newest: SceneView | None = None
+        self._solids: tuple[SolidView | None, tuple[SolidView, ...]] | None = None
+
+    def scene(self, cast: Cast) -> SceneView:
+        """The world with these bodies in it."""
+        newest = self._newest
+        if newest is not None and newest.revision == cast.revision:
+            return newest
+        resolved, world = self._resolved, self._world
+        seabed, structures = self._static()
+        vehicles = tuple(self._vehicle(body) for body in cast.vehicles)
+        files = [(body.name, resolved.vehicles[body.like].vehicle) for body in cast.vehicles]
+        self._newest = SceneView(
+            schema=SCHEMA,
+            revision=cast.revision,
+            scenario=resolved.name,
+            title=resolved.scenario.title,
+            epoch=world.epoch_utc,
+            rate_hz=float(world.rate_hz),
+            origin=self._origin(),
+            water=self._water(),
+            seabed=seabed,
+            structures=structures,
+            vehicles=vehicles,
+            objects=tuple(self._object(body) for body in cast.objects),
+            beacons=tuple(beacon for name, file in files for beacon in beacon_views(name, file)),
+            meshes=self.meshes.views,
+        )
+        return self._newest
+
+    def _static(self) -> tuple[SolidView | None, tuple[SolidView, ...]]:
+        """Seabed and structures; worked out once."""
+        if self._solids is None:
+            resolved, seabed, structures = self._resolved, None, []
+            for name, solid in resolved.static.items():
+                is_seabed = name == SEABED_NAME and not isinstance(resolved.scenario.seabed, UnsetType)
+                colour = SEABED if is_seabed else STRUCTURE
+                view = SolidView(name, shape_views(solid, resolved.materials, colour, self.meshes))
+                if is_seabed:
+                    seabed = view
+                else:
+                    structures.append(view)
+            self._solids = seabed, tuple(structures)
+        return self._solids
+
+    def _vehicle(self, body: Present) -> BodyView:
+        resolved = self._resolved.vehicles[body.like]
+        file = resolved.vehicle
+        params = body_params(file, resolved.devices, self._resolved.scenario.environment)
+        if resolved.solid is None:
+            shapes = displaced_shapes(file, VEHICLE)
+        else:
+            shapes = shape_views(resolved.solid, self._resolved.materials, VEHICLE, self.meshes)
+        return BodyView(
+            name=body.name,
+            model=file.name,
+            like=body.like,
+            shapes=shapes,
+            mass=file.rigid_body.mass_kg,
+            actuators=actuator_views(body.name, resolved, params),
+            sensors=sensor_views(body.name, file),
+        )
+
+    def _object(self, body: Present) -> BodyView:
+        resolved = self._resolved.objects[body.like]
+        shapes = shape_views(resolved.solid, self._resolved.materials, OBJECT, self.meshes)
+        return BodyView(body.name, "object", body.like, shapes)
+
+    def _origin(self) -> OriginView | None:
+        table = self._resolved.scenario.world
+        if isinstance(table.origin_lat_deg, UnsetType) or isinstance(table.origin_lon_deg, UnsetType):
+            return None
+        return OriginView(rad(table.origin_lat_deg), rad(table.origin_lon_deg))
+
+    def _water(self) -> WaterView:
+        environment, water = self._resolved.scenario.environment, self._world.water
+        looks = WATERS[JERLOV]
+        flows = [flow_of(current) for current in environment.currents.values()]
+        return WaterView(
+            density=environment.density,
+            sound_speed=water.sound_speed(0.0),
+            waves=self._waves(),
+            surface_level=environment.surface_level_m,
+            current=water.current,
+            profiles=tuple(
+                tuple(zip(flow.depth_m, flow.velocity_ned_mps, strict=True))
+                for flow in flows
+                if isinstance(flow, ProfileConfig)
+            ),
+            jerlov=JERLOV,
+            attenuation=looks.attenuation,
+            colour=looks.colour,
+        )
+
+    def _waves(self) -> tuple[WaveView, ...]:
+        sea = self._world.water.sea
+        if sea is None:
+            return ()
+        columns = (WAVE_AMPLITUDE, WAVE_KX, WAVE_KY, WAVE_OMEGA, WAVE_PHASE)
+        waves = []
+        for row in sea.rows.waves.tolist():
+            if row[WAVE_K] > _FLAT_K:
+                a, kx, ky, omega, phase = (row[column] for column in columns)
+                depth = row[WAVE_DEPTH]
+                waves.append(WaveView(a, kx, ky, omega, phase, None if math.isinf(depth) else depth))
+        return tuple(waves)

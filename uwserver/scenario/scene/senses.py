@@ -1,0 +1,76 @@
+"""Sensors of a vehicle as a viewer gets them: where they sit, and what they send out; and the beacons that they ask."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from msgspec import UnsetType
+
+from uwserver.ports import BeaconView, BeamView, FanView, SensorView
+from uwserver.scenario.build.members import mount_of
+from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.sensors import (
+    AltimeterConfig,
+    DvlConfig,
+    LblConfig,
+    RangeArrayConfig,
+    ScanningSonarConfig,
+    SensorConfig,
+    UsblConfig,
+)
+from uwserver.units import rad
+
+
+def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:
+    """All sensors of a vehicle under this name."""
+    views = []
+    for key, config in file.sensors.items():
+        mount = mount_of(config, file)
+        kind = str(config.__struct_config__.tag)
+        views.append(SensorView(f"{name}/{key}", kind, mount.p, mount.q, tuple(beams(config)), fan(config)))
+    return tuple(views)
+
+
+def beams(config: SensorConfig) -> Iterator[BeamView]:
+    """What a sensor sends out in single beams."""
+    if isinstance(config, AltimeterConfig):
+        yield BeamView((0.0, 0.0, 1.0), rad(config.beam_width_deg), config.min_range_m, config.max_range_m)
+    elif isinstance(config, DvlConfig):
+        tilt = rad(config.beam_angle_deg)
+        far = config.max_altitude_m / math.cos(tilt)
+        for azimuth in config.beam_azimuth_deg:
+            across = math.sin(tilt)
+            direction = (across * math.cos(rad(azimuth)), across * math.sin(rad(azimuth)), math.cos(tilt))
+            yield BeamView(direction, 0.0, config.min_altitude_m, far)
+    elif isinstance(config, RangeArrayConfig):
+        width = rad(config.field_of_view_deg)
+        for k in range(config.beams):
+            angle = -0.5 * width + (width * k / (config.beams - 1) if config.beams > 1 else 0.5 * width)
+            yield BeamView((math.cos(angle), math.sin(angle), 0.0), 0.0, config.min_range_m, config.max_range_m)
+
+
+def fan(config: SensorConfig) -> FanView | None:
+    """The sector of a scanning sonar."""
+    if not isinstance(config, ScanningSonarConfig):
+        return None
+    centre = rad(config.sector_center_deg)
+    half = math.pi if isinstance(config.sector_width_deg, UnsetType) else 0.5 * rad(config.sector_width_deg)
+    return FanView(
+        rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg), rad(config.step_deg),
+        (centre - half, centre + half), config.bins, config.min_range_m, config.range_m,
+    )  # fmt: skip
+
+
+def beacon_views(name: str, file: VehicleFile) -> Iterator[BeaconView]:
+    """Beacons that sensors of a vehicle under this name ask, where they are thought to be at t = 0."""
+    for key, config in file.sensors.items():
+        if not isinstance(config, UsblConfig | LblConfig):
+            continue
+        for beacon, table in config.beacons.items():
+            path = f"{name}/{key}"
+            if isinstance(table.position_ned_m, UnsetType):
+                assert isinstance(table.vehicle, str)
+                yield BeaconView(beacon, path, table.position_frd_m, table.vehicle, delay=table.turn_around_s)
+            else:
+                yield BeaconView(beacon, path, table.position_ned_m, delay=table.turn_around_s)

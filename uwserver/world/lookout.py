@@ -1,0 +1,131 @@
+"""Where all bodies are, for those who watch: taken between two ticks when somebody asks, so that it costs nothing while nobody does."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.params import ThrusterParams
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.layout import P, Q
+from uwserver.ports import ACHIEVED_FULL, Cast, Present, SceneState
+from uwserver.world.members import Member
+from uwserver.world.world import World
+
+
+class Rows(NamedTuple):
+    """Where the numbers of a cast lie in the arrays of the kernel.
+
+    Attributes:
+        bodies: rows of vehicles, then of objects.
+        thrusters, servos: rows of the vehicles' actuators.
+        full: (m, 2) thrust of each thruster at full command ahead and astern, N, both positive.
+        places, servo_places: where their numbers stand among all that is achieved.
+    """
+
+    bodies: IntArray
+    thrusters: IntArray
+    servos: IntArray
+    full: FloatArray
+    places: IntArray
+    servo_places: IntArray
+
+
+class Lookout:
+    """Looks at a world between two ticks."""
+
+    def __init__(self, world: World) -> None:
+        """world: that is looked at."""
+        self._world = world
+        self._members: tuple[Member, ...] | None = None
+        self._cast = Cast(0, (), ())
+        self._rows = rows_of(world.hydro, (), 0)
+
+    def state(self) -> SceneState:
+        """Where all bodies are now."""
+        world = self._world
+        members = tuple(world.members.values())
+        if members != self._members:
+            self._follow(members)
+        hydro, rows = world.hydro, self._rows
+        poses = hydro.state[rows.bodies, P : Q + 4]
+        return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows), world.water.current)
+
+    def _follow(self, members: tuple[Member, ...]) -> None:
+        """Somebody came or went."""
+        population = self._world.population
+        likes = {} if population is None else population.likes()
+        vehicles = [member for member in members if not is_object(member)]
+        objects = [member for member in members if is_object(member)]
+        here = [
+            tuple(Present(m.vehicle.name, likes.get(m.vehicle.name, m.vehicle.name)) for m in group)
+            for group in (vehicles, objects)
+        ]
+        self._members = members
+        self._cast = Cast(self._cast.revision + 1, here[0], here[1])
+        self._rows = rows_of(self._world.hydro, (*vehicles, *objects), len(vehicles))
+
+
+def is_object(member: Member) -> bool:
+    """Whether a body is a free object: one without a vehicle's file."""
+    return member.vehicle.model == "object"
+
+
+def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) -> Rows:
+    """Rows of some bodies, of which the first `vehicles` are vehicles."""
+    bodies = np.array([member.vehicle.row for member in members], dtype=np.int64)
+    thrusters: list[int] = []
+    servos: list[int] = []
+    full: list[tuple[float, float]] = []
+    places: list[int] = []
+    servo_places: list[int] = []
+    count = 0
+    for row in bodies[:vehicles].tolist():
+        params, body = hydro.params[row], hydro.bodies[row]
+        first, first_servo = int(body["thruster_first"]), int(body["servo_first"])
+        for k, thruster in enumerate(params.thrusters):
+            thrusters.append(first + k)
+            full.append(full_thrust(thruster))
+            places.append(count)
+            count += 1
+        for k in range(len(params.appendages.servos)):
+            servos.append(first_servo + k)
+            servo_places.append(count)
+            count += 1
+    return Rows(
+        bodies,
+        np.array(thrusters, dtype=np.int64),
+        np.array(servos, dtype=np.int64),
+        np.array(full, dtype=np.float64).reshape(-1, 2),
+        np.array(places, dtype=np.int64),
+        np.array(servo_places, dtype=np.int64),
+    )
+
+
+def full_thrust(thruster: ThrusterParams) -> tuple[float, float]:
+    """Thrust at full command and nominal supply, ahead and astern, N, both positive."""
+    voltages, curves = thruster.table.voltages, thruster.table.curves
+    ends = [np.interp(thruster.voltage, voltages, [curve[k][1] for curve in curves]) for k in (-1, 0)]
+    ahead, astern = (max(abs(float(force)) * thruster.installed, 1e-9) for force in ends)
+    return ahead, astern
+
+
+def achieved(hydro: Hydrodynamics, rows: Rows) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
+    """What actuators achieve, of -127..127: thrust after the lag over that at full command; the place of a servo within its range."""
+    parts = np.zeros(len(rows.places) + len(rows.servo_places))
+    if len(rows.thrusters):
+        thrusters = hydro.thrusters[rows.thrusters]
+        lags = hydro.lags[thrusters["lag"]]
+        thrust = (np.einsum("ij,ij->i", lags["C"], thrusters["x"]) + lags["D"] * thrusters["demand"]) * thrusters[
+            "efficiency"
+        ]
+        parts[rows.places] = thrust / np.where(thrust < 0.0, rows.full[:, 1], rows.full[:, 0])
+    if len(rows.servos):
+        servos = hydro.servos[rows.servos]
+        low, high = servos["low"], servos["high"]
+        half = 0.5 * (high - low)
+        parts[rows.servo_places] = (servos["value"] - low - half) / np.where(half > 0.0, half, 1.0)
+    parts = np.nan_to_num(parts, nan=0.0)
+    return np.rint(ACHIEVED_FULL * np.clip(parts, -1.0, 1.0)).astype(np.int8)
