@@ -193,6 +193,7 @@ async function begin() {
     { name: "events", title: "Events", open: eventsTab(app) },
   ]);
   bars.quality(picturing ? (picturing.stage.fine ? "high" : picturing.stage.software ? "low (software drawing)" : "low") : "map");
+  Object.assign(window.uw, { drawing: picturing });
   chooser.show();
   app.link.connect();
   requestAnimationFrame(draw);

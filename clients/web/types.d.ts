@@ -7,7 +7,7 @@ export interface Shape {
   p?: Vec3; q?: Quat; size?: Vec3 | null; radius?: number | null; length?: number | null; mesh?: string | null;
   material?: string; colour?: Vec3; name?: string;
 }
-export interface Solid { name: string; shapes: Shape[] }
+export interface Solid { name: string; shapes: Shape[]; looks?: Looks | null }
 export interface Actuator {
   name: string; kind: "thruster" | "propeller" | "fin" | "ballast" | "moving_mass"; p: Vec3;
   axis?: Vec3 | null; chord?: Vec3 | null; span?: number | null; diameter?: number | null; handedness?: string;
@@ -24,7 +24,7 @@ export interface Beacon { name: string; sensor: string; p: Vec3; body?: string |
 export type Wave = [amplitude: number, kx: number, ky: number, omega: number, phase: number, depth: number | null];
 export interface Water {
   density: number; sound_speed: number; waves: Wave[]; surface_level: number; current: Vec3;
-  profiles: [top: number, bottom: number, above: Vec3, below: Vec3][]; jerlov: string; attenuation: Vec3; colour: Vec3;
+  profiles: [depth: number, velocity: Vec3][][]; jerlov: string; attenuation: Vec3; colour: Vec3;
 }
 export interface World {
   schema: number; revision: number; scenario: string; title: string; epoch: string; rate_hz: number;

@@ -2,7 +2,6 @@
 import { h, tell } from "../core/dom.js";
 import { AXES } from "../pilot/sticks.js";
 import { DIRECT } from "../pilot/pilot.js";
-import { card } from "./dock.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../pilot/pilot.js").Pilot} Pilot */
 
 const NAMES = { surge: "Ahead", sway: "Aside", heave: "Down", roll: "Roll", pitch: "Pitch", yaw: "Turn" };

@@ -62,6 +62,7 @@ export function plotPanel(port, fieldName, app, place) {
     if (!dirty || document.hidden) return;
     dirty = false;
     plot?.setData(/** @type {any} */ (data));
+    if (plot && (plot.cursor.left ?? -1) < 0) plot.setLegend({ idx: data[0].length - 1 });
   }, REDRAW_MS);
   const watch = new ResizeObserver(() => plot && plot.width !== place.clientWidth && place.clientWidth > 0 && plot.setSize({ width: place.clientWidth, height: 150 }));
   watch.observe(place);

@@ -85,14 +85,17 @@ export function commands(vehicle, ports, actuators, sticks) {
   if (thrusters) list.push([thrusters.path, { [thrusters.fields[0].name]: mixed(patterns(thrusters.propulsors ?? []), sticks) }]);
   for (const port of mine) {
     const field = port.fields[0];
-    const high = typeof field?.maximum === "number" ? field.maximum : 0;
-    const low = typeof field?.minimum === "number" ? field.minimum : -high;
-    if (port.kind === "propeller" && field) list.push([port.path, { [field.name]: sticks[0] >= 0 ? sticks[0] * high : -sticks[0] * low }]);
-    const fin = actuators.find((actuator) => actuator.kind === "fin" && actuator.port === port.path);
-    if (port.kind === "fin" && field && fin) {
+    if (!field) continue;
+    const high = typeof field.maximum === "number" ? field.maximum : 0;
+    const low = typeof field.minimum === "number" ? field.minimum : -high;
+    if (port.kind === "propeller") list.push([port.path, { [field.name]: sticks[0] >= 0 ? sticks[0] * high : -sticks[0] * low }]);
+    const fins = actuators.filter((actuator) => actuator.kind === "fin" && actuator.port === port.path);
+    if (!fins.length) continue;
+    const angles = fins.sort((a, b) => (a.index ?? 0) - (b.index ?? 0)).map((fin) => {
       const part = deflection(fin, sticks);
-      list.push([port.path, { [field.name]: part >= 0 ? part * high : -part * low }]);
-    }
+      return part >= 0 ? part * (fin.high ?? 0) : -part * (fin.low ?? 0);
+    });
+    list.push([port.path, { [field.name]: field.shape.length ? angles : angles[0] }]);
   }
   return list;
 }

@@ -158,16 +158,21 @@ function depthTape() {
 function horizon() {
   const r = 54;
   const ball = s("g", {}, s("rect", { class: "sky", x: -200, y: -300, width: 400, height: 300 }), s("rect", { class: "ground", x: -200, y: 0, width: 400, height: 300 }), s("line", { class: "ink", x1: -120, x2: 120, y1: 0, y2: 0 }),
-    ...[-60, -40, -20, 20, 40, 60].flatMap((degrees) => [s("line", { class: "tick", x1: -16, x2: 16, y1: -degrees, y2: -degrees }), s("text", { x: 20, y: -degrees + 4, style: "font-size:9px" }, String(Math.abs(degrees)))]));
-  const caption = s("text", { x: 0, y: r - 8, "text-anchor": "middle", style: "font-size:10px" });
-  const root = s("svg", { class: "attitude", width: 2 * r + 4, height: 2 * r + 4, viewBox: `${-r - 2} ${-r - 2} ${2 * r + 4} ${2 * r + 4}` }, s("defs", {}, s("clipPath", { id: "ball" }, s("circle", { r }))),
+    ...[-60, -40, -20, 20, 40, 60].flatMap((degrees) => [s("line", { class: "tick", x1: -16, x2: 16, y1: -degrees, y2: -degrees }), s("text", { x: 20, y: -degrees + 4, class: "small" }, String(Math.abs(degrees)))]));
+  const caption = s("text", { class: "small", x: 0, y: r + 13, "text-anchor": "middle" });
+  const root = s("svg", { class: "attitude", width: 2 * r + 4, height: 2 * r + 20, viewBox: `${-r - 2} ${-r - 2} ${2 * r + 4} ${2 * r + 20}` }, s("defs", {}, s("clipPath", { id: "ball" }, s("circle", { r }))),
     s("g", { "clip-path": "url(#ball)" }, ball), s("circle", { class: "ink", r, style: "opacity:.7" }), s("path", { class: "ink", d: "M-34 0h22l6 7M34 0h-22l-6 7", style: "stroke:#f0b441;stroke-width:2.600" }), s("circle", { class: "want", r: 2.5 }), caption);
   return {
     root,
     /** @param {number} roll degrees @param {number} pitch degrees */
     show(roll, pitch) {
       ball.setAttribute("transform", `rotate(${(-roll).toFixed(1)}) translate(0 ${Math.max(-85, Math.min(85, pitch)).toFixed(1)})`);
-      tell(caption, `${roll.toFixed(0)}° ${pitch.toFixed(0)}°`);
+      tell(caption, `roll ${signed(roll)}  pitch ${signed(pitch)}`);
     },
   };
+}
+
+/** A small angle, without a minus before nothing. @param {number} degrees */
+function signed(degrees) {
+  return `${Math.round(degrees) || 0}°`;
 }

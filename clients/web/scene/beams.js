@@ -26,7 +26,7 @@ export class Beams {
       const half = Math.max(0.006, Math.tan(0.5 * (beam.width ?? 0)));
       // One metre long, from the origin along x; scaled to its reach.
       const geometry = new THREE.ConeGeometry(half, 1, 20, 1, true).translate(0, -0.5, 0).rotateZ(Math.PI / 2);
-      const cone = new THREE.Mesh(geometry, light(colour, 0.2));
+      const cone = new THREE.Mesh(geometry, light(colour, 0.1));
       cone.quaternion.setFromUnitVectors(new THREE.Vector3(1, 0, 0), new THREE.Vector3(...beam.direction).normalize());
       cone.scale.setScalar(Math.min(beam.far || 3, 3));
       this.cones.push(cone);
@@ -61,7 +61,7 @@ export class Beams {
       const range = ranges[k];
       const hit = sample.valid && typeof range === "number" && range > 0 && locks[k] !== false;
       cone.scale.setScalar(hit ? range : Math.min((this.sensor.beams ?? [])[k].far || 3, 3));
-      /** @type {THREE.MeshBasicMaterial} */ (cone.material).opacity = hit ? 0.22 : 0.05;
+      /** @type {THREE.MeshBasicMaterial} */ (cone.material).opacity = hit ? 0.13 : 0.04;
     });
   }
 

@@ -103,10 +103,10 @@ export class Craft {
     const load = async () => {
       const [{ GLTFLoader }, data] = await Promise.all([import("three/addons/loaders/GLTFLoader.js"), store.looks(looks.sha256)]);
       const model = (await new GLTFLoader().parseAsync(data, "")).scene;
-      // A glTF looks along its z with y up; with z up it looks along its x.
+      // Ahead is the file's x.
       const basis = new THREE.Matrix4();
       if (looks.up === "z") basis.makeRotationX(Math.PI);
-      else basis.makeBasis(new THREE.Vector3(0, -1, 0), new THREE.Vector3(0, 0, -1), new THREE.Vector3(1, 0, 0));
+      else basis.makeRotationX(-Math.PI / 2);
       model.quaternion.setFromRotationMatrix(basis);
       model.scale.setScalar(looks.scale ?? 1);
       const holder = new THREE.Group();

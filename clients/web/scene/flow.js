@@ -9,10 +9,11 @@ const LAYERS = 3;
 /** Velocity of the current at a depth. @param {Water} water @param {number} depth @returns {Vec3} */
 export function currentAt(water, depth) {
   const sum = /** @type {Vec3} */ ([...water.current]);
-  for (const [top, bottom, above, below] of water.profiles) {
-    if (depth < top || depth >= bottom) continue;
-    const part = bottom > top && Number.isFinite(bottom) ? (depth - top) / (bottom - top) : 0;
-    for (let k = 0; k < 3; k += 1) sum[k] += above[k] + (below[k] - above[k]) * part;
+  for (const profile of water.profiles) {
+    const k = profile.findIndex(([deep]) => deep > depth);
+    const [above, below] = [profile[k < 0 ? profile.length - 1 : Math.max(0, k - 1)], profile[k < 0 ? profile.length - 1 : k]];
+    const part = below[0] > above[0] ? (depth - above[0]) / (below[0] - above[0]) : 0;
+    for (let axis = 0; axis < 3; axis += 1) sum[axis] += above[1][axis] + (below[1][axis] - above[1][axis]) * part;
   }
   return sum;
 }

@@ -15,7 +15,7 @@ const LOOKS = {
   gravel: { colour: "#8f8a80", rough: 1, pattern: "rock", size: 3 },
   rock: { colour: "#77736c", rough: 1, pattern: "rock", size: 6 },
   concrete: { colour: "#a9a79f", rough: 0.95, pattern: "concrete", size: 3 },
-  tiles: { colour: "#bfe3ea", rough: 0.35, pattern: "tiles", size: 2 },
+  tiles: { colour: "#bfe3ea", rough: 0.7, pattern: "tiles", size: 2 },
   steel: { colour: "#8b949b", rough: 0.45, metal: 0.55, pattern: "brushed", size: 1 },
   paint: { colour: "#f0b323", rough: 0.5 },
   rubber: { colour: "#23272b", rough: 0.9 },

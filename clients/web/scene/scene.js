@@ -52,6 +52,16 @@ export class WorldScene {
     this.breaks = -1;
     this.t = 0;
     this.floor = floorOf(world);
+    stage.root.updateMatrixWorld(true);
+    this.ray = new THREE.Raycaster();
+    /** How far one sees between two places of the renderer; large meshes hide nothing, they would take too long. @param {THREE.Vector3} from @param {THREE.Vector3} to */
+    this.free = (from, to) => {
+      const way = to.clone().sub(from);
+      this.ray.set(from, way.clone().normalize());
+      this.ray.far = way.length();
+      const walls = this.solids.children.filter((solid) => solid instanceof THREE.Mesh && solid.geometry.getAttribute("position").count < 2000);
+      return this.ray.intersectObjects(walls, false)[0]?.distance ?? way.length() + 1;
+    };
   }
 
   /** Follow another body; its sensors' beams are drawn. @param {number} index @param {Set<Layer>} layers */
@@ -120,7 +130,7 @@ export class WorldScene {
       const level = this.world.water.surface_level;
       const room = { ceiling: level - 0.25, floor: Number.isFinite(this.floor) ? -this.floor + 0.2 : -Infinity };
       if (poses[7 * this.chosen + 2] < 0.3) room.ceiling = Infinity;
-      this.views.update(craft.group, poses, 7 * this.chosen, dt, room);
+      this.views.update(craft.group, poses, 7 * this.chosen, dt, room, this.free);
     }
     medium.waterTime.value = t % 10000;
     look(this.world.water, { depth: -camera.position.y, outside: this.views.view !== "board", clear: this.clear || this.views.view === "top" });

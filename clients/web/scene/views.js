@@ -24,6 +24,8 @@ export class Views {
     this.last = new THREE.Vector3();
     this.bearing = NaN;
     this.fresh = true;
+    /** How far away the camera wants to be, m. */
+    this.reach = 3;
   }
 
   /** @param {View} view @param {number} size of the vehicle, m */
@@ -44,8 +46,9 @@ export class Views {
    * Follow the chosen vehicle.
    * @param {THREE.Group} craft in N @param {ArrayLike<number>} pose @param {number} i @param {number} dt s
    * @param {{ceiling: number, floor: number}} room heights (up) between which the camera begins
+   * @param {(from: THREE.Vector3, to: THREE.Vector3) => number} free how far one sees from the one place towards the other, m
    */
-  update(craft, pose, i, dt, room) {
+  update(craft, pose, i, dt, room, free) {
     const target = shown(pose, i, new THREE.Vector3());
     if (!Number.isFinite(target.x + target.y + target.z)) return;
     const heading = this.heading(craft);
@@ -55,7 +58,7 @@ export class Views {
     }
     const { camera, controls } = this;
     if (this.fresh) {
-      const reach = (this.view === "top" ? 9 : 4.2) * this.size + 0.6;
+      const reach = (this.view === "top" ? 9 : 3.2) * this.size + 0.4;
       if (this.view === "top") {
         camera.position.set(target.x, target.y + reach, target.z + 1e-3 * reach);
       } else {
@@ -66,14 +69,31 @@ export class Views {
       controls.target.copy(target);
       this.bearing = heading;
       this.fresh = false;
+      this.reach = camera.position.distanceTo(target);
+      this.comeIn(target, free);
     } else {
       const moved = target.clone().sub(this.last);
       camera.position.add(moved);
       controls.target.add(moved);
-      if (this.view === "follow") this.swing(heading, target, dt);
+      if (this.view === "follow") {
+        this.swing(heading, target, dt);
+        this.comeIn(target, free);
+      }
     }
     this.last.copy(target);
+    camera.position.y = Math.max(camera.position.y, Math.min(room.floor, target.y + 0.1));
+    const before = camera.position.distanceTo(target);
     controls.update();
+    // What the pilot scrolled is how far away it shall be.
+    this.reach *= camera.position.distanceTo(target) / Math.max(1e-3, before);
+  }
+
+  /** Before whatever stands between the camera and the vehicle. @param {THREE.Vector3} target @param {(from: THREE.Vector3, to: THREE.Vector3) => number} free */
+  comeIn(target, free) {
+    if (this.view === "top") return;
+    const away = this.camera.position.clone().sub(target).setLength(this.reach);
+    const most = Math.max(0.8 * this.size, free(target, away.clone().add(target)) - 0.15);
+    this.camera.position.copy(target).add(away.setLength(Math.min(this.reach, most)));
   }
 
   /** Heading of a craft, from its attitude in N. @param {THREE.Group} craft */

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from msgspec import UnsetType
+from msgspec.structs import replace
 
 from uwserver.environment.currents import ProfileConfig, flow_of
 from uwserver.physics.kernel.layout import (
@@ -108,6 +109,9 @@ class Scenery:
             shapes = displaced_shapes(file, VEHICLE)
         else:
             shapes = shape_views(resolved.solid, self._resolved.materials, VEHICLE, self.meshes)
+            names = tuple(file.collision)
+            if len(names) == len(shapes):  # by which a viewer knows a frame from a hull
+                shapes = tuple(replace(shape, name=name) for shape, name in zip(shapes, names, strict=True))
         return BodyView(
             name=body.name,
             model=file.name,
