@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
+from websockets.frames import Frame, Opcode
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
 from uwserver.ports import Argument, Field, Layout, Port, Service
@@ -37,6 +38,23 @@ async def _mavlink_station(context: FakeContext) -> TcpPeer:
     return await TcpPeer.connect(
         replace(context, stats=AdapterStats(address=context.stats.address.removeprefix("tcpin:")))
     )
+
+
+async def _web_page(context: FakeContext) -> TcpPeer:
+    """A page, after its handshake."""
+    address = context.stats.address.removeprefix("http://").rstrip("/")
+    peer = await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+    await peer.send(
+        b"GET /live HTTP/1.1\r\nHost: %s\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n" % address.encode()
+    )
+    assert (await peer.reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101 ")
+    return peer
+
+
+def _web(text: str) -> bytes:
+    """A text message of a page."""
+    return Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
 
 
 def _warm_zenoh() -> None:
@@ -231,6 +249,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
+    "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }
 
@@ -259,6 +278,12 @@ REQUESTS = {
         many=b'{"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         misspelt=b'{"id":3,"method":"call","params":{"service":"world/run_untill","args":{"t_s":9}}}\n',
     ),
+    "web": Requests(
+        _web('{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}'),
+        cancel=_web('{"id":2,"method":"cancel","params":{"id":1}}'),
+        many=_web('{"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}'),
+        misspelt=_web('{"id":3,"method":"call","params":{"service":"world/run_untill","args":{"t_s":9}}}'),
+    ),
     "zenoh": Requests(
         b'world/run_until|{"t_s":9}|{"client":"c1","id":1}\n',
         cancel=b'@cancel||{"client":"c1","id":1}\n',
@@ -283,6 +308,7 @@ UNSAID = {
     "ardupilot_json": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "px4_hil": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "sockets": {_TIME_OUT},
+    "web": {_TIME_OUT},
     "moos": {_CANCEL},
     "moosdb": {_CANCEL},
     "moos_text": {_CANCEL},

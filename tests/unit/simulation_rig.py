@@ -22,6 +22,7 @@ class Rig:
     """A running simulation, and a loop of its own that dispatches the bus."""
 
     def __init__(self, resolved, timing: Timing) -> None:
+        self.resolved = resolved
         self._work: queue.Queue[Callable[[], None] | None] = queue.Queue()
         self.samples: list = []
         self.events: queue.Queue[Event] = queue.Queue()

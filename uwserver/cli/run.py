@@ -45,7 +45,11 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 
 @click.command("run", short_help="Serve a scenario (default bluerov2_pool) until Ctrl-C.")
 @click.argument("scenario", default=DEFAULT_SCENARIO)
-@click.option("--port", type=click.IntRange(0, 65535), help="Port of the first sockets adapter; 0 takes a free one.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help="Port of the first sockets adapter; 0 takes a free one, for the web view too.",
+)
 @click.option("--bind", help="Address that the first sockets adapter listens on.")
 @click.option(
     "--allow-origin",
@@ -53,6 +57,7 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
     metavar="ORIGIN",
     help="Pages that may connect to it, as http://localhost:8000; may be given several times.",
 )
+@click.option("--open", "opens", is_flag=True, help="Open the web view in a browser.")
 @click.option("--metrics-bind", help="Address of /health and /metrics.")
 @click.option("--seed", type=click.IntRange(0), help="Random seed, instead of the scenario's.")
 @click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
@@ -70,6 +75,7 @@ def run(
     port: int | None,
     bind: str | None,
     allow_origin: tuple[str, ...],
+    opens: bool,
     metrics_bind: str | None,
     seed: int | None,
     mode: str | None,
@@ -85,6 +91,7 @@ def run(
 ) -> None:
     """Serve SCENARIO (a shipped name or a file; default bluerov2_pool) until SIGINT or SIGTERM."""
     from uwserver.adapter import AdapterNotFound, installed_adapters
+    from uwserver.cli.web_view import with_web_view
     from uwserver.logs import set_up_logging
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
@@ -94,7 +101,8 @@ def run(
 
     set_up_logging(log_level, log_json)
     try:
-        resolved = load(scenario, adapters=installed_adapters())
+        adapters = installed_adapters()
+        resolved = load(scenario, adapters=adapters)
     except (ScenarioError, AdapterNotFound) as error:
         click.echo(coloured_problems(str(error)), err=True)
         sys.exit(1)
@@ -107,14 +115,15 @@ def run(
     token = ""
     if not log_json:  # there the adapter makes and logs it
         resolved, token = _with_new_token(resolved)
+    resolved, view = with_web_view(resolved, adapters, port)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
     try:
         state = None if begin is None else read_state(begin)
-        announce = partial(_announce, resolved, log_json, token)
-        options = Options(seed, timing, record, until_s, state, save_at, profile, announce, click.echo)
+        announce = partial(_announce, resolved, log_json, token, view=view, opens=opens)
+        options = Options(seed, timing, record, until_s, state, save_at, profile, view, announce, click.echo)
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
             status = _run_loop(resolved, options)
@@ -212,16 +221,34 @@ def _then_compile_the_rest(
     return announced
 
 
-def _announce(resolved: Resolved, quiet: bool, token: str, addresses: dict[str, str]) -> None:
-    """Say where to connect and what to type next; `token` was made for this run, "" for one that the user knows, or none."""
-    from uwserver.cli.scenario import alike
+def _announce(
+    resolved: Resolved, quiet: bool, token: str, addresses: dict[str, str], *, view: str = "", opens: bool = False
+) -> None:
+    """Say where to look, where to connect and what to type next.
 
+    Args:
+        resolved: the scenario.
+        quiet: say nothing.
+        token: that was made for this run; "" for one that the user knows, or none.
+        addresses: of the adapters, by name.
+        view: name of the adapter of the web view; "" for none.
+        opens: open it.
+    """
+    from uwserver.cli.scenario import alike
+    from uwserver.cli.web_view import open_page
+
+    page = addresses.get(view, "")
+    if opens:
+        open_page(page)
     if quiet:
         return
+    if page:
+        click.echo("\nOpen " + styled(page, fg="cyan", bold=True))
     vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())
-    click.echo("\n" + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
+    click.echo("\n" * (not page) + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
     for name, address in addresses.items():
-        click.echo(f"  {name}: {address}")
+        if name != view:
+            click.echo(f"  {name}: {address}")
     sockets = _first_sockets(resolved)
     first = next(iter(resolved.vehicles.values()), None)
     if sockets and first:

@@ -44,6 +44,8 @@ START_TIMEOUT_S = 10.0
 START_WORK_NS = NANOSECONDS // 10
 """Processor time that counts as something: a hundred looks whether all have started cost less, and a process gets more on any machine."""
 _LOOK_S = 0.1
+SHOWN_S = 1.0
+"""Wall time for which the announcement waits for an adapter that may fail."""
 STOP_TIMEOUT_S = 1.0
 """Wall time in which an adapter must clean up; and that lies between two signals of which the second ends the process at once."""
 STOP_WORK_NS = NANOSECONDS
@@ -63,6 +65,7 @@ class Options:
         begin: a saved state to start from.
         save_at: times (s) at which to save the state, and the files.
         profile_s: tell every so many seconds of wall time, and at the end, what ticks take; None for never.
+        shown: adapter whose address people want first: the start waits for it a moment, though it may fail; "" for none.
         announce: called once peers can connect, with the addresses by adapter name.
         tell: takes the tables of `profile_s`.
     """
@@ -74,6 +77,7 @@ class Options:
     begin: bytes | None = None
     save_at: tuple[tuple[float, Path], ...] = ()
     profile_s: float | None = None
+    shown: str = ""
     announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
     tell: Callable[[str], None] = print
 
@@ -248,6 +252,7 @@ class Server:
                 waiting[name] = self._loop.create_task(ready.wait())
         try:
             await self._wait_ready(waiting)
+            await self._wait_shown()
         except StartFailed:
             await _cancel(tasks)
             raise
@@ -285,6 +290,12 @@ class Server:
         finally:
             ending.cancel()
 
+    async def _wait_shown(self) -> None:
+        """A moment, until the adapter that is announced first has its address, or has failed."""
+        stats, until = self._hub.stats.get(self._options.shown), self._loop.time() + SHOWN_S
+        while stats is not None and stats.state == "starting" and self._loop.time() < until:
+            await asyncio.sleep(_LOOK_S / 10)
+
     async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
         """Run an adapter, and start it again with back-off when it fails; its fault never reaches the world."""
         backoff, stats = _FIRST_BACKOFF_S, context.stats
@@ -303,12 +314,14 @@ class Server:
                 stats.state = "stopped"
                 raise
             except Exception as error:  # noqa: BLE001  # an adapter may fail in any way
+                is_told = not config.required and stats.last_error == str(error)
                 stats.restarts += 1
                 stats.state, stats.last_error = "retrying", str(error)
-                log.error('adapter "%s" failed: %s; next try in %.1f s', context.name, error, backoff)
-                world = self._simulation.world
-                text = f'adapter "{context.name}" failed: {error}'
-                self._hub.bus.say(Event("adapter_failed", world.tick, world.t_ns, text))
+                if not is_told:  # one that nobody waits for says the same thing once
+                    log.error('adapter "%s" failed: %s; next try in %.1f s', context.name, error, backoff)
+                    world = self._simulation.world
+                    text = f'adapter "{context.name}" failed: {error}'
+                    self._hub.bus.say(Event("adapter_failed", world.tick, world.t_ns, text))
             if again.is_set():
                 backoff = _FIRST_BACKOFF_S
             await asyncio.sleep(backoff)

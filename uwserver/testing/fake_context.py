@@ -13,6 +13,7 @@ from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, Wor
 from uwserver.ports import (
     Argument,
     Buffer,
+    Cast,
     Command,
     Event,
     Field,
@@ -23,11 +24,14 @@ from uwserver.ports import (
     Refused,
     Reply,
     Sample,
+    SceneState,
+    SceneView,
     Service,
     Value,
     matches,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
+from uwserver.testing.fake_scene import NOBODY, bare_scene
 
 TICK_NS = 4_000_000
 """Simulation time of a tick."""
@@ -123,6 +127,9 @@ class FakeContext:
         wanted: ports that they or the drivers want; no others are given.
         described: patterns for which `describe` was called.
         tick: grows with each `emit`.
+        state: where bodies are; replaced by the test.
+        looked: how often somebody asked for it.
+        files: triangles and looks by hash.
     """
 
     name: str = "fake"
@@ -141,6 +148,9 @@ class FakeContext:
     wanted: frozenset[str] = frozenset()
     described: list[str] = field(default_factory=list)
     tick: int = 0
+    state: SceneState = NOBODY
+    looked: int = 0
+    files: dict[str, bytes] = field(default_factory=dict)
     _seq: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -176,6 +186,23 @@ class FakeContext:
         """A sample of each sensor among the ports, with the next turn of the loop."""
         samples = [sample for path in ports if (sample := self.last(path)) is not None]
         asyncio.get_running_loop().call_soon(on_samples, samples)
+
+    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        """The state of the test, with the next turn of the loop."""
+        self.looked += 1
+        asyncio.get_running_loop().call_soon(lambda: on_state(self.state))
+
+    def scene(self, cast: Cast) -> SceneView:
+        """A world with nothing but bodies in it."""
+        return bare_scene(cast, self.world)
+
+    def mesh(self, sha256: str) -> bytes | None:
+        """What the test has put there."""
+        return self.files.get(sha256)
+
+    def looks(self, sha256: str) -> bytes | None:
+        """Likewise."""
+        return self.mesh(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver."""

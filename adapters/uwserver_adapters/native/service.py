@@ -24,6 +24,7 @@ class NativeService:
         token: what clients must show; None where none is needed.
         allowance: what one client may hold.
         requests_per_s: of one client; more are refused.
+        refusals: where an adapter counts what it refuses besides; default: its own.
 
     Attributes:
         context, token: as given.
@@ -32,11 +33,18 @@ class NativeService:
         lockout: hosts that try tokens.
     """
 
-    def __init__(self, context: AdapterContext, token: str | None, allowance: Allowance, requests_per_s: int) -> None:
+    def __init__(
+        self,
+        context: AdapterContext,
+        token: str | None,
+        allowance: Allowance,
+        requests_per_s: int,
+        refusals: Refusals | None = None,
+    ) -> None:
         self.context = context
         self.token = token
         self.fanout = Fanout(context)
-        self.refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        self.refusals = refusals or Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.lockout = Lockout()
         self._allowance = allowance
         self._requests_per_s = requests_per_s

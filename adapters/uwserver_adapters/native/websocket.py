@@ -16,7 +16,7 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
-from uwserver.adapter import MESSAGE_LIMIT, is_host_known
+from uwserver.adapter import MESSAGE_LIMIT, http_answer, is_host_known, is_loopback
 from uwserver.ports import ErrorCode, Fault
 from uwserver_adapters.native.codec import LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
 from uwserver_adapters.native.encoding import JSON, MSGPACK
@@ -62,6 +62,7 @@ class Handshake:
     Args:
         origins: those of pages that may connect, see `allows`.
         hosts: names of this server beside its addresses, see `is_host_known`.
+        page: address of the page of this server, which a browser on this machine is sent to; "" for none.
 
     Attributes:
         answer: what the peer gets once its request was complete; None before.
@@ -69,7 +70,8 @@ class Handshake:
         fault: why it was not, unless it only asked for a page.
     """
 
-    def __init__(self, origins: Sequence[str], hosts: Sequence[str]) -> None:
+    def __init__(self, origins: Sequence[str], hosts: Sequence[str], page: str = "") -> None:
+        self._page = page
         self.answer: bytes | None = None
         self.codec: WebSocketCodec | None = None
         self.fault: Fault | None = None
@@ -96,7 +98,7 @@ class Handshake:
 
     def _respond(self, request: HttpRequest) -> bytes:
         if "Upgrade" not in request.headers:
-            return HTTP_ANSWER
+            return self._elsewhere(request) if self._page else HTTP_ANSWER
         self.fault = self._objection(request.headers.get_all("Origin"), request.headers.get_all("Host"))
         if self.fault is not None:
             return self._send(self._protocol.reject(403, self.fault.text + "\n"))
@@ -107,6 +109,16 @@ class Handshake:
         if self.fault is None:
             self.codec = WebSocketCodec(self._protocol)
         return answer
+
+    def _elsewhere(self, request: HttpRequest) -> bytes:
+        """Where the page is: a browser of this machine goes there by itself."""
+        text = (
+            f"This is uwserver: it speaks JSON lines, msgpack frames and WebSocket here. Its page is at {self._page}\n"
+        )
+        accepts = ",".join(request.headers.get_all("Accept"))
+        if "text/html" in accepts and all(_is_here(host) for host in request.headers.get_all("Host")):
+            return http_answer("307 Temporary Redirect", text, f"Location: {self._page}\r\nCache-Control: no-store\r\n")
+        return http_answer("426 Upgrade Required", text, "Upgrade: websocket\r\n")
 
     def _objection(self, origins: Sequence[str], hosts: Sequence[str]) -> Fault | None:
         for origin in origins:
@@ -132,6 +144,12 @@ def allows(patterns: Sequence[str], origin: str) -> bool:
         if pattern.endswith(":*") and re.fullmatch(re.escape(pattern[:-1]) + r"\d{1,5}", origin):
             return True
     return False
+
+
+def _is_here(host: str) -> bool:
+    """Whether a browser that names this host is on this machine."""
+    name = host[1:].partition("]")[0] if host.startswith("[") else host.partition(":")[0]
+    return is_loopback(name)
 
 
 def _text_frame(body: bytes) -> bytes:

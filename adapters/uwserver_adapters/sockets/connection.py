@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from uwserver.adapter import Peer, Peers
+from uwserver.adapter import AdapterContext, Peer, Peers
+from uwserver.ports import Progress, Refused, Reply
 from uwserver_adapters.native.connection import TRIES, NativeConnection
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.native.websocket import Handshake
@@ -15,4 +16,24 @@ class Connection(NativeConnection):
     """A peer that speaks JSON lines, msgpack frames or WebSocket."""
 
     def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
-        super().__init__(service, config, peers, lambda: Handshake(config.allowed_origins, config.allowed_hosts))
+        def handshake() -> Handshake:
+            return Handshake(config.allowed_origins, config.allowed_hosts, page_of(service.context))
+
+        super().__init__(service, config, peers, handshake)
+
+
+def page_of(context: AdapterContext) -> str:
+    """Address of the page that another adapter of this server shows; "" where none does."""
+    answers: list[Reply | Progress] = []
+    try:
+        context.call("world/status", {}, "sockets", answers.append)
+    except Refused:
+        return ""
+    for answer in answers:
+        adapters = (
+            answer.result.get("adapters") if isinstance(answer, Reply) and isinstance(answer.result, dict) else None
+        )
+        for stats in adapters.values() if isinstance(adapters, dict) else ():
+            if isinstance(stats, dict) and stats["state"] == "running" and str(stats["address"]).startswith("http"):
+                return str(stats["address"])
+    return ""

@@ -1,4 +1,4 @@
-"""The `web` adapter: listens, and ends in order."""
+"""The `web` adapter: listens, and ends in order. What pages need is loaded with the first of them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import contextlib
 import logging
 import os
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection, Sequence
+from typing import TYPE_CHECKING
 
 from uwserver.adapter import (
     AdapterContext,
@@ -15,19 +16,18 @@ from uwserver.adapter import (
     Listener,
     Peer,
     Peers,
+    Refusals,
     address_text,
     is_loopback,
     serve_tcp,
     serving,
     tls_context,
 )
-from uwserver_adapters.native.session import Allowance
+from uwserver.ports import Event, Sample
 from uwserver_adapters.web.config import WebConfig
-from uwserver_adapters.web.connection import WebConnection
-from uwserver_adapters.web.files import Files, page_folder
-from uwserver_adapters.web.pages import Pages
-from uwserver_adapters.web.service import WebService
-from uwserver_adapters.web.site import Site
+
+if TYPE_CHECKING:
+    from uwserver_adapters.web.front import Front
 
 log = logging.getLogger(__name__)
 
@@ -35,13 +35,11 @@ TOKEN_VARIABLE = "UWSERVER_TOKEN"
 
 
 class WebAdapter:
-    """Serves the web view on one TCP port.
+    """Serves the web view on one TCP port; it is its own `Subscriber`.
 
     Attributes:
-        service: the native protocol of pages.
-        pages: those that are there.
-        site: what can be asked by HTTP.
         peers: all connections.
+        token: that pages must show; None where none is needed.
     """
 
     Config = WebConfig
@@ -49,20 +47,25 @@ class WebAdapter:
     def __init__(self, config: WebConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        token = config.token or os.environ.get(TOKEN_VARIABLE) or None
-        self._token_is_new = token is None and not is_loopback(config.bind)
+        self.token = config.token or os.environ.get(TOKEN_VARIABLE) or None
+        self._token_is_new = self.token is None and not is_loopback(config.bind)
         if self._token_is_new:
-            token = secrets.token_hex(24)
-        allowance = Allowance(config.max_subscriptions, config.max_unanswered)
-        self.service = WebService(
-            context, (token, config.view_token), config.read_only, allowance, config.max_requests_per_s
-        )
-        rights = self.service.rights
-        self.pages = Pages(context, self.service.fanout, rights.leases, config.frames_hz, config.shows_poses)
-        self.service.pages = self.pages
-        refusals = self.service.refusals
-        self.site = Site(context, config, Files(page_folder()), self.service, refusals)
+            self.token = secrets.token_hex(24)
+        refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.peers: Peers[Peer] = Peers(config.max_pages, refusals, context.stats, strangers=config.max_strangers)
+        self._front: Front | None = None
+
+    @property
+    def front(self) -> Front:
+        """All that pages meet."""
+        if self._front is None:
+            from uwserver_adapters.web.front import Front
+
+            self._front = Front(self.config, self.context, self.token, self.peers)
+        return self._front
+
+    def _greet(self) -> asyncio.Protocol:
+        return self.front.greet()
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -71,23 +74,24 @@ class WebAdapter:
             CannotListen: see there.
         """
         async with self._listening() as server:
-            scheme = "http" if self.config.tls_cert is None else "https"
-            bind = self.config.bind
-            host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(bind, bind)
-            fragment = f"#token={self.service.token}" if self._token_is_new else ""
-            address = f"{scheme}://{address_text(host, server.port)}/"
+            address = self._address(server.port)
             try:
-                with serving(self.context, self.pages, address, ready):
+                with serving(self.context, self, address, ready):
                     if self._token_is_new:
                         log.warning(
-                            "%s can be reached from outside at %s, and no token was set (token, or %s): one was made for this run. Open\n    %s%s",
-                            self.context.name, bind, TOKEN_VARIABLE, address, fragment,
+                            "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
+                            self.context.name, TOKEN_VARIABLE, address, self.token,
                         )  # fmt: skip
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
-                self.pages.close()
-                await self.site.close()
+                if self._front is not None:
+                    await self._front.close()
+
+    def _address(self, port: int) -> str:
+        scheme = "http" if self.config.tls_cert is None else "https"
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.bind, self.config.bind)
+        return f"{scheme}://{address_text(host, port)}/"
 
     @contextlib.asynccontextmanager
     async def _listening(self) -> AsyncIterator[Listener]:
@@ -97,15 +101,34 @@ class WebAdapter:
         async with contextlib.AsyncExitStack() as stack:
             for port in config.ports:
                 listening = serve_tcp(
-                    self._greet, self.peers, config.bind, port, tls=tls, handshake_s=config.hello_timeout_s
+                    self._greet,
+                    self.peers,
+                    config.bind,
+                    port,
+                    tls=tls,
+                    handshake_s=config.hello_timeout_s,
                 )
                 try:
                     server = await stack.enter_async_context(listening)
                     break
-                except CannotListen as error:
-                    if port == config.ports[-1] or "in use" not in str(error):
+                except CannotListen:
+                    if port == config.ports[-1]:
                         raise
             yield server
 
-    def _greet(self) -> WebConnection:
-        return WebConnection(self.service, self.site, self.config, self.peers)
+    # -- what the world says --------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports that pages read."""
+        return () if self._front is None else self._front.pages.wanted
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples of one tick."""
+        if self._front is not None:
+            self._front.pages.put_samples(samples)
+
+    def put_event(self, event: Event) -> None:
+        """Every page is told."""
+        if self._front is not None:
+            self._front.pages.put_event(event)

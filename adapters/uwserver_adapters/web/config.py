@@ -18,6 +18,7 @@ _Count = Annotated[int, Meta(ge=1)]
 
 class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
     """Attributes:
+    required: a view that cannot start does not end the server, unless this is true.
     bind: address to listen at; anything but loopback needs a token.
     port: TCP port; 0 takes a free one; default: 7680, or the next free one.
     token: pages must show it; default: the environment's UWSERVER_TOKEN; generated and printed when bind is not loopback and there is none.
@@ -38,6 +39,7 @@ class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
     hello_timeout_s: wall time in which a request must be complete, and a token shown.
     """
 
+    required: bool = False
     bind: Name = "127.0.0.1"
     port: Annotated[int, Meta(ge=0, le=65535)] | UnsetType = UNSET
     token: Name | None = None

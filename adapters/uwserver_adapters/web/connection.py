@@ -83,7 +83,7 @@ class WebConnection(NativeConnection):
             self._upgrade(request)
         else:
             self._is_asked = True
-            self._site.answer(request, self._answer)
+            self._site.answer(request, self.host, self._answer)
 
     def _upgrade(self, request: Request) -> None:
         refused = self._site.objection(request)

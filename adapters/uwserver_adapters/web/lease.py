@@ -65,9 +65,10 @@ class Leases:
             Refused: `denied`; somebody else has it.
         """
         lease = self.owner(vehicle)
-        if lease is not None and lease.page != page:
-            if not force:
-                self.check(page, vehicle)
+        if lease is not None and lease.page != page and not force:
+            self.check(page, vehicle)
+        held = self._held.get(vehicle)
+        if held is not None and held.page != page:  # perhaps run out, and not ended yet
             self._end(vehicle)
         self._held[vehicle] = Lease(page, owner, self._steady() + HELD_S)
 

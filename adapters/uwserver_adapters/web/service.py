@@ -5,7 +5,7 @@ from __future__ import annotations
 import hmac
 from collections.abc import Callable
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Fault, Refused
 from uwserver_adapters.native import params as read
 from uwserver_adapters.native import verbs
@@ -24,6 +24,7 @@ class WebService(NativeService):
         tokens: of those who may do all, and of those who may only watch; None where there is none.
         read_only: nobody may do anything.
         allowance, requests_per_s: of each page.
+        refusals: counts what was refused.
 
     Attributes:
         rights: who may do what.
@@ -40,9 +41,10 @@ class WebService(NativeService):
         read_only: bool,
         allowance: Allowance,
         requests_per_s: int,
+        refusals: Refusals,
     ) -> None:
         self.rights = Rights(context, read_only)
-        super().__init__(self.rights, tokens[0], allowance, requests_per_s)
+        super().__init__(self.rights, tokens[0], allowance, requests_per_s, refusals)
         self.view_token = tokens[1]
         self._page_of: dict[Session, Page] = {}
 

@@ -11,6 +11,7 @@ import msgspec
 
 from uwserver.adapter import AdapterContext, Refusals, is_host_known
 from uwserver.ports import Progress, Refused, Reply, SceneState
+from uwserver_adapters.native.limits import Lockout
 from uwserver_adapters.web.config import WebConfig
 from uwserver_adapters.web.files import Files, StaticFile, made
 from uwserver_adapters.web.http import Answer, Request, is_same, takes_gzip, text
@@ -30,6 +31,7 @@ class Keeper(Protocol):
     """Who knows the tokens."""
 
     token: str | None
+    lockout: Lockout
 
     def knows(self, token: str) -> bool:
         """Whether it is one of them."""
@@ -77,30 +79,35 @@ class Site:
         scheme = "http" if self._config.tls_cert is None else "https"
         return (f"{scheme}://{host}", *self._config.allowed_origins)
 
-    def answer(self, request: Request, on_answer: OnAnswer) -> None:
-        """Answer now or later, once."""
+    def answer(self, request: Request, host: str, on_answer: OnAnswer) -> None:
+        """Answer a peer at a host now or later, once."""
         found = self.objection(request)
         path = request.path
         if found is None and self._files.has(path):
             self._send_file(request, on_answer)
             return
         if found is None:
-            found = self._objection_to_data(request)
+            found = self._objection_to_data(request, host)
         if found is None and path == "/world.json":
             self._send_scene(request, on_answer)
             return
         on_answer(found or self._data(path))
 
-    def _objection_to_data(self, request: Request) -> Answer | None:
+    def _objection_to_data(self, request: Request, host: str) -> Answer | None:
         """Data go to our own page, and to clients that are no browsers."""
         site = request.header("sec-fetch-site")
         if site not in ("", "same-origin", "none"):
             self._refusals.note("origin", f"a page of another origin ({site}) asked for {request.path[:100]}")
             return text("403 Forbidden", "pages of other origins get no data")
         if self._keeper.token is not None:
+            now, lockout = asyncio.get_running_loop().time(), self._keeper.lockout
+            if lockout.is_out(host, now):
+                return text("429 Too Many Requests", lockout.fault.text)
             kind, _, token = request.header("authorization").partition(" ")
             if kind.lower() != "bearer" or not self._keeper.knows(token.strip()):
                 self._refusals.note("denied", "data were asked for without the token")
+                if token and lockout.wrong(host, now):
+                    self._refusals.note("lockout", lockout.fault.text)
                 return _WANTS_TOKEN
         return None
 

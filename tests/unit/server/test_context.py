@@ -16,6 +16,7 @@ from uwserver.ports import Call, Command, Event, Refused, Reply, Sample
 from uwserver.ports.checks import bind
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
+from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server import context as module
 from uwserver.server.context import Context, Hub
 from uwserver.server.state_files import StateFiles
@@ -37,6 +38,7 @@ def hub_of(rig: Rig) -> Hub:
         lambda: {"ended": list(ended)},
         files,
         profiling_of(rig),
+        Scenery(rig.resolved, rig.world),
     )
 
 

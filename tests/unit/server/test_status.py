@@ -10,6 +10,7 @@ import numpy as np
 from prometheus_client.parser import text_string_to_metric_families
 from simulation_rig import Rig, profiling_of, running
 
+from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub
 from uwserver.server.state_files import StateFiles
 from uwserver.server.status import Metrics, Monitor
@@ -18,7 +19,8 @@ from uwserver.simulation.clock import Timing
 
 def watched(rig: Rig) -> tuple[Hub, Monitor]:
     files = StateFiles(None, rig.simulation, rig.mailbox, lambda function: function())
-    hub = Hub("pool", rig.simulation, rig.bus, rig.mailbox, print, dict, files, profiling_of(rig))
+    scenery = Scenery(rig.resolved, rig.world)
+    hub = Hub("pool", rig.simulation, rig.bus, rig.mailbox, print, dict, files, profiling_of(rig), scenery)
     return hub, Monitor(lambda: hub, lambda: 0)
 
 

@@ -27,6 +27,7 @@ class Server(Table, kw_only=True, frozen=True):
         here (DNS rebinding) could read them otherwise.
     state_folder: where clients may save and load states of the world as files (``world/save``, ``world/load``), beside this file unless it
         is absolute; at most 64 of them; default: nowhere.
+    web: serve the web view in `uwserver run` (http://127.0.0.1:7680/, or the next free port), unless an adapter of kind `web` says where.
     uvloop: run the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
     """
 
@@ -36,6 +37,7 @@ class Server(Table, kw_only=True, frozen=True):
     metrics_port: Annotated[int, Meta(ge=0, le=65535)] = 9600
     allowed_hosts: tuple[Name, ...] = ()
     state_folder: str = ""
+    web: bool = True
     uvloop: bool = False
 
 

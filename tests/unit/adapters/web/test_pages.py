@@ -1,0 +1,216 @@
+"""States, status, events and pictures: what pages get, and what it costs while there is none, or one that does not read."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from uwserver_adapters.web.connection import WebConnection
+from web_rig import Stage, ask, code_of, play, state_of
+from websockets.exceptions import ConnectionClosed
+
+from uwserver.ports import Buffer, Event, Field, Layout, Port, Sample
+from uwserver.testing import FakeContext
+
+SONAR = Port(
+    "rov/sonar", "sensor", "scanning_sonar",
+    (Field("head_angle", "rad", "x"), Field("range", "m", "x"), Field("gain", "dB", "x"),
+     Field("intensities", "1", "x", type="buffer", buffer=Layout("uint8", (4,)))),
+    "Sonar.", rate_hz=10.0,
+)  # fmt: skip
+
+
+async def frame_of(page: Any) -> bytes:
+    """The next binary message."""
+
+    async def heard() -> bytes:
+        async for message in page:
+            if isinstance(message, bytes):
+                return message
+        raise AssertionError("the view left")
+
+    return await asyncio.wait_for(heard(), 10.0)
+
+
+def test_a_state_is_what_the_bytes_say() -> None:
+    async def scene(stage: Stage) -> None:
+        stage.context.state = state_of(7_000_000_000)
+        async with stage.page() as page:
+            assert (await ask(page, "view", frames=True))["result"]["frames"] is True
+            frame = await frame_of(page)
+        assert struct.unpack_from("<BBHIq", frame) == (1, 0, 3, 3, 7_000_000_000)
+        numbers = np.frombuffer(frame, "<f4", 21, 16).reshape(3, 7)
+        assert (numbers == stage.context.state.poses).all()
+        assert frame[16 + 84 :] == struct.pack("<H3b", 3, -127, 0, 127)
+
+    play(scene)
+
+
+def test_a_view_that_hides_poses_tells_none() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "view", frames=True)
+            assert await frame_of(page) == struct.pack("<BBHIqH", 1, 2, 0, 3, 0, 0)
+
+    play(scene, exact_poses=False)
+
+
+def test_nothing_is_looked_at_while_no_page_draws() -> None:
+    async def scene(stage: Stage) -> None:
+        await asyncio.sleep(0.2)
+        assert stage.adapter._front is None, "nothing is even loaded"
+        async with stage.page() as page:
+            assert (await ask(page, "ping"))["result"] == {}
+            await asyncio.sleep(0.2)
+            assert stage.context.looked == 0
+            await ask(page, "view", frames=True)
+            await frame_of(page)
+            await ask(page, "view", frames=False)
+            looked = stage.context.looked
+            await asyncio.sleep(0.3)
+            assert stage.context.looked <= looked + 1
+        assert stage.context.wanted == frozenset()
+
+    play(scene)
+
+
+def test_a_state_is_looked_up_once_for_all_pages() -> None:
+    async def scene(stage: Stage) -> None:
+        pages = [await stage.page() for _ in range(5)]
+        for page in pages:
+            await ask(page, "view", frames=True)
+        before = stage.context.looked
+        for n in range(6):
+            stage.context.state = state_of(n + 1)
+            frames = [await frame_of(page) for page in pages]
+            assert len({id(frame) for frame in frames}) == 5
+        assert stage.context.looked - before < 5 * 6
+        for page in pages:
+            await page.close()
+
+    play(scene, frames_hz=20.0)
+
+
+def test_while_nothing_changes_a_state_comes_twice_a_second() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "view", frames=True)
+            await frame_of(page)
+            looked = stage.context.looked
+            await frame_of(page)
+            assert stage.context.looked - looked >= 20, "it looks on, but says the same only now and then"
+
+    play(scene, frames_hz=60.0)
+
+
+def test_who_does_not_read_gets_no_more_and_the_others_go_on() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as deaf, stage.page() as page:
+            for each in (deaf, page):
+                await ask(each, "view", frames=True)
+            deaf.transport.pause_reading()
+            (slow,) = [c for c in stage.adapter.peers if isinstance(c, WebConnection) and c.serial == 1]
+            kernel = slow.transport.get_extra_info("socket")
+            assert kernel.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 4 << 16
+            state = state_of()
+            big = state._replace(poses=np.zeros((3000, 7)))
+            for n in range(60):
+                stage.context.state = big._replace(t_ns=n + 1)
+                assert len(await frame_of(page)) > 80_000
+            assert slow.waiting <= 100_000, "at most one state waits in this process"
+            assert not slow.is_clear
+
+    play(scene, frames_hz=120.0)
+
+
+def test_the_status_comes_twice_a_second_and_says_who_steers() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "hello", version=1, name="helm")
+            await ask(page, "call", service="web/lease/take", args={"vehicle": "rov"})
+            async for message in page:
+                told = json.loads(message)
+                if told.get("method") == "status":
+                    break
+        status = told["params"]
+        assert status["lease"] == {"rov": {"page": 1, "owner": "helm"}, "auv": None}
+        assert (status["pages"], status["paused"], status["t"]) == (1, False, 1.5)
+
+    play(scene)
+
+
+def test_events_reach_pages() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "ping")
+            stage.context.say(Event("reset", 5, 20, "back to the start"))
+            async for message in page:
+                told = json.loads(message)
+                if told.get("method") == "event":
+                    break
+            assert told["params"]["event"] == "reset"
+
+    play(scene)
+
+
+def with_sonar() -> FakeContext:
+    return FakeContext(state=state_of(), ports={SONAR.path: SONAR, "rov/imu": FakeContext().ports["rov/imu"]})
+
+
+def ping(seq: int) -> Sample:
+    row = Buffer(dtype="uint8", shape=(4,), data=bytes((seq, 1, 2, 3)))
+    return Sample(SONAR.path, seq, 1000 + seq, 2000 + seq, True, (0.5, 30.0, 0.0, row))
+
+
+def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            number = (await ask(page, "view", pictures=["rov/sonar"]))["result"]["pictures"]["rov/sonar"]
+            assert stage.context.wanted == {"rov/sonar"}
+            for seq in range(5):
+                stage.context.put([ping(seq)])
+            frame = await frame_of(page)
+            assert struct.unpack_from("<BBHHHq", frame) == (2, 3, number, 4, 1, 1000)
+            assert struct.unpack_from("<ff4B", frame, 16) == (0.5, 30.0, 0, 1, 2, 3)
+            assert "result" in await ask(page, "seen", pictures=[number])
+            stage.context.put([ping(9)])
+            assert (await frame_of(page))[24] == 9, "what came meanwhile is not sent late"
+            await ask(page, "view", pictures=[])
+            assert stage.context.wanted == frozenset()
+
+    play(scene, with_sonar())
+
+
+@pytest.mark.parametrize(
+    ("params", "code"),
+    [({"pictures": ["rov/nothing"]}, "unknown_port"), ({"pictures": ["rov/imu"]}, "bad_argument"), ({"pictures": "rov/sonar"}, "bad_argument"),
+     ({"pictures": [7]}, "bad_argument"), ({"frames": 1}, "bad_argument"), ({"pictures": ["rov/sonar"] * 33}, "too_large"),
+     ({"frame": True}, "bad_argument")],
+)  # fmt: skip
+def test_a_view_that_cannot_be_is_refused(params: dict[str, Any], code: str) -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            assert code_of(await ask(page, "view", **params)) == code
+            assert code_of(await ask(page, "seen", pictures=["x"])) == "bad_argument"
+
+    play(scene, with_sonar())
+
+
+def test_more_pages_than_there_is_room_for_are_told() -> None:
+    async def scene(stage: Stage) -> None:
+        pages = [await stage.page() for _ in range(3)]
+        for page in pages[:2]:
+            await ask(page, "ping")
+        await pages[2].send('{"method":"ping"}')
+        with pytest.raises(ConnectionClosed, match="max_clients"):
+            while True:
+                await asyncio.wait_for(pages[2].recv(), 10.0)
+        for page in pages:
+            await page.close()
+
+    play(scene, max_pages=2)
