@@ -48,7 +48,9 @@ def fetch(name: str) -> None:
     version, licence, files = PACKAGES[name]
     folder = VENDOR / f"{name}-{version}"
     with tempfile.TemporaryDirectory() as place:
-        subprocess.run(["npm", "pack", "--silent", f"{name}@{version}"], cwd=place, check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            ["npm", "pack", "--silent", f"{name}@{version}"], cwd=place, check=True, stdout=subprocess.DEVNULL
+        )
         tarball = next(Path(place).glob("*.tgz"))
         lines = [
             f'name = "{name}"',

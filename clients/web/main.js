@@ -19,7 +19,7 @@ import { LAYERS, USUAL } from "./scene/layers.js";
 
 /** @typedef {import("./scene/layers.js").Layer} Layer */
 
-window.uw = { frames: 0, t: 0, vehicles: {}, errors: [] };
+window.uw = { frames: 0, t: 0, vehicles: {}, errors: [], said: [] };
 addEventListener("error", (event) => window.uw.errors.push(String(event.message)));
 addEventListener("unhandledrejection", (event) => window.uw.errors.push(String(event.reason)));
 

@@ -76,6 +76,8 @@ export function symbol(name) {
 
 /** Say something for a few seconds. @param {string} text @param {"" | "good" | "bad"} [mood] */
 export function toast(text, mood = "") {
+  window.uw.said.push(text);
+  if (window.uw.said.length > 50) window.uw.said.shift();
   const place = byId("toasts");
   if ([...place.children].some((child) => child.textContent === text)) return;
   const line = h("div", { class: `toast glass ${mood}` }, text);

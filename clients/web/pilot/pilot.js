@@ -7,6 +7,7 @@ import { AXES, Keyboard, Pad } from "./sticks.js";
 
 const PERIOD_MS = 50;
 const KEEP_MS = 500;
+const GRACE_MS = 1200;
 /** How long neutral sticks are still sent to a vehicle without autopilot. */
 const SETTLE = 10;
 export const DIRECT = "direct";
@@ -22,6 +23,8 @@ export class Pilot {
     /** Last of the autopilot's state. @type {Record<string, unknown>} */
     this.state = {};
     this.asked = false;
+    /** Until when a status may still be one from before the lease was taken, ms. */
+    this.grace = 0;
     this.quiet = SETTLE;
     this.held = "";
     this.keyboard = new Keyboard((code) => this.key(code));
@@ -84,7 +87,7 @@ export class Pilot {
   /** What the server says of leases. */
   notice() {
     const owner = this.app.status.lease?.[this.held];
-    if (this.held && !this.asked && (!owner || owner.page !== this.app.link.session)) {
+    if (this.held && performance.now() > this.grace && (!owner || owner.page !== this.app.link.session)) {
       toast(owner ? `${owner.owner} steers ${this.held} now` : `you steer ${this.held} no more`, "bad");
       this.drop();
     }
@@ -111,8 +114,8 @@ export class Pilot {
     } catch (error) {
       toast(/** @type {Error} */ (error).message, "bad");
     }
-    // The next status may still be one from before.
-    setTimeout(() => { this.asked = false; }, 1200);
+    this.asked = false;
+    this.grace = performance.now() + GRACE_MS;
     this.app.emit("pilot");
     return this.owns;
   }
