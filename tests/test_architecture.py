@@ -508,6 +508,7 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.janus": "sensors/acoustic/test_dvl",
@@ -516,6 +517,7 @@ TESTED_WITH = {
     "table": {"": "scenario/files/test_convert"},
     "testing": {
         "adapter_kit": "testing/test_adapters", "call_checks": "testing/test_adapters", "fake_context": "adapter/test_roles",
+        "fake_scene": "adapters/web/test_site",
         "loopback": "adapters/sockets/test_connection", "mock_time": "simulation/test_clock", "traces": "../conformance/test_adapters",
     },
     "world": {

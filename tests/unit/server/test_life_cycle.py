@@ -161,6 +161,29 @@ def test_one_that_is_not_required_is_tried_again_while_the_world_runs(resolved):
     assert serve(with_adapter(resolved, fail_first=2, required=False), script) == 0
 
 
+def test_one_that_nobody_needs_tells_the_same_failure_once(resolved, caplog):
+    async def script(server):
+        await until(lambda: server.hub.stats["it"].restarts >= 3)
+
+    assert serve(with_adapter(resolved, fail_always=True, required=False), script) == 0
+    assert sum("port 1 is taken" in record.message for record in caplog.records) == 1
+
+
+def test_the_address_that_is_said_first_is_waited_for_but_not_for_ever(resolved):
+    async def script(server):
+        await until(lambda: said)
+
+    for table, state in (({}, "running"), ({"fail_always": True}, "retrying")):
+        said = []
+
+        def announce(addresses, said=said):
+            said.append(TestAdapter.instances[-1].context.stats.state)
+
+        options = Options(shown="it", announce=announce)
+        assert serve(with_adapter(resolved, required=False, **table), script, options) == 0
+        assert said == [state]
+
+
 def test_events_of_an_adapter_failure_and_of_the_end_reach_the_others(resolved):
     async def script(server):
         await until(lambda: len(TestAdapter.instances) == 2 and TestAdapter.instances[1].samples > 0)

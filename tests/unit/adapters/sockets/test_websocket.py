@@ -260,3 +260,31 @@ def test_the_protocol_steps_of_the_page_work(serving: Serving) -> None:
             assert "depth" in json.loads(await client.recv())["params"]["value"]
 
     play(serving, scene, allowed_origins=(origin,))
+
+
+@pytest.mark.parametrize(
+    ("host", "accept", "status"),
+    [("127.0.0.1:7600", "text/html,*/*", 307), ("localhost:7600", "text/html", 307), ("[::1]:7600", "text/html", 307),
+     ("sim.example:7600", "text/html", 426), ("10.0.0.7:7600", "text/html", 426), ("127.0.0.1:7600", "*/*", 426)],
+)  # fmt: skip
+def test_a_browser_that_came_to_the_wrong_port_is_sent_to_the_page(
+    serving: Serving, host: str, accept: str, status: int
+) -> None:
+    async def scene(context: Any, url: str) -> None:
+        page = "http://127.0.0.1:7680/"
+        context.scripts["world/status"] = lambda args: {
+            "adapters": {
+                "tcp": {"state": "running", "address": "127.0.0.1:7600"},
+                "web": {"state": "running", "address": page},
+            }
+        }
+        where, _, port = url.removeprefix("ws://").rpartition(":")
+        reader, writer = await asyncio.open_connection(where, int(port))
+        writer.write(f"GET / HTTP/1.1\r\nHost: {host}\r\nAccept: {accept}\r\n\r\n".encode())
+        answer = (await reader.read()).decode()
+        writer.close()
+        assert answer.startswith(f"HTTP/1.1 {status} ")
+        assert (f"Location: {page}\r\n" in answer) == (status == 307)
+        assert page in answer.partition("\r\n\r\n")[2], "whoever reads it is told"
+
+    play(serving, scene)

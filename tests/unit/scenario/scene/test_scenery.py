@@ -1,0 +1,114 @@
+"""What a world looks like, as a whole: every shipped scenario can be described, and says what it holds."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+import uwserver
+from uwserver.adapter import installed_adapters
+from uwserver.environment.materials import LAMBERT_DB
+from uwserver.ports import SceneView
+from uwserver.scenario.build.world import build
+from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.scene.palette import JERLOV, MATERIALS, WATERS
+from uwserver.scenario.scene.scenery import Scenery
+from uwserver.world.lookout import Lookout
+
+SHIPPED = sorted(path.stem for path in (Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios").glob("*.toml"))
+
+
+@cache
+def loaded(name: str) -> Resolved:
+    return load(name, adapters=installed_adapters())
+
+
+@cache
+def described(name: str) -> tuple[Scenery, SceneView, Any]:
+    world = build(loaded(name))
+    scenery, state = Scenery(loaded(name), world), Lookout(world).state()
+    return scenery, scenery.scene(state.cast), SimpleNamespace(state=state, world=world)
+
+
+def test_a_scene_names_all_that_is_there() -> None:
+    scenery, scene, there = described("pool_inspection")
+    resolved = loaded("pool_inspection")
+    assert [vehicle.name for vehicle in scene.vehicles] == list(there.world.vehicles)
+    assert {solid.name for solid in scene.structures} == set(resolved.static) - {"seabed"}
+    assert (scene.seabed is None) == ("seabed" not in resolved.static)
+    for solid in (*scene.structures, *scene.vehicles, *scene.objects):
+        for shape in solid.shapes:
+            assert shape.mesh is None or (shape.mesh in scene.meshes and shape.mesh in scenery.meshes.data)
+    assert msgspec.json.decode(msgspec.json.encode(scene), type=SceneView) == scene
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_sensors_and_actuators_are_told_by_their_ports(name: str) -> None:
+    resolved = loaded(name)
+    from uwserver.scenario.scene.fittings import actuator_views
+    from uwserver.scenario.scene.senses import sensor_views
+    from uwserver.scenario.vehicle.body import body_params
+
+    for vehicle in list(resolved.vehicles.values())[:8]:
+        params = body_params(vehicle.vehicle, vehicle.devices, resolved.scenario.environment)
+        views = actuator_views(vehicle.name, vehicle, params)
+        kinds = [*(t.name for t in params.thrusters), *(s.name.partition(".")[2] for s in params.appendages.servos)]
+        assert [view.name for view in views] == kinds, "in the order of the states"
+        for view in views:
+            assert view.low < view.high
+            if view.port is not None:
+                assert view.port.removeprefix(f"{vehicle.name}/") in vehicle.vehicle.actuators
+        sensors = {view.path.removeprefix(f"{vehicle.name}/") for view in sensor_views(vehicle.name, vehicle.vehicle)}
+        assert sensors == set(vehicle.vehicle.sensors)
+
+
+def test_the_waves_are_those_of_the_physics() -> None:
+    begun = ScenarioBuilder("sea").vehicle("rov", "bluerov2").environment(surface_level_m=0.7)
+    begun.waves(significant_height_m=1.0, peak_period_s=6.0, spreading=4.0, components=30, depth_m=15.0)
+    resolved = load(begun.build(), adapters={})
+    world = build(resolved)
+    scene, water = Scenery(resolved, world).scene(Lookout(world).state().cast), world.water
+    assert len(scene.water.waves) == 30, "the tide is no wave"
+    for x, y, t in ((0.0, 0.0, 0.0), (12.0, -7.0, 3.5), (-80.0, 40.0, 61.0)):
+        summed = scene.water.surface_level + sum(
+            w.amplitude * math.cos(w.kx * x + w.ky * y - w.omega * t + w.phase) for w in scene.water.waves
+        )
+        assert summed == pytest.approx(water.elevation(x, y, t), abs=1e-9)
+
+
+def test_nothing_is_worked_out_before_somebody_asks() -> None:
+    world = uwserver.load("slope")
+    scenery = Scenery(loaded("slope"), world)
+    assert scenery.meshes.data == {}
+    scene = scenery.scene(Lookout(world).state().cast)
+    assert scene.seabed is not None
+    assert scenery.scene(Lookout(world).state().cast) is not None
+    assert {shape.kind for shape in scene.seabed.shapes} <= {"mesh", "plane"}
+
+
+def test_what_was_spawned_is_described_under_its_own_name() -> None:
+    world = uwserver.load("pool_inspection")
+    scenery, lookout = Scenery(loaded("pool_inspection"), world), Lookout(world)
+    first = scenery.scene(lookout.state().cast)
+    like = first.vehicles[0].name
+    world.call("world/spawn", name="second", like=like, p_NB=[0.0, 0.0, 1.0])
+    again = scenery.scene(lookout.state().cast)
+    spawned = next(vehicle for vehicle in again.vehicles if vehicle.name == "second")
+    assert again.revision == first.revision + 1
+    assert spawned.like == like
+    assert all(sensor.path.startswith("second/") for sensor in spawned.sensors)
+    assert all(view.port is None or view.port.startswith("second/") for view in spawned.actuators)
+
+
+def test_every_material_that_sonars_know_has_a_colour() -> None:
+    assert set(MATERIALS) == set(LAMBERT_DB)
+    assert JERLOV in WATERS
+    assert all(0.0 <= c <= 1.0 for colour in MATERIALS.values() for c in colour)
