@@ -38,6 +38,8 @@ export function read(text, argument) {
 
 /** @param {unknown} value */
 function shown(value) {
+  // Floats of computation (0.15000000000000002) are shown as people write them.
+  if (typeof value === "number") return String(Number(value.toPrecision(9)));
   return value === null || value === undefined ? "" : typeof value === "object" ? JSON.stringify(value) : String(value);
 }
 

@@ -61,7 +61,7 @@ export class Beams {
       const range = ranges[k];
       const hit = sample.valid && typeof range === "number" && range > 0 && locks[k] !== false;
       cone.scale.setScalar(hit ? range : Math.min((this.sensor.beams ?? [])[k].far || 3, 3));
-      /** @type {THREE.MeshBasicMaterial} */ (cone.material).opacity = hit ? 0.13 : 0.04;
+      /** @type {THREE.MeshBasicMaterial} */ (cone.material).opacity = hit ? 0.08 : 0.03;
     });
   }
 

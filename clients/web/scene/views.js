@@ -63,7 +63,7 @@ export class Views {
         camera.position.set(target.x, target.y + reach, target.z + 1e-3 * reach);
       } else {
         const aside = this.view === "follow" ? Math.PI : 2.45;
-        camera.position.set(target.x + reach * Math.sin(heading + aside), target.y + 0.36 * reach, target.z - reach * Math.cos(heading + aside));
+        camera.position.set(target.x + reach * Math.sin(heading + aside), target.y + 0.42 * reach, target.z - reach * Math.cos(heading + aside));
         camera.position.y = Math.max(room.floor, Math.min(room.ceiling, camera.position.y));
       }
       controls.target.copy(target);
