@@ -1,5 +1,6 @@
 // A vehicle as one sees it: made from the shapes, actuators and sensors that its file names, or from its glTF where it has one.
 import * as THREE from "three";
+import { compact, MOVES } from "./compact.js";
 import { along, COLOURS, instrument, makeFin, openFrame, pontoon, put, softBox, thruster, torpedo } from "./parts.js";
 import { geometryOf, triangles, turn } from "./solids.js";
 /** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("./materials.js").Paints} Paints */
@@ -10,8 +11,8 @@ const SPIN_RADPS = 38;
 
 /** One vehicle or free object; `group` is in N. */
 export class Craft {
-  /** @param {Body} body @param {Paints} paints @param {Store} store */
-  constructor(body, paints, store) {
+  /** @param {Body} body @param {Paints} paints @param {Store} store @param {Map<string, THREE.Group>} known looks of those that were made already */
+  constructor(body, paints, store, known) {
     this.body = body;
     this.group = new THREE.Group();
     this.group.name = body.name;
@@ -23,12 +24,42 @@ export class Craft {
     this.looks = new THREE.Group();
     this.group.add(this.looks);
     if (body.looks) this.loadLooks(body.looks, store, paints);
-    else this.build(paints, store);
+    else this.make(paints, store, known);
     this.lamp = new THREE.SpotLight("#fff1d0", 0, 30, 0.55, 0.6, 1.2);
     this.lamp.position.set(0.45 * this.size.x, 0, 0);
     this.lamp.target.position.set(5, 0, 0.5);
     this.lamp.visible = false;
     this.group.add(this.lamp, this.lamp.target);
+  }
+
+  /** Like another one of its kind where there is one. @param {Paints} paints @param {Store} store @param {Map<string, THREE.Group>} known */
+  make(paints, store, known) {
+    const { body } = this;
+    const kind = `${body.model} ${body.like}`;
+    const later = body.shapes.some((shape) => shape.kind === "mesh");
+    let whole = known.get(kind);
+    if (!whole) {
+      this.build(paints, store);
+      if (later) {
+        this.findMoving();
+        return;
+      }
+      whole = compact(this.looks);
+      known.set(kind, whole);
+    }
+    this.looks.removeFromParent();
+    this.looks = whole.clone();
+    this.group.add(this.looks);
+    this.findMoving();
+  }
+
+  /** What turns, among the parts. */
+  findMoving() {
+    this.looks.traverse((part) => {
+      const moves = part.userData[MOVES];
+      if (moves?.kind === "rotor") this.rotors.push({ rotor: part, index: moves.index, hand: moves.hand });
+      if (moves?.kind === "fin") this.fins.push({ turning: part, hinge: new THREE.Vector3(...moves.hinge), index: moves.index });
+    });
   }
 
   /** @param {Paints} paints @param {Store} store */
@@ -90,11 +121,11 @@ export class Craft {
       group.position.set(...actuator.p);
       along(group, actuator.axis ?? [1, 0, 0]);
       this.looks.add(group);
-      this.rotors.push({ rotor, index, hand: actuator.handedness === "left" ? -1 : 1 });
+      rotor.userData[MOVES] = { kind: "rotor", index, hand: actuator.handedness === "left" ? -1 : 1 };
     } else if (actuator.kind === "fin") {
       const { group, turning, hinge } = makeFin(paints, actuator, 0.5 * small);
       this.looks.add(group);
-      this.fins.push({ turning, hinge, index });
+      turning.userData[MOVES] = { kind: "fin", index, hinge: hinge.toArray() };
     }
   }
 
@@ -118,6 +149,7 @@ export class Craft {
     load().catch((/** @type {Error} */ error) => {
       store.failed(`looks of ${this.body.name}: ${error.message}`);
       this.build(paints, store);
+      this.findMoving();
     });
   }
 

@@ -31,7 +31,9 @@ export class WorldScene {
     this.solids = makeSolids([...(world.seabed ? [world.seabed] : []), ...world.structures], this.paints, store.mesh, store.failed);
     this.group.add(this.solids);
     const bodies = [...world.vehicles, ...world.objects];
-    this.crafts = bodies.map((body) => new Craft(body, this.paints, store));
+    /** @type {Map<string, THREE.Group>} */
+    const known = new Map();
+    this.crafts = bodies.map((body) => new Craft(body, this.paints, store, known));
     this.first = bodies.map((_, i) => world.vehicles.slice(0, i).reduce((sum, vehicle) => sum + (vehicle.actuators?.length ?? 0), 0));
     this.trails = bodies.map((_, i) => new Trail(i));
     for (const craft of this.crafts) this.group.add(craft.group);
