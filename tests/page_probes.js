@@ -67,6 +67,35 @@ globalThis.probe = {
     return { half, late, jump, none, breaks: line.breaks - breaks, surge: push([1, 0, 0, 0, 0, 0]), heave: push([0, 0, 1, 0, 0, 0]), most };
   },
 
+  /** A mission written as a plan and read again, what its first place is on the Earth, and what is said of plans that are none. */
+  async plans() {
+    const { written, parsed } = await import("/pilot/plan.js");
+    const origin = { latitude: (63.43 * Math.PI) / 180, longitude: (10.4 * Math.PI) / 180 };
+    const mission = { speed: 0.7, waypoints: [{ north: 1000, east: 0, depth: 5, hold: 3 }, { north: -2, east: 500, depth: 0, hold: 0 }] };
+    const text = written(mission, origin);
+    const place = JSON.parse(text).mission.items[1].params;
+    const said = (changed) => {
+      try {
+        return parsed(changed, origin).left;
+      } catch (error) {
+        return error.message;
+      }
+    };
+    const other = (change) => {
+      const plan = JSON.parse(text);
+      change(plan.mission.items);
+      return said(JSON.stringify(plan));
+    };
+    return {
+      back: parsed(text, origin), latitude: place[4],
+      faults: [
+        said("{"), said('{"fileType": "Plan"}'), said("x".repeat(2 << 20)), other((items) => { items[1].params[4] = null; }),
+        other((items) => { items[2].params[5] = 14; }), other((items) => { items[1].frame = 0; }), other((items) => { items[2].command = 20; }),
+        other((items) => { for (let k = 0; k < 700; k += 1) items.push(items[1]); }),
+      ],
+    };
+  },
+
   /** Texts with less contrast to their ground than 4.5 : 1 (WCAG 2.2, AA). */
   faint() {
     const linear = (v) => (v / 255 <= 0.03928 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);

@@ -11,6 +11,7 @@ import { Dock } from "./panels/dock.js";
 import { dataTab, eventsTab } from "./panels/data_tab.js";
 import { servicesTab } from "./panels/form.js";
 import { showPicture } from "./panels/picture.js";
+import { missionTab, Planner } from "./panels/mission_tab.js";
 import { pilotTab } from "./panels/pilot_tab.js";
 import { worldTab } from "./panels/world_tab.js";
 import { Hud } from "./pilot/hud.js";
@@ -145,6 +146,10 @@ const bars = new Bars(app, pilot);
 const hud = new Hud(app, pilot);
 const chart = new Chart((north, east) => {
   if (!app.vehicle) return;
+  if (planner.adding) {
+    planner.add(north, east);
+    return;
+  }
   if (!pilot.hasAutopilot) {
     toast(`${north.toFixed(2)} N, ${east.toFixed(2)} E. ${app.vehicle} has no autopilot that could go there.`);
     return;
@@ -153,6 +158,7 @@ const chart = new Chart((north, east) => {
   chart.goal = [north, east];
   void pilot.goto([north, east, depth]).finally(() => { chart.goal = null; });
 });
+const planner = new Planner(app, chart);
 const chooser = new Chooser(app, (view) => picturing?.setView(view), () => picturing !== null);
 
 app.on("world", () => {
@@ -187,6 +193,7 @@ async function begin() {
   };
   new Dock(app, [
     { name: "pilot", title: "Pilot", open: pilotTab(app, pilot) },
+    { name: "mission", title: "Mission", open: missionTab(app, pilot, planner) },
     { name: "data", title: "Data", open: dataTab(app) },
     { name: "world", title: "World", open: worldTab(app, drawing) },
     { name: "services", title: "Services", open: servicesTab(app) },
@@ -238,6 +245,6 @@ addEventListener("keydown", (event) => {
     app.emit("layers");
   }
 });
-Object.assign(window.uw, { app, pilot });
+Object.assign(window.uw, { app, pilot, planner, chart });
 setTimeout(() => { if (!app.connected && byId("notice").hidden) notice("Connecting …"); }, STILL_MS);
 void begin();

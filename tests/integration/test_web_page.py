@@ -47,6 +47,10 @@ rate_hz = 40
 kind = "altimeter"
 profile = "ping1d"
 rate_hz = 10
+[vehicles.rov.sensors.dvl]
+kind = "dvl"
+profile = "a50"
+rate_hz = 15
 [vehicles.auv]
 model = "remus100"
 position_ned_m = [6.0, -4.0, 3.0]
@@ -287,12 +291,55 @@ def test_numbers_of_a_page(opened: Page) -> None:
     assert found["most"] <= 1
 
 
+def test_a_mission_is_planned_flown_and_kept(opened: Page) -> None:
+    opened.click("#tab-mission")
+    opened.click("#page input[type=checkbox]")
+    at = opened.ask(
+        "(() => { const r = document.querySelector('#map canvas').getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+    )
+    for n, (dx, dy) in enumerate(((0, -20), (30, -20)), 1):
+        for kind in ("mousePressed", "mouseReleased"):
+            opened.say("Input.dispatchMouseEvent", type=kind, x=at[0] + dx, y=at[1] + dy, button="left", clickCount=1)
+        opened.wait(f"uw.planner.waypoints.length === {n}", "a click on the map is a way-point")
+    scale = opened.ask("20 / uw.chart.scale")
+    first, second = opened.ask("uw.planner.waypoints")
+    assert (first["north"], first["east"]) == pytest.approx((scale, 0), abs=0.4)
+    assert second["east"] - first["east"] == pytest.approx(1.5 * scale, abs=0.1)
+    opened.wait("uw.t > 3", "its AHRS has settled")
+    opened.ask("[...document.querySelectorAll('#page button')].find((b) => b.textContent === 'Send and start').click()")
+    opened.wait("uw.pilot.mode === 'mission'", "the mission has begun")
+    opened.wait("uw.vehicles.rov[0] > 0.5", "it goes north")
+    kept = opened.ask("uw.app.link.call('rov/autopilot/get_mission').then((told) => JSON.stringify(told))")
+    assert f"{first['north']}" in kept
+    assert "waypoint" in kept
+
+
+def test_plans_of_qgroundcontrol(opened: Page) -> None:
+    found = opened.ask("probe.plans()")
+    (first, second), back = found["back"]["waypoints"], found["back"]
+    assert (first["north"], first["east"], first["depth"], first["hold"]) == pytest.approx((1000, 0, 5, 3), abs=1e-6)
+    assert (second["north"], second["east"], second["depth"]) == pytest.approx((-2, 500, 0), abs=1e-6)
+    assert (back["speed"], back["left"]) == (0.7, 0)
+    # At 63.43 N a minute of latitude is 1857.8 m (WGS84: radius of the meridian 6386.7 km).
+    assert (found["latitude"] - 63.43) * 60 * 1857.8 == pytest.approx(1000, rel=1e-3)
+    assert found["faults"] == [
+        "this is no plan: it is no JSON",
+        "this is no plan of QGroundControl",
+        "a plan has at most 1 MiB",
+        "item 1: latitude, longitude and altitude must be numbers",
+        "item 2: it is 180 km from this world's origin",
+        "item 1: its altitude must be relative to home (frame 3), not of frame 0",
+        1,
+        "a mission has at most 700 items, this one has 703",
+    ]
+
+
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_everything_can_be_read_and_reached_by_keyboard(
     browser: Browser, address: str, theme: str, tmp_path: Path
 ) -> None:
     page = ready(browser.open(f"{address}?fps=2#quality=low&theme={theme}", size=(1280, 720)))
-    for tab in ("pilot", "data", "world", "services", "events"):
+    for tab in ("pilot", "mission", "data", "world", "services", "events"):
         page.click(f"#tab-{tab}")
         assert page.ask("probe.faint()") == [], tab
         assert page.ask("probe.nameless()") == [], tab

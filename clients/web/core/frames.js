@@ -109,20 +109,21 @@ function between(out, a, b, i, part) {
   const dy = b[i + 1] - a[i + 1];
   const dz = b[i + 2] - a[i + 2];
   const dot = a[i + 3] * b[i + 3] + a[i + 4] * b[i + 4] + a[i + 5] * b[i + 5] + a[i + 6] * b[i + 6];
-  const snap = !(dx * dx + dy * dy + dz * dz <= JUMP_M * JUMP_M && Math.abs(dot) >= JUMP_COS);
-  const k = snap ? 1 : part;
-  for (let j = 0; j < 3; j += 1) out[i + j] = a[i + j] + (b[i + j] - a[i + j]) * k;
+  if (!(dx * dx + dy * dy + dz * dz <= JUMP_M * JUMP_M && Math.abs(dot) >= JUMP_COS)) {
+    for (let j = 0; j < 7; j += 1) out[i + j] = b[i + j];
+    return;
+  }
+  for (let j = 0; j < 3; j += 1) out[i + j] = a[i + j] + (b[i + j] - a[i + j]) * part;
   // Within 30 degrees the chord is within 0.2 degrees of the arc.
   const sign = dot < 0 ? -1 : 1;
   let norm = 0;
   for (let j = 3; j < 7; j += 1) {
-    const value = a[i + j] * sign * (1 - k) + b[i + j] * k;
+    const value = a[i + j] * sign * (1 - part) + b[i + j] * part;
     out[i + j] = value;
     norm += value * value;
   }
   norm = Math.sqrt(norm) || 1;
   for (let j = 3; j < 7; j += 1) out[i + j] /= norm;
-  if (snap) for (let j = 0; j < 7; j += 1) out[i + j] = b[i + j];
 }
 
 /** Roll, pitch and heading of an attitude. @param {ArrayLike<number>} q w x y z @param {number} [i] where it begins */

@@ -102,7 +102,7 @@ export class Craft {
     if (shape.kind === "mesh") {
       store.mesh(shape.mesh ?? "").then((data) => put(group, triangles(data), paint), (/** @type {Error} */ error) => store.failed(error.message));
     } else if (shape.kind === "box") {
-      put(group, softBox(size, 0.12 * Math.min(...size), paints.fine ? 3 : 1), paint);
+      put(group, softBox(size, (/hull/.test(name) ? 0.3 : 0.12) * Math.min(...size), paints.fine ? 4 : 2), paint);
       if (/deck/.test(name)) put(group, new THREE.CylinderGeometry(0.015, 0.02, 0.7, 10).rotateX(Math.PI / 2), paints.plain(COLOURS.metal), [0.1 * size[0], 0, -0.5 * size[2] - 0.35]);
     } else {
       const geometry = geometryOf(shape, paints.fine);
