@@ -28,6 +28,7 @@ PARTS = (
     "moos",
     "mavlink",
     "sil",
+    "web",
     "hostile",
 )
 
@@ -61,7 +62,7 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil and hostile (or one PART) on an idle machine.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web and hostile (or one PART) on an idle machine.
 
     All of it takes half an hour.
 

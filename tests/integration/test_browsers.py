@@ -41,6 +41,9 @@ port = 0
 [adapters.mavlink]
 kind = "mavlink"
 links = ["tcpin:127.0.0.1:0"]
+[adapters.web]
+kind = "web"
+port = 0
 [server]
 metrics_port = 0
 """
@@ -58,6 +61,8 @@ class Server:
         self.ports: dict[str, int] = {}
         assert self.process.stdout is not None
         for line in self.process.stdout:
+            if found := re.search(r"Open http://127\.0\.0\.1:(\d+)/", line):
+                self.ports["web"] = int(found[1])
             if found := re.search(r"  (\w+): .*?127\.0\.0\.1:(\d+)", line):
                 self.ports[found[1]] = int(found[2])
             if line.startswith("Ctrl-C"):
@@ -96,7 +101,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 def command_of(adapter: str) -> bytes:
     """What would pause the world, or arm the vehicle, if it were obeyed."""
-    if adapter == "tcp":
+    if adapter in ("tcp", "web"):
         return b'{"jsonrpc":"2.0","id":1,"method":"call","params":{"service":"world/pause"}}\n'
     if adapter == "text":
         return b"CALL world/pause {}\nUSM_SIM_PAUSED=1\n"
@@ -119,7 +124,7 @@ def said(port: int, data: bytes) -> bytes:
     return answer
 
 
-@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "mavlink", "metrics"])
+@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "mavlink", "web", "metrics"])
 @pytest.mark.parametrize("sent", SENT, ids=lambda sent: sent.name)
 def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server: Server, adapter: str, sent: Any):
     port = server.ports[adapter]
@@ -130,7 +135,7 @@ def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server:
     server.assert_untouched()
 
 
-@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "mavlink", "metrics"])
+@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "mavlink", "web", "metrics"])
 def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
     import ssl
 
@@ -175,7 +180,9 @@ async function attack(name) {
     try { await fetch(at, {method: 'POST', mode, body}); report[name + mode] = 'sent' } catch (e) { report[name + mode] = 'failed' }
   }
   try { await fetch(at + '/health', {method: 'PUT', headers: {'X-A': '1'}, body}); report[name + 'put'] = 'read' } catch (e) {}
-  try { await (await fetch(at + '/health')).text(); report[name + 'get'] = 'read' } catch (e) {}
+  for (const path of ['/', '/health', '/world.json']) {
+    try { await (await fetch(at + path)).text(); report[name + path] = 'read' } catch (e) {}
+  }
   navigator.sendBeacon(at, body)
   const form = document.createElement('form'), input = document.createElement('input')
   form.method = 'POST'; form.enctype = 'text/plain'; form.action = at; form.target = 'f'
@@ -183,7 +190,7 @@ async function attack(name) {
   input.value = cut < 0 ? '"}' : body.slice(cut + 1)
   form.append(input); document.body.append(form); form.submit()
   await new Promise(done => {
-    const ws = new WebSocket('ws://127.0.0.1:' + ports[name])
+    const ws = new WebSocket('ws://127.0.0.1:' + ports[name] + '/live')
     ws.onopen = () => { report.sockets.push(name); ws.send(body) }
     ws.onerror = ws.onclose = done
     setTimeout(done, 5000)
@@ -244,7 +251,7 @@ def test_a_page_in_a_real_browser_neither_commands_nor_reads(server: Server, bro
     program = next((found for name in BROWSERS[browser] if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no {browser} on this machine: install {BROWSERS[browser][0]}")
-    bodies = {name: command_of(name).decode() for name in ("tcp", "text")} | {
+    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "web")} | {
         "mavlink": "a=b",
         "moosdb": "a=b",
         "metrics": "a=b",

@@ -19,6 +19,7 @@ import click
 import msgspec
 
 from uwserver.cli.colour import coloured_problems, styled
+from uwserver.cli.web_view import open_page, with_web_view
 
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
@@ -91,7 +92,6 @@ def run(
 ) -> None:
     """Serve SCENARIO (a shipped name or a file; default bluerov2_pool) until SIGINT or SIGTERM."""
     from uwserver.adapter import AdapterNotFound, installed_adapters
-    from uwserver.cli.web_view import with_web_view
     from uwserver.logs import set_up_logging
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
@@ -112,9 +112,8 @@ def run(
         click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
         sys.exit(1)
     resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
-    token = ""
-    if not log_json:  # there the adapter makes and logs it
-        resolved, token = _with_new_token(resolved)
+    # For a log of JSON the adapter makes and logs it.
+    resolved, token = (resolved, "") if log_json else _with_new_token(resolved)
     resolved, view = with_web_view(resolved, adapters, port)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
@@ -235,7 +234,6 @@ def _announce(
         opens: open it.
     """
     from uwserver.cli.scenario import alike
-    from uwserver.cli.web_view import open_page
 
     page = addresses.get(view, "")
     if opens:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 
-from uwserver.scenario.load.resolved import Resolved
+if TYPE_CHECKING:
+    from uwserver.scenario.load.resolved import Resolved
 
 KIND = "web"
 

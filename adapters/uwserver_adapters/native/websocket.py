@@ -116,7 +116,8 @@ class Handshake:
             f"This is uwserver: it speaks JSON lines, msgpack frames and WebSocket here. Its page is at {self._page}\n"
         )
         accepts = ",".join(request.headers.get_all("Accept"))
-        if "text/html" in accepts and all(_is_here(host) for host in request.headers.get_all("Host")):
+        is_asked_for = all(site in ("none", "same-origin") for site in request.headers.get_all("Sec-Fetch-Site"))
+        if is_asked_for and "text/html" in accepts and all(_is_here(host) for host in request.headers.get_all("Host")):
             return http_answer("307 Temporary Redirect", text, f"Location: {self._page}\r\nCache-Control: no-store\r\n")
         return http_answer("426 Upgrade Required", text, "Upgrade: websocket\r\n")
 

@@ -1,6 +1,7 @@
 // A vehicle as one sees it: made from the shapes, actuators and sensors that its file names, or from its glTF where it has one.
 import * as THREE from "three";
 import { compact, MOVES } from "./compact.js";
+import { loadLooks } from "./looks.js";
 import { along, COLOURS, instrument, makeFin, openFrame, pontoon, put, softBox, thruster, torpedo } from "./parts.js";
 import { geometryOf, triangles, turn } from "./solids.js";
 /** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("./materials.js").Paints} Paints */
@@ -23,8 +24,14 @@ export class Craft {
     this.size = extent(body);
     this.looks = new THREE.Group();
     this.group.add(this.looks);
-    if (body.looks) this.loadLooks(body.looks, store, paints);
-    else this.make(paints, store, known);
+    if (body.looks) {
+      loadLooks(body.looks, store).then((looks) => this.looks.add(looks), (/** @type {Error} */ error) => {
+        store.failed(`looks of ${body.name}: ${error.message}`);
+        this.make(paints, store, known);
+      });
+    } else {
+      this.make(paints, store, known);
+    }
     this.lamp = new THREE.SpotLight("#fff1d0", 0, 30, 0.55, 0.6, 1.2);
     this.lamp.position.set(0.45 * this.size.x, 0, 0);
     this.lamp.target.position.set(5, 0, 0.5);
@@ -127,30 +134,6 @@ export class Craft {
       this.looks.add(group);
       turning.userData[MOVES] = { kind: "fin", index, hinge: hinge.toArray() };
     }
-  }
-
-  /** @param {NonNullable<Body["looks"]>} looks @param {Store} store @param {Paints} paints */
-  loadLooks(looks, store, paints) {
-    const load = async () => {
-      const [{ GLTFLoader }, data] = await Promise.all([import("three/addons/loaders/GLTFLoader.js"), store.looks(looks.sha256)]);
-      const model = (await new GLTFLoader().parseAsync(data, "")).scene;
-      // Ahead is the file's x.
-      const basis = new THREE.Matrix4();
-      if (looks.up === "z") basis.makeRotationX(Math.PI);
-      else basis.makeRotationX(-Math.PI / 2);
-      model.quaternion.setFromRotationMatrix(basis);
-      model.scale.setScalar(looks.scale ?? 1);
-      const holder = new THREE.Group();
-      holder.position.set(...(looks.p ?? [0, 0, 0]));
-      holder.quaternion.copy(turn(looks.q ?? [1, 0, 0, 0]));
-      holder.add(model);
-      this.looks.add(holder);
-    };
-    load().catch((/** @type {Error} */ error) => {
-      store.failed(`looks of ${this.body.name}: ${error.message}`);
-      this.build(paints, store);
-      this.findMoving();
-    });
   }
 
   /** Place it, and turn what turns. @param {Float32Array} poses @param {number} i of its pose @param {Int8Array} achieved @param {number} first of its actuators @param {number} dt s */

@@ -1,5 +1,6 @@
 // Seabed and structures, out of the shapes that the physics collides with.
 import * as THREE from "three";
+import { loadLooks } from "./looks.js";
 /** @typedef {import("../types").Shape} Shape @typedef {import("../types").Solid} Solid @typedef {import("./materials.js").Paints} Paints */
 
 const FLAT_M = 1200;
@@ -50,38 +51,49 @@ function wrap(geometry, size) {
 
 /**
  * What never moves, in N.
- * @param {Solid[]} solids @param {Paints} paints @param {(hash: string) => Promise<ArrayBuffer>} fetchMesh
- * @param {(why: string) => void} failed
+ * @param {Solid[]} solids @param {Paints} paints @param {import("./craft.js").Store} store
  */
-export function makeSolids(solids, paints, fetchMesh, failed) {
+export function makeSolids(solids, paints, store) {
   const group = new THREE.Group();
   for (const solid of solids) {
-    for (const shape of solid.shapes) {
-      const look = paints.of(shape.material ?? "default");
-      const place = (/** @type {THREE.BufferGeometry} */ geometry) => {
-        const mesh = new THREE.Mesh(geometry, look.material);
-        mesh.name = solid.name;
-        mesh.position.set(...(shape.p ?? [0, 0, 0]));
-        mesh.quaternion.copy(turn(shape.q ?? [1, 0, 0, 0]));
-        group.add(mesh);
-      };
-      if (shape.kind === "plane") {
-        place(ground(look.size));
-      } else if (shape.kind === "mesh") {
-        fetchMesh(shape.mesh ?? "").then((data) => {
-          const geometry = triangles(data);
-          wrap(geometry, look.size);
-          place(geometry);
-        }, (/** @type {Error} */ error) => failed(`${solid.name}: ${error.message}`));
-      } else {
-        const geometry = geometryOf(shape, paints.fine);
-        if (!geometry) continue;
-        wrap(geometry, look.size);
-        place(geometry);
-      }
+    if (solid.looks) {
+      loadLooks(solid.looks, store).then((looks) => group.add(looks), (/** @type {Error} */ error) => {
+        store.failed(`looks of ${solid.name}: ${error.message}`);
+        addShapes(group, solid, paints, store);
+      });
+    } else {
+      addShapes(group, solid, paints, store);
     }
   }
   return group;
+}
+
+/** @param {THREE.Group} group @param {Solid} solid @param {Paints} paints @param {import("./craft.js").Store} store */
+function addShapes(group, solid, paints, store) {
+  for (const shape of solid.shapes) {
+    const look = paints.of(shape.material ?? "default");
+    const place = (/** @type {THREE.BufferGeometry} */ geometry) => {
+      const mesh = new THREE.Mesh(geometry, look.material);
+      mesh.name = solid.name;
+      mesh.position.set(...(shape.p ?? [0, 0, 0]));
+      mesh.quaternion.copy(turn(shape.q ?? [1, 0, 0, 0]));
+      group.add(mesh);
+    };
+    if (shape.kind === "plane") {
+      place(ground(look.size));
+    } else if (shape.kind === "mesh") {
+      store.mesh(shape.mesh ?? "").then((data) => {
+        const geometry = triangles(data);
+        wrap(geometry, look.size);
+        place(geometry);
+      }, (/** @type {Error} */ error) => store.failed(`${solid.name}: ${error.message}`));
+    } else {
+      const geometry = geometryOf(shape, paints.fine);
+      if (!geometry) continue;
+      wrap(geometry, look.size);
+      place(geometry);
+    }
+  }
 }
 
 /** A plane through z = 0, seen from above (smaller z). @param {number} size of one repeat */

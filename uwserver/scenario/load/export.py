@@ -72,8 +72,18 @@ def identity(resolved: Resolved) -> str:
     }
     solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
     solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
+    _drop_looks(whole)
     text = msgspec.json.encode(whole, enc_hook=str) + pack(solids).encode()
     return hashlib.sha256(text).hexdigest()
+
+
+def _drop_looks(whole: dict[str, Any]) -> None:
+    """Nothing but pictures follows from what a thing looks like."""
+    for table in ("structures", "objects"):
+        for entry in whole[table].values():
+            entry.pop("looks", None)
+    for entry in whole["vehicles"].values():
+        entry["file"].pop("looks", None)
 
 
 def _toml(raw: dict[str, Any]) -> str:

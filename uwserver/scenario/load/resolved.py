@@ -25,6 +25,7 @@ class ResolvedVehicle:
         vehicle: the vehicle file with `override` and the entry's sensors merged in, disabled components taken out.
         devices: device of each thruster, by the thruster's name.
         solid: its collision shapes in B; None without any.
+        looks: a checked .glb file; b"" without one.
     """
 
     name: str
@@ -32,6 +33,7 @@ class ResolvedVehicle:
     vehicle: VehicleFile
     devices: Mapping[str, ThrusterDevice]
     solid: Solid | None = None
+    looks: bytes = field(default=b"", repr=False)
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class ResolvedObject:
     entry: ObjectEntry
     params: BodyParams
     solid: Solid
+    looks: bytes = field(default=b"", repr=False)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class Resolved:
         static: seabed and structures, in N, by name.
         objects: free objects, in the order of the file.
         materials: name of each material's number.
+        looks: checked .glb files of structures, by name.
         missing: packages that a server of it needs and that are not installed, and what to type; "" where nothing is missing.
     """
 
@@ -69,6 +73,7 @@ class Resolved:
     objects: Mapping[str, ResolvedObject] = field(default_factory=dict)
     materials: tuple[str, ...] = ()
     missing: str = ""
+    looks: Mapping[str, bytes] = field(default_factory=dict, repr=False)
 
     @property
     def is_solid(self) -> bool:

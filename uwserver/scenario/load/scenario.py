@@ -123,7 +123,9 @@ class _Load:
             raise ScenarioError(_in_order(self._problems))
         by_table = {
             key: [
-                ResolvedVehicle(name, entry, files[key], devices, self._solids.vehicles.get(key))
+                ResolvedVehicle(
+                    name, entry, files[key], devices, self._solids.vehicles.get(key), self._looks(("vehicles", key))
+                )
                 for name, entry in entries(key, scenario.vehicles[key]).items()
             ]
             for key, (_, devices) in self._vehicles.items()
@@ -138,7 +140,13 @@ class _Load:
         scenario = msgspec.structs.replace(scenario, vehicles={name: each.entry for name, each in vehicles.items()})
         path, solids, problems = self._document.path, self._solids, _in_order(self._problems)
         name, materials = path.stem if path else self._document.label, solids.materials.names
-        return Resolved(name, scenario, vehicles, path, problems, solids.static, solids.objects, materials, missing)
+        looks = {thing: data for (table, thing), data in solids.looks.items() if table == "structures"}
+        return Resolved(
+            name, scenario, vehicles, path, problems, solids.static, solids.objects, materials, missing, looks
+        )
+
+    def _looks(self, owner: tuple[str, str]) -> bytes:
+        return self._solids.looks.get(owner, b"")
 
     def _vehicle(self, name: str, entry: Mapping[str, Any]) -> None:
         document, path = self._document, ("vehicles", name, "model")

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.geometry.shapes import (
@@ -27,6 +27,7 @@ from uwserver.scenario.files.convert import Node, Report, check_name
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject
+from uwserver.scenario.solids.looks import read_looks
 from uwserver.scenario.solids.memory import check_memory
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
@@ -51,6 +52,7 @@ class SolidFiles:
         static: seabed and structures, in N, by name.
         objects: free objects by name.
         vehicles: collision shapes of vehicles by name.
+        looks: .glb files of vehicles and structures, by table and name.
         materials: numbers of materials.
     """
 
@@ -58,6 +60,7 @@ class SolidFiles:
         self.static: dict[str, Solid] = {}
         self.objects: dict[str, ResolvedObject] = {}
         self.vehicles: dict[str, Solid] = {}
+        self.looks: dict[tuple[str, str], bytes] = {}
         self.materials = Materials()
         self._scenario, self._report = scenario, report
         self._folder = document.path.parent if document.path else Path.cwd()
@@ -73,12 +76,15 @@ class SolidFiles:
             elif table is not None and self._engines(path, report):
                 made = partial(structure_solid, name, table, self._folder, self.materials, partial(warn, path))
                 self._add_static(path, name, made)
+                self._read_looks(path, table.looks, self._folder, report)
         self._check_memory()
         for name, node in scenario.at("objects").parts.items():
             self._read_object(name, node.value, scenario.at("environment").value)
 
     def read_vehicle(self, name: str, merged: MergedFile, tree: Node, report: Report, warn: Report) -> None:
-        """The collision shapes of a vehicle, whose merged file gave the tree."""
+        """The collision shapes and looks of a vehicle, whose merged file gave the tree."""
+        if tree.value is not None:
+            self._read_looks(("vehicles", name), tree.value.looks, merged.folder_of(("looks",)), report, ("looks",))
         tables: dict[str, Collision] = tree.values("collision")
         folders = {key: merged.folder_of(("collision", key, "file")) for key in tables}
         contact: Contact | None = tree.at("contact").value
@@ -134,7 +140,20 @@ class SolidFiles:
             self._report(path, f"give exactly one of mass_kg and density_kgpm3: {found}")
             return
         solid = object_solid(name, table, self.materials)
-        self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid)
+        self._read_looks(path, table.looks, self._folder, self._report)
+        looks = self.looks.get(("objects", name), b"")
+        self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid, looks)
+
+    def _read_looks(
+        self, owner: KeyPath, looks: str | UnsetType, folder: Path, report: Report, place: KeyPath | None = None
+    ) -> None:
+        """What viewers show of a vehicle, a structure or an object."""
+        if isinstance(looks, UnsetType):
+            return
+        try:
+            self.looks[str(owner[0]), str(owner[1])] = read_looks(folder / looks)
+        except BadSolid as error:
+            report(place or (*owner, "looks"), str(error))
 
     def _add_static(self, path: KeyPath, name: str, make: Callable[[], Solid]) -> None:
         try:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 
-from msgspec import UnsetType
-from msgspec.structs import replace
+from msgspec import UnsetType, structs
 
 from uwserver.environment.currents import ProfileConfig, flow_of
+from uwserver.physics.geometry.shapes import HalfSpace, Placed
 from uwserver.physics.kernel.layout import (
     WAVE_AMPLITUDE,
     WAVE_DEPTH,
@@ -20,6 +21,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.ports import (
     BodyView,
     Cast,
+    LooksView,
     OriginView,
     Present,
     SceneView,
@@ -93,7 +95,10 @@ class Scenery:
             for name, solid in resolved.static.items():
                 is_seabed = name == SEABED_NAME and not isinstance(resolved.scenario.seabed, UnsetType)
                 colour = SEABED if is_seabed else STRUCTURE
-                view = SolidView(name, shape_views(solid, resolved.materials, colour, self.meshes))
+                shapes = shape_views(solid, resolved.materials, colour, self.meshes)
+                placed = solid.shapes[0] if solid.shapes else Placed(HalfSpace())
+                looks = self._looks(resolved.looks.get(name, b""))
+                view = SolidView(name, shapes, looks and structs.replace(looks, p=placed.p, q=placed.q))
                 if is_seabed:
                     seabed = view
                 else:
@@ -111,13 +116,14 @@ class Scenery:
             shapes = shape_views(resolved.solid, self._resolved.materials, VEHICLE, self.meshes)
             names = tuple(file.collision)
             if len(names) == len(shapes):  # by which a viewer knows a frame from a hull
-                shapes = tuple(replace(shape, name=name) for shape, name in zip(shapes, names, strict=True))
+                shapes = tuple(structs.replace(shape, name=name) for shape, name in zip(shapes, names, strict=True))
         return BodyView(
             name=body.name,
             model=file.name,
             like=body.like,
             shapes=shapes,
             mass=file.rigid_body.mass_kg,
+            looks=self._looks(resolved.looks),
             actuators=actuator_views(body.name, resolved, params),
             sensors=sensor_views(body.name, file),
         )
@@ -125,7 +131,15 @@ class Scenery:
     def _object(self, body: Present) -> BodyView:
         resolved = self._resolved.objects[body.like]
         shapes = shape_views(resolved.solid, self._resolved.materials, OBJECT, self.meshes)
-        return BodyView(body.name, "object", body.like, shapes)
+        return BodyView(body.name, "object", body.like, shapes, looks=self._looks(resolved.looks))
+
+    def _looks(self, data: bytes) -> LooksView | None:
+        """A file of looks, from now on to be had under its hash."""
+        if not data:
+            return None
+        name = hashlib.sha256(data).hexdigest()
+        self.looks[name] = data
+        return LooksView(name, len(data))
 
     def _origin(self) -> OriginView | None:
         table = self._resolved.scenario.world

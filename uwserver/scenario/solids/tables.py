@@ -57,8 +57,14 @@ class GridSeabed(Contact, tag="grid", tag_field="kind", kw_only=True, frozen=Tru
 
 
 class InScenario(Contact, kw_only=True, frozen=True):
-    """Where something stands in N."""
+    """Where something stands in N.
 
+    Attributes:
+        looks: a .glb file that viewers show instead of the shape, relative to the scenario file: y up, x forward, in m, about the origin of
+            the shape.
+    """
+
+    looks: Name | UnsetType = UNSET
     position_ned_m: Vector3 = (0.0, 0.0, 0.0)
     attitude_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
 

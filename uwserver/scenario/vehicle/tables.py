@@ -163,12 +163,14 @@ class VehicleFile(Table, kw_only=True, frozen=True):
     """A whole vehicle file.
 
     Attributes:
+        looks: a .glb file that viewers show instead of the shapes, relative to this file: y up, x forward, in m, about the origin of B.
         published: figures of the real vehicle, as ``[[published]]``.
     """
 
     schema: Literal[1]
     name: str
     description: str
+    looks: Name | UnsetType = UNSET
     rigid_body: RigidBody
     buoyancy: Buoyancy
     added_mass: AddedMass

@@ -265,6 +265,7 @@ def test_the_protocol_steps_of_the_page_work(serving: Serving) -> None:
 @pytest.mark.parametrize(
     ("host", "accept", "status"),
     [("127.0.0.1:7600", "text/html,*/*", 307), ("localhost:7600", "text/html", 307), ("[::1]:7600", "text/html", 307),
+     ("127.0.0.1:7600", "text/html\r\nSec-Fetch-Site: none", 307), ("127.0.0.1:7600", "text/html\r\nSec-Fetch-Site: cross-site", 426),
      ("sim.example:7600", "text/html", 426), ("10.0.0.7:7600", "text/html", 426), ("127.0.0.1:7600", "*/*", 426)],
 )  # fmt: skip
 def test_a_browser_that_came_to_the_wrong_port_is_sent_to_the_page(
