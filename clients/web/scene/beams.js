@@ -1,6 +1,6 @@
 // What sensors send out: cones of DVL and altimeter, sectors of sonars, to where they last hit something; pings that grow as fast as sound.
 import * as THREE from "three";
-import { turn } from "./solids.js";
+import { turn } from "./stage.js";
 import { wet } from "./water.js";
 /** @typedef {import("../types").Sensor} Sensor @typedef {import("../types").Sample} Sample @typedef {import("../types").Beacon} Beacon */
 

@@ -3,7 +3,8 @@ import * as THREE from "three";
 import { compact, MOVES } from "./compact.js";
 import { loadLooks } from "./looks.js";
 import { along, COLOURS, instrument, makeFin, openFrame, pontoon, put, softBox, thruster, torpedo } from "./parts.js";
-import { geometryOf, triangles, turn } from "./solids.js";
+import { geometryOf, triangles } from "./solids.js";
+import { turn } from "./stage.js";
 /** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("./materials.js").Paints} Paints */
 
 const SPIN_RADPS = 38;

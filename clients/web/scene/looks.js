@@ -1,6 +1,6 @@
 // What a file of glTF looks like, in place of what the shapes would give; its loader comes only when it is needed.
 import * as THREE from "three";
-import { turn } from "./solids.js";
+import { turn } from "./stage.js";
 import { wet } from "./water.js";
 /** @typedef {import("../types").Looks} Looks @typedef {import("./craft.js").Store} Store */
 

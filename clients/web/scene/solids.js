@@ -1,14 +1,10 @@
 // Seabed and structures, out of the shapes that the physics collides with.
 import * as THREE from "three";
 import { loadLooks } from "./looks.js";
+import { turn } from "./stage.js";
 /** @typedef {import("../types").Shape} Shape @typedef {import("../types").Solid} Solid @typedef {import("./materials.js").Paints} Paints */
 
 const FLAT_M = 1200;
-
-/** Quaternion w x y z as three has it. @param {ArrayLike<number>} q @param {number} [i] */
-export function turn(q, i = 0) {
-  return new THREE.Quaternion(q[i + 1], q[i + 2], q[i + 3], q[i]);
-}
 
 /** Triangles of the server: u32 vertices, u32 triangles, f32 positions, u32 indices. @param {ArrayBuffer} data */
 export function triangles(data) {

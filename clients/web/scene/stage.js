@@ -72,3 +72,8 @@ export class Stage {
 export function shown(p, i = 0, into = new THREE.Vector3()) {
   return into.set(p[i + 1], -p[i + 2], -p[i]);
 }
+
+/** Quaternion w x y z as three has it. @param {ArrayLike<number>} q @param {number} [i] */
+export function turn(q, i = 0) {
+  return new THREE.Quaternion(q[i + 1], q[i + 2], q[i + 3], q[i]);
+}
