@@ -11,6 +11,7 @@ export class Trail {
   /** @param {number} index of the body, for its colour */
   constructor(index) {
     this.colour = TRAIL_COLOURS[index % TRAIL_COLOURS.length];
+    this.base = new THREE.Color(this.colour);
     /** Places, the oldest first; also for the map. @type {number[]} */
     this.places = [];
     this.apart = APART_M;
@@ -30,26 +31,31 @@ export class Trail {
     if (far) {
       places.push(poses[i], poses[i + 1], poses[i + 2]);
       if (places.length > 3 * POINTS) places.splice(0, 3);
+      this.draw();
     }
-    this.draw(poses, i);
+    this.end(poses, i, far);
   }
 
-  /** @param {Float32Array} poses @param {number} i */
-  draw(poses, i) {
+  /** All places, fading towards the oldest. */
+  draw() {
     const geometry = this.line.geometry;
-    const points = geometry.getAttribute("position");
-    const colours = geometry.getAttribute("color");
+    const points = /** @type {THREE.BufferAttribute} */ (geometry.getAttribute("position"));
+    const colours = /** @type {THREE.BufferAttribute} */ (geometry.getAttribute("color"));
     const n = this.places.length / 3;
-    const base = new THREE.Color(this.colour);
-    for (let k = 0; k < n; k += 1) {
-      points.setXYZ(k, this.places[3 * k], this.places[3 * k + 1], this.places[3 * k + 2]);
-      colours.setXYZW(k, base.r, base.g, base.b, (k + 1) / n);
-    }
-    points.setXYZ(n, poses[i], poses[i + 1], poses[i + 2]);
-    colours.setXYZW(n, base.r, base.g, base.b, 1);
-    points.needsUpdate = true;
-    colours.needsUpdate = true;
+    /** @type {Float32Array} */ (points.array).set(this.places);
+    for (let k = 0; k <= n; k += 1) colours.setXYZW(k, this.base.r, this.base.g, this.base.b, Math.min(1, (k + 1) / n));
+    points.clearUpdateRanges();
+    points.needsUpdate = colours.needsUpdate = true;
     geometry.setDrawRange(0, n + 1);
+  }
+
+  /** The way from the last place to where the body is now. @param {Float32Array} poses @param {number} i @param {boolean} whole all is sent to the card anyway */
+  end(poses, i, whole) {
+    const points = /** @type {THREE.BufferAttribute} */ (this.line.geometry.getAttribute("position"));
+    const n = this.places.length / 3;
+    points.setXYZ(n, poses[i], poses[i + 1], poses[i + 2]);
+    if (!whole && !points.updateRanges.length) points.addUpdateRange(3 * n, 3);
+    points.needsUpdate = true;
   }
 
   clear() {
