@@ -43,7 +43,8 @@ export class Craft {
   /** Like another one of its kind where there is one. @param {Paints} paints @param {Store} store @param {Map<string, THREE.Group>} known */
   make(paints, store, known) {
     const { body } = this;
-    const kind = `${body.model} ${body.like}`;
+    const fittings = (body.actuators ?? []).map(({ port: _, ...rest }) => rest);
+    const kind = JSON.stringify([body.model === "object", body.shapes, fittings, (body.sensors ?? []).map((sensor) => [sensor.kind, sensor.p, sensor.q])]);
     const later = body.shapes.some((shape) => shape.kind === "mesh");
     let whole = known.get(kind);
     if (!whole) {
