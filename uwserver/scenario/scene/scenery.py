@@ -8,6 +8,7 @@ import math
 from msgspec import UnsetType, structs
 
 from uwserver.environment.currents import ProfileConfig, flow_of
+from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import HalfSpace, Placed
 from uwserver.physics.kernel.layout import (
     WAVE_AMPLITUDE,
@@ -59,6 +60,7 @@ class Scenery:
         self.meshes = Meshes()
         self.looks: dict[str, bytes] = {}
         self._newest: SceneView | None = None
+        self._params: dict[int, BodyParams] = {}
         self._solids: tuple[SolidView | None, tuple[SolidView, ...]] | None = None
 
     def scene(self, cast: Cast) -> SceneView:
@@ -109,7 +111,10 @@ class Scenery:
     def _vehicle(self, body: Present) -> BodyView:
         resolved = self._resolved.vehicles[body.like]
         file = resolved.vehicle
-        params = body_params(file, resolved.devices, self._resolved.scenario.environment)
+        params = self._params.get(id(file))  # one for all that are alike
+        if params is None:
+            params = body_params(file, resolved.devices, self._resolved.scenario.environment)
+            self._params[id(file)] = params
         if resolved.solid is None:
             shapes = displaced_shapes(file, VEHICLE)
         else:

@@ -177,6 +177,8 @@ def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> No
             frame = await frame_of(page)
             assert struct.unpack_from("<BBHHHq", frame) == (2, 3, number, 4, 1, 1000)
             assert struct.unpack_from("<ff4B", frame, 16) == (0.5, 30.0, 0, 1, 2, 3)
+            with pytest.raises(asyncio.TimeoutError):
+                await asyncio.wait_for(frame_of(page), 0.3)
             assert "result" in await ask(page, "seen", pictures=[number])
             stage.context.put([ping(9)])
             assert (await frame_of(page))[24] == 9, "what came meanwhile is not sent late"
