@@ -119,6 +119,9 @@ class Scenery:
             shapes = displaced_shapes(file, VEHICLE)
         else:
             shapes = shape_views(resolved.solid, self._resolved.materials, VEHICLE, self.meshes)
+            names = tuple(file.collision)
+            if len(names) == len(shapes):  # by which a viewer knows a frame from a hull
+                shapes = tuple(structs.replace(shape, name=name) for shape, name in zip(shapes, names, strict=True))
         return BodyView(
             name=body.name,
             model=file.name,

@@ -50,6 +50,11 @@ def test_a_scene_names_all_that_is_there() -> None:
     assert msgspec.json.decode(msgspec.json.encode(scene), type=SceneView) == scene
 
 
+def test_shapes_of_a_vehicle_have_the_names_of_its_file() -> None:
+    _, scene, _ = described("pool_inspection")
+    assert [shape.name for shape in scene.vehicles[0].shapes] == ["frame", "starboard_thrusters", "port_thrusters"]
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_sensors_and_actuators_are_told_by_their_ports(name: str) -> None:
     resolved = loaded(name)

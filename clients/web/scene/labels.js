@@ -1,0 +1,49 @@
+// Names of bodies and beacons, as elements over the picture.
+import * as THREE from "three";
+import { byId, h } from "../core/dom.js";
+import { shown } from "./stage.js";
+
+const MOST = 40;
+
+/** One element a name, moved where the thing is seen. */
+export class Labels {
+  /** @param {string[]} bodies @param {string[]} beacons */
+  constructor(bodies, beacons) {
+    const place = byId("labels");
+    place.replaceChildren();
+    this.bodies = bodies.slice(0, MOST).map((name) => place.appendChild(h("div", { class: "label" }, name)));
+    this.beacons = beacons.slice(0, MOST).map((name) => place.appendChild(h("div", { class: "label beacon" }, name)));
+    this.at = new THREE.Vector3();
+  }
+
+  /** @param {import("./scene.js").WorldScene} scene @param {THREE.PerspectiveCamera} camera @param {Set<string>} layers */
+  update(scene, camera, layers) {
+    const canvas = scene.stage.canvas;
+    const size = { width: canvas.clientWidth, height: canvas.clientHeight };
+    camera.updateMatrixWorld();
+    this.bodies.forEach((label, k) => {
+      const craft = scene.crafts[k];
+      const own = k === scene.chosen;
+      label.classList.toggle("chosen", own);
+      const p = craft.group.position;
+      const show = layers.has("labels") && !(own && scene.views.view !== "top" && scene.crafts.length === 1) && !(own && scene.views.view === "board");
+      this.place(label, [p.x, p.y, p.z - 0.6 * craft.size.z - 0.12], camera, size, show);
+    });
+    this.beacons.forEach((label, k) => {
+      const p = scene.acoustics.markers[k].position;
+      this.place(label, [p.x, p.y, p.z - 0.5], camera, size, layers.has("labels") && layers.has("acoustics"));
+    });
+  }
+
+  /** @param {HTMLElement} label @param {number[]} p @param {THREE.PerspectiveCamera} camera @param {{width: number, height: number}} size @param {boolean} show */
+  place(label, p, camera, size, show) {
+    const at = shown(p, 0, this.at).project(camera);
+    const seen = show && at.z < 1 && Math.abs(at.x) < 1.1 && Math.abs(at.y) < 1.1;
+    label.style.display = seen ? "" : "none";
+    if (seen) label.style.transform = `translate(${((at.x + 1) / 2) * size.width}px, ${((1 - at.y) / 2) * size.height}px) translate(-50%, -100%)`;
+  }
+
+  dispose() {
+    byId("labels").replaceChildren();
+  }
+}

@@ -1,0 +1,378 @@
+"""The page of the web view, in a real browser at a real server: what it draws, how it steers, and what it does when things go wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from chromium import PATIENCE_S, Browser, Page, browsing
+
+TITLE = '<img src=x onerror=\\"uw.errors.push(1)\\"> & <b>pool</b>'
+SCENARIO = f"""
+schema = 1
+title = "{TITLE}"
+seed = 4
+[world]
+rate_hz = 240
+[environment.waves]
+significant_height_m = 0.3
+peak_period_s = 4
+components = 20
+[seabed]
+kind = "flat"
+depth_m = 8
+[structures.pile]
+kind = "cylinder"
+radius_m = 0.3
+length_m = 8
+position_ned_m = [4.0, 3.0, 4.0]
+attitude_rpy_deg = [0.0, 90.0, 0.0]
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 2.0]
+[vehicles.rov.autopilot]
+start_position_ned_m = [0.0, 0.0, 2.0]
+[vehicles.rov.sensors.ahrs]
+kind = "attitude"
+profile = "mems_ahrs"
+rate_hz = 40
+[vehicles.rov.sensors.altimeter]
+kind = "altimeter"
+profile = "ping1d"
+rate_hz = 10
+[vehicles.rov.sensors.dvl]
+kind = "dvl"
+profile = "a50"
+rate_hz = 15
+[vehicles.auv]
+model = "remus100"
+position_ned_m = [6.0, -4.0, 3.0]
+[adapters.tcp]
+kind = "sockets"
+port = 0
+[adapters.page]
+kind = "web"
+port = PORT
+[server]
+metrics_port = 0
+"""
+GAMEPAD = """
+window.axes = [0, 0, 0, 0];
+Object.defineProperty(navigator, "getGamepads", { value: () => [{ id: "test pad", index: 0, connected: true, mapping: "standard",
+  axes: window.axes, buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0 })), timestamp: performance.now() }] });
+"""
+NO_GL = """
+const real = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...rest) { return kind.startsWith("webgl") ? null : real.call(this, kind, ...rest); };
+"""
+
+
+@contextlib.contextmanager
+def server(folder: Path, port: int = 0) -> Iterator[str]:
+    """A server of the scenario; gives the address of its page."""
+    file = folder / "dive.toml"
+    file.write_text(SCENARIO.replace("PORT", str(port)))
+    command = [sys.executable, "-m", "uwserver", "run", str(file)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = next((f for line in process.stdout if (f := re.search(r"http://127\.0\.0\.1:\d+/", line))), None)
+            assert found is not None, "the server ended without a web view"
+            yield found[0]
+            process.send_signal(signal.SIGTERM)
+            process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browsing(tmp_path_factory.mktemp("profile")) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def address(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with server(tmp_path_factory.mktemp("server")) as found:
+        yield found
+
+
+@pytest.fixture
+def opened(browser: Browser, address: str, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """A page that shows the world, begun anew; nothing may have gone wrong in it at the end."""
+    page = ready(browser.open(f"{address}?fps=4#quality=low", getattr(request, "param", "")))
+    page.ask("uw.app.link.call('world/resume').then(() => uw.app.link.call('world/reset'))")
+    page.wait("uw.t < 5 && uw.vehicles.rov", "the world begins anew")
+    yield page
+    page.ask("uw.app.link.call('web/stop')")
+    assert page.faults == []
+    assert page.ask("uw.errors") == []
+    page.close()
+
+
+def ready(page: Page) -> Page:
+    """Once it shows and knows everything."""
+    page.wait("window.uw && uw.frames > 2 && uw.app.description && uw.app.status.mode", "the page shows a world")
+    return page
+
+
+def test_each_vehicle_is_drawn_where_it_is(opened: Page) -> None:
+    opened.ask("uw.app.link.call('world/pause')")
+    for name in ("rov", "auv"):
+        found = opened.ask(f"probe.drawn('{name}')")
+        assert found["n"] > 200, found
+        # A vehicle's middle on the screen is near its origin: a hull is up to 0.1 m about it, seen from 2 to 6 m.
+        assert abs(found["x"] - found["at"][0]) < 0.04, found
+        assert abs(found["y"] - found["at"][1]) < 0.06, found
+    opened.ask("uw.app.link.call('world/resume')")
+
+
+def test_texts_of_the_scenario_are_texts(opened: Page) -> None:
+    assert opened.ask("document.querySelector('#header .title').textContent") == TITLE.replace("\\", "")
+    assert opened.ask("document.querySelectorAll('#header .title img, #header .title b').length") == 0
+
+
+def test_keys_steer_a_square(opened: Page, tmp_path: Path) -> None:
+    # Ahead, to starboard, astern, to port: each leg half a metre or more, as the vehicle really moves.
+    for code, axis, sign in (("KeyW", 0, 1), ("KeyE", 1, 1), ("KeyS", 0, -1), ("KeyQ", 1, -1)):
+        start = opened.ask("uw.vehicles.rov")
+        with opened.holding(code):
+            opened.wait(f"{sign} * (uw.vehicles.rov[{axis}] - {start[axis]}) > 0.5", f"{code} moves the vehicle")
+    assert opened.ask("uw.pilot.owns")
+    assert opened.ask("uw.app.status.lease.rov.page === uw.app.link.session")
+    opened.wait("uw.pilot.sticks.every((stick) => stick === 0)")
+    opened.picture(tmp_path / "square.png")
+
+
+def test_all_stop_ends_thrust_and_lease(opened: Page) -> None:
+    with opened.holding("KeyW"):
+        opened.wait("uw.app.timeline.achieved[2] > 30", "thrusters turn")
+        opened.key("Space", True)
+        opened.key("Space", False)
+    opened.wait("uw.app.timeline.achieved.every((part) => Math.abs(part) < 5) && !uw.app.status.lease.rov", "all stop")
+
+
+def test_sticks_are_neutral_without_the_focus(opened: Page) -> None:
+    opened.key("KeyW", True)
+    opened.wait("uw.pilot.sticks[0] > 0.5")
+    opened.ask("dispatchEvent(new Event('blur'))")
+    opened.wait("uw.pilot.sticks[0] === 0")
+    opened.wait("uw.app.timeline.achieved.every((part) => Math.abs(part) < 5)", "thrust ends")
+    opened.key("KeyW", False)
+
+
+@pytest.mark.parametrize("opened", [GAMEPAD], indirect=True)
+def test_a_gamepad_steers_and_is_mapped_anew(opened: Page) -> None:
+    opened.ask("axes[3] = -1")
+    opened.wait("uw.vehicles.rov[0] > 0.5", "the right stick, pushed ahead, moves it ahead")
+    opened.ask("axes.fill(0)")
+    opened.wait("uw.pilot.sticks.every((stick) => stick === 0)")
+    opened.ask("axes[0] = 0.05")
+    opened.wait("uw.pilot.pad.values[5] === 0", "within the dead band")
+    opened.ask("axes.fill(0), uw.pilot.pad.begin(0)")
+    opened.ask("void (axes[2] = 1)")
+    opened.wait("uw.pilot.pad.learning === -1")
+    assert opened.ask("JSON.parse(localStorage.getItem('uwserver.gamepad.test pad')).axes[0]") == [2, 1]
+    opened.ask("axes.fill(0)")
+
+
+def test_the_autopilot_holds_a_depth_from_the_page(opened: Page) -> None:
+    opened.wait("uw.t > 3", "its AHRS has settled")
+    opened.click('button[data-mode="depth_hold"]')
+    opened.wait("uw.pilot.armed && uw.pilot.mode === 'depth_hold'", "armed in the mode")
+    with opened.holding("KeyF"):
+        opened.wait("uw.vehicles.rov[2] > 2.5", "down")
+    opened.click('button[data-mode="direct"]')
+    opened.wait("!uw.pilot.armed")
+
+
+def test_time_stands_still_steps_goes_on_and_begins_anew(opened: Page) -> None:
+    opened.click("#header button[aria-label='Pause']")
+    opened.wait("uw.app.status.paused")
+    before = opened.ask("uw.app.link.call('world/status').then((status) => status.t_s)")
+    opened.click("#header button[aria-label='One tick']")
+    after = "uw.app.link.call('world/status').then((status) => status.t_s)"
+    assert opened.ask(after) - before == pytest.approx(1 / 240, abs=1e-6)
+    opened.click("#header button[aria-label='Go on']")
+    opened.wait(f"!uw.app.status.paused && uw.t > {before + 1}", "time goes on")
+    breaks = opened.ask("uw.app.timeline.breaks")
+    opened.click("#header button[aria-label='Reset the world']")
+    opened.wait(
+        f"uw.t < {before + 1} && uw.app.timeline.breaks > {breaks}", "the world begins anew, and trails with it"
+    )
+
+
+def test_two_pages_contend_for_a_vehicle(opened: Page, browser: Browser, address: str) -> None:
+    assert opened.ask("uw.pilot.take()")
+    other = ready(browser.open(f"{address}?fps=2&gl=off"))
+    owner = opened.ask("uw.app.link.name")
+    other.wait(
+        f"document.querySelector('.owner .who').textContent.includes('{owner} steers rov')", "the other sees who steers"
+    )
+    refused = other.ask(
+        "uw.app.link.command('rov/thrusters', { u: Array(8).fill(1) }).then(() => '', (error) => error.code)"
+    )
+    assert refused == "denied"
+    assert not other.ask("uw.pilot.take()")
+    assert other.ask("uw.pilot.take(true)")
+    opened.wait("!uw.pilot.owns", "the first one is told")
+    assert not opened.ask("uw.pilot.take()")
+    other.close()
+    opened.wait("!uw.app.status.lease.rov", "a page that has gone steers nothing")
+
+
+def test_a_world_that_changes_is_drawn_anew(opened: Page) -> None:
+    opened.ask("uw.app.link.call('world/spawn', { name: 'twin', like: 'rov', p_NB: [2, 2, 2] })")
+    opened.wait("uw.vehicles.twin && uw.drawing.scene.crafts.length === 3", "the newcomer is drawn")
+    assert opened.ask("uw.vehicles.twin.slice(0, 2)") == pytest.approx([2, 2], abs=0.3)
+    opened.ask("uw.app.link.call('world/remove', { name: 'twin' })")
+    opened.wait("uw.drawing.scene.crafts.length === 2")
+
+
+def test_a_hidden_page_gets_no_frames(opened: Page) -> None:
+    opened.ask(
+        "Object.defineProperty(document, 'hidden', { value: true, configurable: true }), document.dispatchEvent(new Event('visibilitychange'))"
+    )
+    opened.wait("performance.now() / 1000 - uw.app.timeline.newest.arrived > 2", "frames stop")
+    opened.ask("delete document.hidden, document.dispatchEvent(new Event('visibilitychange'))")
+    opened.wait("performance.now() / 1000 - uw.app.timeline.newest.arrived < 0.5", "frames come again")
+
+
+def test_panels_show_ports_and_call_services(opened: Page, tmp_path: Path) -> None:
+    opened.click("#tab-data")
+    opened.wait("document.querySelector('.card canvas') && document.querySelector('.values')", "a plot and values")
+    opened.ask(
+        "[...document.querySelectorAll('.port button')].find((b) => b.closest('.port').textContent.includes('rov/imu')).click()"
+    )
+    opened.wait("probe.card('rov/imu')")
+    opened.wait("probe.card('rov/imu').querySelector('dd').textContent.includes('.')")
+    assert "values%3Arov%2Fimu" in opened.ask("location.hash")
+    opened.click("#tab-services")
+    opened.ask(
+        "(() => { const find = document.querySelector('#page input'); find.value = 'world/set_speed'; find.dispatchEvent(new Event('input')); })()"
+    )
+    opened.wait("document.querySelector('#page details details summary')")
+    opened.ask("document.querySelector('#page details details').open = true")
+    opened.wait("document.querySelector('form.service')")
+    form = "document.querySelector('form.service')"
+    opened.ask(f"{form}.querySelector('input').value = '5000', {form}.requestSubmit()")
+    opened.wait(
+        f"{form}.querySelector('pre').textContent.includes('above 1000')", "limits hold before anything is sent"
+    )
+    opened.ask(f"{form}.querySelector('input').value = '1', {form}.requestSubmit()")
+    opened.wait(f"{form}.querySelector('pre').textContent.startsWith('Done at')")
+    opened.click("#tab-world")
+    opened.wait("probe.card('Faults')")
+    opened.picture(tmp_path / "panels.png")
+
+
+def test_numbers_of_a_page(opened: Page) -> None:
+    """Interpolation, allocation and sonar counts by their closed forms."""
+    found = opened.ask("probe.numbers()")
+    period = 0.1 + 0.1 * (0.1 - 0.1)
+    part = (10.2 - 1.5 * period - 10) / 0.1
+    assert found["half"] == pytest.approx([0.4 * part, 1 + 0.1 * part], abs=1e-5)
+    assert found["late"] == pytest.approx(0.4), "never beyond the last frame"
+    assert found["jump"] == 7, "a jump is shown as one"
+    assert found["none"]
+    assert found["breaks"] == 1, "time that goes back clears"
+    surge, heave = found["surge"], found["heave"]
+    assert surge[0] == pytest.approx(2 * 2**0.5, rel=0.02)
+    assert abs(surge[1]) + abs(surge[2]) < 1e-6
+    assert heave[2] == pytest.approx(4, rel=0.02)
+    assert abs(heave[0]) + abs(heave[1]) < 0.3
+    assert found["most"] <= 1
+
+
+def test_a_mission_is_planned_flown_and_kept(opened: Page) -> None:
+    opened.click("#tab-mission")
+    opened.click("#page input[type=checkbox]")
+    at = opened.ask(
+        "(() => { const r = document.querySelector('#map canvas').getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+    )
+    for n, (dx, dy) in enumerate(((0, -20), (30, -20)), 1):
+        for kind in ("mousePressed", "mouseReleased"):
+            opened.say("Input.dispatchMouseEvent", type=kind, x=at[0] + dx, y=at[1] + dy, button="left", clickCount=1)
+        opened.wait(f"uw.planner.waypoints.length === {n}", "a click on the map is a way-point")
+    scale = opened.ask("20 / uw.chart.scale")
+    first, second = opened.ask("uw.planner.waypoints")
+    assert (first["north"], first["east"]) == pytest.approx((scale, 0), abs=0.4)
+    assert second["east"] - first["east"] == pytest.approx(1.5 * scale, abs=0.1)
+    opened.wait("uw.t > 3", "its AHRS has settled")
+    opened.ask("[...document.querySelectorAll('#page button')].find((b) => b.textContent === 'Send and start').click()")
+    opened.wait("uw.pilot.mode === 'mission'", "the mission has begun")
+    opened.wait("uw.vehicles.rov[0] > 0.5", "it goes north")
+    kept = opened.ask("uw.app.link.call('rov/autopilot/get_mission').then((told) => JSON.stringify(told))")
+    assert f"{first['north']}" in kept
+    assert "waypoint" in kept
+
+
+def test_plans_of_qgroundcontrol(opened: Page) -> None:
+    found = opened.ask("probe.plans()")
+    (first, second), back = found["back"]["waypoints"], found["back"]
+    assert (first["north"], first["east"], first["depth"], first["hold"]) == pytest.approx((1000, 0, 5, 3), abs=1e-6)
+    assert (second["north"], second["east"], second["depth"]) == pytest.approx((-2, 500, 0), abs=1e-6)
+    assert (back["speed"], back["left"]) == (0.7, 0)
+    # At 63.43 N a minute of latitude is 1857.8 m (WGS84: radius of the meridian 6386.7 km).
+    assert (found["latitude"] - 63.43) * 60 * 1857.8 == pytest.approx(1000, rel=1e-3)
+    assert found["faults"] == [
+        "this is no plan: it is no JSON",
+        "this is no plan of QGroundControl",
+        "a plan has at most 1 MiB",
+        "item 1: latitude, longitude and altitude must be numbers",
+        "item 2: it is 180 km from this world's origin",
+        "item 1: its altitude must be relative to home (frame 3), not of frame 0",
+        1,
+        "a mission has at most 700 items, this one has 703",
+    ]
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_everything_can_be_read_and_reached_by_keyboard(
+    browser: Browser, address: str, theme: str, tmp_path: Path
+) -> None:
+    page = ready(browser.open(f"{address}?fps=2#quality=low&theme={theme}", size=(1280, 720)))
+    for tab in ("pilot", "mission", "data", "world", "services", "events"):
+        page.click(f"#tab-{tab}")
+        assert page.ask("probe.faint()") == [], tab
+        assert page.ask("probe.nameless()") == [], tab
+    page.click("#tab-pilot")
+    for _ in range(page.ask("probe.watchFocus()") + 12):
+        page.key("Tab", True)
+        page.key("Tab", False)
+    assert page.ask("probe.unreached()") == []
+    page.picture(tmp_path / f"{theme}.png")
+    assert page.faults == []
+    page.close()
+
+
+def test_without_webgl_there_are_map_and_panels(browser: Browser, address: str) -> None:
+    page = ready(browser.open(f"{address}?fps=4#tab=world", NO_GL))
+    page.wait("document.querySelector('#page').textContent.includes('no WebGL 2')", "the reason is told")
+    page.wait("probe.colours() > 20", "the map is drawn")
+    with page.holding("KeyW"):
+        page.wait("uw.pilot.owns && uw.app.timeline.achieved[2] > 30", "it steers all the same")
+    page.ask("uw.app.link.call('web/stop')")
+    assert page.faults == []
+    page.close()
+
+
+def test_the_page_finds_its_server_again(browser: Browser, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with server(tmp_path, port) as address:
+        page = ready(browser.open(f"{address}?fps=4#quality=low"))
+    page.wait("!uw.app.connected && !document.querySelector('#notice').hidden", "it says that the server is gone")
+    frames = page.ask("uw.app.timeline.breaks")
+    with server(tmp_path, port):
+        page.wait(f"uw.app.connected && document.querySelector('#notice').hidden && uw.app.timeline.breaks > {frames}")
+        page.wait("performance.now() / 1000 - uw.app.timeline.newest.arrived < 1 && uw.t < 60", "frames of the new one")
+        assert page.ask("uw.errors") == []
+        page.close()
