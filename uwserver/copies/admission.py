@@ -52,10 +52,10 @@ def _solid(resolved: Resolved) -> Iterator[str]:
 
 
 def _adapters(resolved: Resolved) -> Iterator[str]:
-    """Those of the kind that a file without any gets only let clients in, and have nobody to serve in this process, as in `uwserver.load`."""
+    """All but those of the kinds that are there where a file says nothing: they only let clients in, who have no way into this process."""
     for name, config in resolved.scenario.adapters.items():
         kind = config.__struct_config__.tag
-        if kind != KIND:
+        if kind not in (KIND, "web"):
             yield f"adapters.{name} ({kind})"
 
 

@@ -30,4 +30,4 @@ def test_it_names_what_it_refuses(scenario, names):
 
 
 def test_an_adapter_that_only_lets_clients_in_is_left_out():
-    assert uwserver.batch(begun().adapter("tcp", "sockets").build(), 1, sensors=()).n == 1
+    assert uwserver.batch(begun().adapter("tcp", "sockets").adapter("view", "web").build(), 1, sensors=()).n == 1
