@@ -12,7 +12,7 @@ from uwserver.physics.dynamics.propeller import propeller_force
 from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, STREAM, UP, WATER
 from uwserver.physics.dynamics.strips import along_hull, mount_velocity
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, separate
+from uwserver.physics.kernel.compiled import compiled, inlined, separate
 from uwserver.physics.kernel.layout import Fitted, Model
 from uwserver.physics.kernel.rotation import rotation
 
@@ -117,6 +117,21 @@ def _add_hull(hull: Any, body: Any, strips: Array, fraction: float, R: Array, wo
         work[PASSIVE, 5] += x * Y
 
 
+@inlined
+def _subtract_water(
+    body: Any, strips: Array, s: Array, source: int, t: float, flow: Array, R: Array, work: Array
+) -> None:
+    """work[NU_R] -= the motion of the water in B."""
+    if body.strip_count > 0:
+        along_hull(body, strips, s, source, t, flow, R, work)
+        for i in range(6):
+            work[NU_R, i] -= work[STREAM, i]
+    else:
+        find_water(body, s, source, t, flow, R, work)
+        for i in range(3):
+            work[NU_R, i] -= R[0, i] * work[WATER, 0] + R[1, i] * work[WATER, 1] + R[2, i] * work[WATER, 2]
+
+
 @separate
 def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, source: int, stage: int, w: Any) -> None:
     """Fill w.work[ACTUATED] (what has a servo: fins, propellers, weights) and w.work[PASSIVE] (the hull), both in B about the origin.
@@ -137,14 +152,7 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
     for i in range(6):
         work[NU, i] = work[NU_R, i] = s[source, 7 + i]
         work[ACTUATED, i] = work[PASSIVE, i] = 0.0
-    if body.strip_count > 0:
-        along_hull(body, model.strips, s, source, t, flow, R, work)
-        for i in range(6):
-            work[NU_R, i] -= work[STREAM, i]
-    else:
-        find_water(body, s, source, t, flow, R, work)
-        for i in range(3):
-            work[NU_R, i] -= R[0, i] * work[WATER, 0] + R[1, i] * work[WATER, 1] + R[2, i] * work[WATER, 2]
+    _subtract_water(body, model.strips, s, source, t, flow, R, work)
     depth = depth_below(flow, s[source, 0], s[source, 1], s[source, 2], t)
     near_surface = body.shape_count > 0 and depth < body.radius
     fraction = 1.0
