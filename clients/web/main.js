@@ -115,6 +115,7 @@ app.link = new Link({
     if (kind !== 1) return;
     const frame = states(data, performance.now() / 1000);
     app.timeline.add(frame);
+    window.uw.arrived = frame.arrived;
     if (app.world && frame.revision !== app.world.revision) void load(frame.revision);
   },
   status(status) {

@@ -108,8 +108,11 @@ def address(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Itera
 def opened(browser: Browser, address: str, request: pytest.FixtureRequest) -> Iterator[Page]:
     """A page that shows the world, begun anew; nothing may have gone wrong in it at the end."""
     page = ready(browser.open(f"{address}?fps=4#quality=low", getattr(request, "param", "")))
+    breaks = page.ask("uw.app.timeline.breaks")
     page.ask("uw.app.link.call('world/resume').then(() => uw.app.link.call('world/reset'))")
-    page.wait("uw.t < 5 && uw.vehicles.rov", "the world begins anew")
+    page.wait(f"uw.app.timeline.breaks > {breaks}", "the world begins anew")
+    frames = page.ask("uw.frames")
+    page.wait(f"uw.frames > {frames + 2}", "what is shown is of the new run")
     yield page
     page.ask("uw.app.link.call('web/stop')")
     assert page.faults == []
@@ -240,9 +243,9 @@ def test_a_hidden_page_gets_no_frames(opened: Page) -> None:
     opened.ask(
         "Object.defineProperty(document, 'hidden', { value: true, configurable: true }), document.dispatchEvent(new Event('visibilitychange'))"
     )
-    opened.wait("performance.now() / 1000 - uw.app.timeline.newest.arrived > 2", "frames stop")
+    opened.wait("performance.now() / 1000 - uw.arrived > 2", "frames stop")
     opened.ask("delete document.hidden, document.dispatchEvent(new Event('visibilitychange'))")
-    opened.wait("performance.now() / 1000 - uw.app.timeline.newest.arrived < 0.5", "frames come again")
+    opened.wait("performance.now() / 1000 - uw.arrived < 0.5", "frames come again")
 
 
 def test_panels_show_ports_and_call_services(opened: Page, tmp_path: Path) -> None:
@@ -373,6 +376,6 @@ def test_the_page_finds_its_server_again(browser: Browser, tmp_path: Path) -> No
     frames = page.ask("uw.app.timeline.breaks")
     with server(tmp_path, port):
         page.wait(f"uw.app.connected && document.querySelector('#notice').hidden && uw.app.timeline.breaks > {frames}")
-        page.wait("performance.now() / 1000 - uw.app.timeline.newest.arrived < 1 && uw.t < 60", "frames of the new one")
+        page.wait("performance.now() / 1000 - uw.arrived < 1 && uw.t < 60", "frames of the new one")
         assert page.ask("uw.errors") == []
         page.close()
