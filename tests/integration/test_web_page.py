@@ -177,8 +177,9 @@ def test_a_gamepad_steers_and_is_mapped_anew(opened: Page) -> None:
     opened.wait("uw.vehicles.rov[0] > 0.5", "the right stick, pushed ahead, moves it ahead")
     opened.ask("axes.fill(0)")
     opened.wait("uw.pilot.sticks.every((stick) => stick === 0)")
-    opened.ask("axes[0] = 0.05")
-    opened.wait("uw.pilot.pad.values[5] === 0", "within the dead band")
+    opened.ask("axes[0] = 0.05, axes[3] = -1")
+    opened.wait("uw.pilot.pad.values[0] === 1")
+    assert opened.ask("uw.pilot.pad.values[5]") == 0, "within the dead band"
     opened.ask("axes.fill(0), uw.pilot.pad.begin(0)")
     opened.ask("void (axes[2] = 1)")
     opened.wait("uw.pilot.pad.learning === -1")
@@ -192,8 +193,9 @@ def test_the_autopilot_holds_a_depth_from_the_page(opened: Page) -> None:
     opened.wait("uw.pilot.armed && uw.pilot.mode === 'depth_hold'", "armed in the mode")
     with opened.holding("KeyF"):
         opened.wait("uw.vehicles.rov[2] > 2.5", "down")
-    opened.click('button[data-mode="direct"]')
-    opened.wait("!uw.pilot.armed")
+    opened.key("Space", True)
+    opened.key("Space", False)
+    opened.wait("!uw.pilot.armed", "all stop disarms")
 
 
 def test_time_stands_still_steps_goes_on_and_begins_anew(opened: Page) -> None:
