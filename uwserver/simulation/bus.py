@@ -222,6 +222,8 @@ class Bus:
     def publish(self, output: TickOutput, wake: bool = True) -> None:
         """Hand a tick over. Simulation thread; never waits for the loop. Samples alone may wait there for the next wake-up, or a `flush`."""
         if not (output.samples or output.replies or output.events):
+            if wake and self._crossing:
+                self.flush()
             return
         with self._lock:
             if self._waiting_ticks >= MAX_TICKS:

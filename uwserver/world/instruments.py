@@ -137,7 +137,7 @@ class Instruments:
         self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
         self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
         self._free, self._room = np.concatenate([self._free, np.arange(room, more)]), more
-        self._chosen = np.zeros(more, np.int64)
+        self._chosen = _grown(self._chosen, more)  # within a tick, samples are chosen more than once
         self._tabulate()
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:

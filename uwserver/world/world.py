@@ -114,6 +114,7 @@ class World:
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
         self.scene = self.hydro.collider = self.geometry = scene
+        self._sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def add(self, part: Part) -> None:
         """Let a part of its own live in the world, with its services.
@@ -353,15 +354,14 @@ class World:
                 before(tick, self.t_ns)
         diverged = self.hydro.advance(self._seconds())
         self._tick = tick = tick + 1
-        samples, t_ns = output.samples, self.ticks.time_of(tick)
-        self.t_ns = t_ns
+        self.t_ns = t_ns = self.ticks.time_of(tick)
         if diverged >= 0:
             self._end_tick(output)
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
             raise Diverged(report(tick, t_ns, lost, self._commands), output)
         for after in self._after:
-            after(tick, t_ns, samples)
-        for sample in samples if self._ears else ():
+            after(tick, t_ns, output.samples)
+        for sample in output.samples if self._ears else ():
             for hear in self._ears.get(sample.port, ()):
                 hear(sample, t_ns)
         self._end_tick(output)

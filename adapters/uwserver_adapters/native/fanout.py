@@ -241,9 +241,9 @@ class Fanout:
 
     def send_samples(self) -> None:
         """Write the samples of some ticks, once a client."""
-        for outbox in self._touched:
+        touched, self._touched = self._touched, set()
+        for outbox in touched:
             outbox.flush()
-        self._touched.clear()
 
     def put_event(self, event: Event) -> None:
         """Tell every admitted client."""

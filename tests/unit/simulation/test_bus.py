@@ -55,6 +55,17 @@ def test_an_empty_tick_wakes_nobody():
     assert wakes == []
 
 
+def test_what_waits_goes_with_the_next_tick_that_may_wake_also_an_empty_one():
+    """Else the sample of a slow sensor would wait until one meets such a tick by chance."""
+    wakes: list = []
+    bus = Bus(wakes.append)
+    bus.publish(tick(0), wake=False)
+    bus.publish(TickOutput(1, 1, []), wake=False)
+    assert wakes == []
+    bus.publish(TickOutput(2, 2, []), wake=True)
+    assert len(wakes) == 1
+
+
 class Wanting(Notes):
     def __init__(self, *paths: str) -> None:
         super().__init__()

@@ -76,3 +76,46 @@ def test_sensors_that_come_move_the_arrays_of_the_others(world: World, tmp_path:
     for k in range(3):
         world.call("world/spawn", name=f"r{k}", like="rov", p_NB=[20.0 * k + 20.0, 0.0, 5.0])
     assert [value for value in values(world, 120) if value[0].startswith("rov/")] == values(alone, 120)
+
+
+MANY = """
+schema = 1
+seed = 1
+[world]
+rate_hz = 240
+[vehicles.v]
+model = "bluerov2_heavy"
+copies = { count = 12, columns = 6, spacing_m = [4.0, 4.0] }
+position_ned_m = [0.0, 0.0, 10.0]
+[vehicles.v.autopilot]
+[vehicles.v.sensors]
+dvl = { kind = "dvl", profile = "a50", rate_hz = 6 }
+b1 = { kind = "compound", members = ["imu"], rate_hz = 240 }
+b2 = { kind = "compound", members = ["imu"], rate_hz = 240 }
+b3 = { kind = "compound", members = ["imu"], rate_hz = 240 }
+b4 = { kind = "compound", members = ["imu"], rate_hz = 240 }
+b5 = { kind = "compound", members = ["imu"], rate_hz = 240 }
+"""
+
+
+def test_none_is_lost_where_room_is_made_amid_a_tick(tmp_path: Path) -> None:
+    """Compounds are delivered after the others of their tick, and there are many at once at the first."""
+    file = tmp_path / "many.toml"
+    file.write_text(MANY)
+    some, whole = uwserver.load(file), uwserver.load(file)
+    wanted = {f"{name}/{port}" for name in ("v_3", "v_7", "v_12") for port in ("imu", "b1")}
+    some.want(wanted)
+    for _ in range(12):
+        assert [s for s in whole.step() if s.port in wanted] == some.step()
+
+
+
+def test_a_scene_that_comes_later_is_seen_at_once(world: World, tmp_path: Path) -> None:
+    """One is made by the first spawn into open water, also if that is refused."""
+    file = tmp_path / "open.toml"
+    file.write_text(SCENARIO.replace("[seabed]\n", "").replace('kind = "flat"\ndepth_m = 12\n', ""))
+    alone = uwserver.load(file)
+    assert not [port for port, *_, valid, _ in values(alone, 60) if valid and port == "rov/sounder"]
+    assert world.scene is not None
+    alone.set_scene(world.scene)
+    assert [port for port, *_, valid, _ in values(alone, 60) if valid and port == "rov/sounder"]
