@@ -76,11 +76,14 @@ def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = No
 
 
 def expected_files(project: Path, folders: tuple[str, ...]) -> set[str]:
-    """Paths that the wheel must hold: every file of the packages in the checkout but byte code."""
+    """Paths that the wheel must hold: every file of the packages in the checkout but byte code, and of the page where the server is."""
+    places = {project / folder: (project / folder).name for folder in folders}
+    if project == ROOT:
+        places[ROOT / "clients" / "web"] = "uwserver_adapters/web/page"
     return {
-        str(path.relative_to((project / folder).parent))
-        for folder in folders
-        for path in (project / folder).rglob("*")
+        f"{place}/{path.relative_to(folder)}"
+        for folder, place in places.items()
+        for path in folder.rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
 

@@ -90,7 +90,7 @@ def code_of(reply: dict[str, Any]) -> str:
 
 def play(scene: Callable[[Stage], Awaitable[None]], context: FakeContext | None = None, **table: Any) -> FakeContext:
     """A scene with a view of this table; gives the context."""
-    given = context or FakeContext(state=state_of(), world=world_of("rov", "auv"))
+    given = context or FakeContext(scene_state=state_of(), world=world_of("rov", "auv"))
     given.scripts["world/status"] = lambda args: {
         "t_s": 1.5,
         "paused": False,

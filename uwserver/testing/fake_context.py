@@ -148,7 +148,7 @@ class FakeContext:
     wanted: frozenset[str] = frozenset()
     described: list[str] = field(default_factory=list)
     tick: int = 0
-    state: SceneState = NOBODY
+    scene_state: SceneState = NOBODY
     looked: int = 0
     files: dict[str, bytes] = field(default_factory=dict)
     _seq: dict[str, int] = field(default_factory=dict)
@@ -190,7 +190,7 @@ class FakeContext:
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
         """The state of the test, with the next turn of the loop."""
         self.looked += 1
-        asyncio.get_running_loop().call_soon(lambda: on_state(self.state))
+        asyncio.get_running_loop().call_soon(lambda: on_state(self.scene_state))
 
     def scene(self, cast: Cast) -> SceneView:
         """A world with nothing but bodies in it."""

@@ -39,13 +39,13 @@ async def frame_of(page: Any) -> bytes:
 
 def test_a_state_is_what_the_bytes_say() -> None:
     async def scene(stage: Stage) -> None:
-        stage.context.state = state_of(7_000_000_000)
+        stage.context.scene_state = state_of(7_000_000_000)
         async with stage.page() as page:
             assert (await ask(page, "view", frames=True))["result"]["frames"] is True
             frame = await frame_of(page)
         assert struct.unpack_from("<BBHIq", frame) == (1, 0, 3, 3, 7_000_000_000)
         numbers = np.frombuffer(frame, "<f4", 21, 16).reshape(3, 7)
-        assert (numbers == stage.context.state.poses).all()
+        assert (numbers == stage.context.scene_state.poses).all()
         assert frame[16 + 84 :] == struct.pack("<H3b", 3, -127, 0, 127)
 
     play(scene)
@@ -86,7 +86,7 @@ def test_a_state_is_looked_up_once_for_all_pages() -> None:
             await ask(page, "view", frames=True)
         before = stage.context.looked
         for n in range(6):
-            stage.context.state = state_of(n + 1)
+            stage.context.scene_state = state_of(n + 1)
             frames = [await frame_of(page) for page in pages]
             assert len({id(frame) for frame in frames}) == 5
         assert stage.context.looked - before < 5 * 6
@@ -120,7 +120,7 @@ def test_who_does_not_read_gets_no_more_and_the_others_go_on() -> None:
             state = state_of()
             big = state._replace(poses=np.zeros((3000, 7)))
             for n in range(60):
-                stage.context.state = big._replace(t_ns=n + 1)
+                stage.context.scene_state = big._replace(t_ns=n + 1)
                 assert len(await frame_of(page)) > 80_000
             assert slow.waiting <= 100_000, "at most one state waits in this process"
             assert not slow.is_clear
@@ -159,7 +159,7 @@ def test_events_reach_pages() -> None:
 
 
 def with_sonar() -> FakeContext:
-    return FakeContext(state=state_of(), ports={SONAR.path: SONAR, "rov/imu": FakeContext().ports["rov/imu"]})
+    return FakeContext(scene_state=state_of(), ports={SONAR.path: SONAR, "rov/imu": FakeContext().ports["rov/imu"]})
 
 
 def ping(seq: int) -> Sample:

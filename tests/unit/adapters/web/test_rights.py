@@ -21,7 +21,7 @@ U = {"port": "rov/thrusters", "value": {"u": [0.5] * 8}}
 def with_autopilot() -> FakeContext:
     services = (*WORLD_SERVICES, *(Service(path, "Does it.") for path in OF_ROV))
     return FakeContext(
-        state=state_of(), world=world_of("rov"), services={service.path: service for service in services}
+        scene_state=state_of(), world=world_of("rov"), services={service.path: service for service in services}
     )
 
 

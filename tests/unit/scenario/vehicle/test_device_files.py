@@ -91,9 +91,9 @@ def at_snr(name: str, snr_db: float) -> float:
     """Distance (m) at which the device has this signal over noise."""
     keys = check_profile(read(DEVICES[name]).raw, lambda *problem: pytest.fail(str(problem)))
     water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0))
-    alpha = water.absorption(keys["frequency_hz"], 5.0)
+    alpha = lambda r: np.mean([water.absorption(keys["frequency_hz"], 5.0 + k * r / 200) for k in range(201)])  # noqa: E731
     excess = lambda r: (  # noqa: E731
-        keys["source_level_db"] - 20.0 * math.log10(r) - alpha * r - keys["noise_level_db"] - 10.0 * math.log10(keys["bandwidth_hz"]) - snr_db
+        keys["source_level_db"] - 20.0 * math.log10(r) - alpha(r) * r - keys["noise_level_db"] - 10.0 * math.log10(keys["bandwidth_hz"]) - snr_db
     )  # fmt: skip
     return optimize.brentq(excess, 1.0, 1e5)
 

@@ -404,7 +404,9 @@ def test_the_builder_has_the_verb():
 @pytest.mark.parametrize("page", ["sea", "faults"])
 def test_the_listings_of_the_how_to_pages_load(page, tmp_path):
     text = (Path(__file__).parents[4] / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
-    (listing,) = re.findall(r"```toml\n(.*?)```", text, re.S)
-    path = tmp_path / "page.toml"
-    path.write_text(f'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n{listing}')
-    assert not load(path, adapters={}).warnings
+    for listing in re.findall(r"```toml\n(.*?)```", text, re.S):
+        path = tmp_path / "page.toml"
+        if listing.startswith("[added_mass"):  # of a vehicle file
+            listing = "[vehicles.rov.override]\n" + listing.replace("[added_mass", "[vehicles.rov.override.added_mass")
+        path.write_text(f'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n{listing}')
+        assert not load(path, adapters={}).warnings
