@@ -144,10 +144,11 @@ class Channel:
         z = np.concatenate(((low,), inside, (high,)))
         c = np.interp(z, self._depth, self._speed)
         length, dip = math.hypot(horizontal, b - a), math.atan2(b - a, horizontal)
-        slowness = 1.0 / float(c[0])
+        alphas = np.interp(z, self._depth, self._absorption)
+        slowness, alpha = 1.0 / float(c[0]), float(alphas[0])
         if high > low:
             slowness = float((np.diff(z) * _log_ratio(np.diff(c) / c[:-1]) / c[:-1]).sum()) / (high - low)
-        alpha = float(np.interp(z, self._depth, self._absorption).mean())
+            alpha = float((np.diff(z) * 0.5 * (alphas[1:] + alphas[:-1])).sum()) / (high - low)
         return Path(length * slowness, dip, dip, 20.0 * math.log10(max(length, 1.0)), alpha * length)
 
 
