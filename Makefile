@@ -57,7 +57,9 @@ test-all: lint types all-tests docs-check  ## the same and the slow tests: conta
 	$(BIN)/python tools/wheel_smoke.py --dependencies
 
 fast-tests: install
-	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS)
+	# In two runs, as a worker keeps what it compiles: together they would take twice the memory.
+	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) tests/unit
+	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) tests --ignore=tests/unit
 
 fuzz: install  ## ten million inputs for each codec (hours)
 	UWSERVER_FUZZ_INPUTS=10000000 $(BIN)/python -m pytest -m slow tests/fuzz/test_codecs_fuzz.py -n $(WORKERS)
