@@ -20,10 +20,10 @@ from uwserver.cli.shot import advance, settle, showing
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
 MOST_KIB, MOST_MOVING_KIB = 300, 3000
 SMALL = ("--size", "640x400")
-BARE = ("--link", "dock=off")
+BARE = ("--link", "dock=off&theme=dark")
 STILL: dict[str, tuple[str, ...]] = {
-    "web_view": ("pool_inspection", "--at", "6"),
-    "web_pilot": ("rov_autopilot", "--at", "8", "--link", "tab=pilot"),
+    "web_view": ("pool_inspection", "--at", "6", "--link", "theme=dark"),
+    "web_pilot": ("rov_autopilot", "--at", "8", "--link", "tab=pilot&theme=dark"),
     "web_scenario_bluerov2_pool": ("bluerov2_pool", "--at", "2", *SMALL, *BARE),
     "web_scenario_bluerov2_open_sea": ("bluerov2_open_sea", "--at", "5", *SMALL, *BARE),
     "web_scenario_pool_inspection": ("pool_inspection", "--at", "5", "--view", "orbit", *SMALL, *BARE),
@@ -67,7 +67,7 @@ def still(file: Path, asked: tuple[str, ...]) -> None:
 def drive(file: Path) -> None:
     """A vehicle that is steered as a person does, by the keys of the page; frame by frame, so that it is smooth on any machine."""
     frames: list[Image.Image] = []
-    parts = {"view": "follow", "dock": "off", "quality": "high"}
+    parts = {"view": "follow", "dock": "off", "theme": "dark", "quality": "high"}
     with showing("pool_inspection", chromium(), MOVING, parts) as page:
         t = 0.5
         advance(page, t)

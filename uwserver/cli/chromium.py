@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -236,7 +237,7 @@ def browsing(program: str, folder: Path, before: str = "") -> Iterator[Browser]:
 
     Args:
         program: its path (see `chromium`).
-        folder: for its profile; nothing else may be in it.
+        folder: for its profile and all else that it writes; the path must be short, for a socket is made in it.
         before: a script that each page runs ahead of its own ones.
 
     Raises:
@@ -244,7 +245,8 @@ def browsing(program: str, folder: Path, before: str = "") -> Iterator[Browser]:
     """
     command = [program, *_OPTIONS, f"--user-data-dir={folder / 'profile'}", "about:blank"]
     told = folder / "told.txt"
-    with told.open("wb") as file, child(command, stdout=subprocess.DEVNULL, stderr=file) as process:
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    with told.open("wb") as file, child(command, stdout=subprocess.DEVNULL, stderr=file, env=environment) as process:
         try:
             socket = connect(_address(told, process), max_size=None, open_timeout=PATIENCE_S)
         except (OSError, WebSocketException) as error:

@@ -170,7 +170,7 @@ def showing(
     from uwserver.cli.lone_view import lone_view
 
     with contextlib.ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="uwserver-shot-", ignore_cleanup_errors=True))
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="uwshot-", ignore_cleanup_errors=True))
         address, _, token = stack.enter_context(lone_view(scenario, seed)).partition("#")
         browser = stack.enter_context(browsing(program, Path(folder)))
         page = browser.open(f"{address}?fps={_PICTURES_HZ}#{token}&{urlencode(parts)}", size=size)

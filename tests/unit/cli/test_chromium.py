@@ -118,8 +118,8 @@ def test_files_under_way_are_counted() -> None:
     assert page.loading == set()
 
 
-def test_a_script_that_throws_is_told(tmp_path: Path) -> None:
-    with browsing(chromium_or_skip(), tmp_path, "globalThis.mark = 7") as browser:
+def test_a_script_that_throws_is_told(tmp_path_factory: pytest.TempPathFactory) -> None:
+    with browsing(chromium_or_skip(), tmp_path_factory.mktemp("t"), "globalThis.mark = 7") as browser:
         page = browser.open("data:text/html,<p>x", size=(400, 320))
         assert page.ask("mark") == 7
         with pytest.raises(ChromiumFailed, match="nothing_of_that_name"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import subprocess
@@ -15,8 +16,10 @@ from chromium_rig import chromium_or_skip
 from click.testing import CliRunner, Result
 from matplotlib import image
 
-from uwserver.cli.shot import shot
+from uwserver.cli.chromium import Page
+from uwserver.cli.shot import settle, shot
 
+module = importlib.import_module("uwserver.cli.shot")
 PATIENCE_S = 300.0
 
 
@@ -38,11 +41,23 @@ def any_chromium(tmp_path: Path) -> Path:
     return file
 
 
-def test_the_picture_has_the_size_and_shows_something(tmp_path: Path) -> None:
+def test_the_picture_is_of_what_was_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chromium_or_skip()
+    seen: list[object] = []
+
+    def look(page: Page) -> None:
+        settle(page)
+        seen.extend(
+            page.ask("[uw.drawing.view, uw.app.bodies[uw.app.chosen].name, uw.app.status.paused, uw.errors, uw.t]")
+        )
+
+    monkeypatch.setattr(module, "settle", look)
     file = tmp_path / "out.png"
-    done = asked("bluerov2_pool", file, "--at", 0.5, "--size", "400x320", "--link", "quality=low&dock=off")
+    options = ("--view", "top", "--vehicle", "crate", "--size", "400x320", "--link", "quality=low&dock=off&view=board")
+    done = asked("push_the_crate", file, "--at", 0.7, *options)
     assert done.exit_code == 0, done.output
+    assert seen[:4] == ["top", "crate", True, []]
+    assert seen[4] == pytest.approx(0.7, abs=1 / 200)
     assert f"wrote {file}" in done.output
     pixels = image.imread(file)[..., :3]
     assert pixels.shape == (320, 400, 3)
@@ -64,14 +79,17 @@ def running(mark: Path) -> list[str]:
 
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are counted in /proc")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_what_it_began_ends_when_it_is_told_to(number: signal.Signals, tmp_path: Path) -> None:
+def test_what_it_began_ends_when_it_is_told_to(
+    number: signal.Signals, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     chromium_or_skip()
+    tmp_path = tmp_path_factory.mktemp("t")  # Chromium makes sockets there, whose names are short
     file = tmp_path / "o.png"
     command = [sys.executable, "-m", "uwserver", "shot", "bluerov2_pool", str(file), "--at", "1e6"]
     with subprocess.Popen(command, env={**os.environ, "TMPDIR": str(tmp_path)}, stderr=subprocess.PIPE) as process:
         try:
             pause = threading.Event()
-            while not list(tmp_path.glob("uwserver-shot-*/profile/Default")):  # Chromium has begun; so has the server
+            while not list(tmp_path.glob("uwshot-*/profile/Default")):  # Chromium has begun; so has the server
                 assert process.poll() is None, process.stderr and process.stderr.read()
                 pause.wait(0.1)
             assert len(running(tmp_path)) > 3
