@@ -39,7 +39,17 @@ DRIVE = "web_drive"
 KEYS: tuple[tuple[float, tuple[str, ...]], ...] = ((2.0, ("KeyW",)), (2.5, ("KeyW", "KeyD")), (2.0, ("KeyW", "KeyF")))
 """Seconds of simulation time, and the keys that are held."""
 FRAME_S = 0.125
-MOVING = (640, 360)
+PAGE, MOVING = (1280, 720), (640, 360)
+"""Pixels of the page, and of the animation."""
+STEER = """
+(async () => {
+  const { commands } = await import("/pilot/allocation.js");
+  const { app, pilot } = uw;
+  const { actuators } = app.world.vehicles[app.chosen];
+  for (const [port, value] of commands(app.vehicle, app.description.ports, actuators, pilot.sticks)) app.link.notify("command", { port, value });
+})()
+"""
+"""What the page does with its sticks twenty times a second; but for it time stands still here between two frames, and then it does not."""
 
 
 def main() -> None:
@@ -68,7 +78,7 @@ def drive(file: Path) -> None:
     """A vehicle that is steered as a person does, by the keys of the page; frame by frame, so that it is smooth on any machine."""
     frames: list[Image.Image] = []
     parts = {"view": "follow", "dock": "off", "theme": "dark", "quality": "high"}
-    with showing("pool_inspection", chromium(), MOVING, parts) as page:
+    with showing("pool_inspection", chromium(), PAGE, parts) as page:
         t = 0.5
         advance(page, t)
         settle(page)
@@ -77,6 +87,7 @@ def drive(file: Path) -> None:
                 page.wait("uw.pilot.owns && uw.pilot.sticks.some((stick) => stick !== 0)", "the keys steer")
                 for _ in range(round(seconds / FRAME_S)):
                     t += FRAME_S
+                    page.ask(STEER)
                     advance(page, t)
                     frames.append(_picture(page))
     frames[0].save(
@@ -88,7 +99,7 @@ def _picture(page: Page) -> Image.Image:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "frame.png"
         page.picture(file)
-        return Image.open(io.BytesIO(file.read_bytes())).convert("RGB")
+        return Image.open(io.BytesIO(file.read_bytes())).convert("RGB").resize(MOVING)
 
 
 if __name__ == "__main__":
