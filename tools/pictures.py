@@ -28,18 +28,18 @@ STILL: dict[str, tuple[str, ...]] = {
     "web_scenario_bluerov2_open_sea": ("bluerov2_open_sea", "--at", "5", *SMALL, *BARE),
     "web_scenario_pool_inspection": ("pool_inspection", "--at", "5", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_subsea_template": ("subsea_template", "--at", "5", "--view", "orbit", *SMALL, *BARE),
-    "web_scenario_slope": ("slope", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_slope": ("slope", "--at", "5", "--view", "orbit", "--vehicle", "lander", *SMALL, *BARE),
     "web_scenario_push_the_crate": ("push_the_crate", "--at", "2", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_rov_autopilot": ("rov_autopilot", "--at", "5", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_remus_survey": ("remus_survey", "--at", "5", "--view", "orbit", *SMALL, *BARE),
-    "web_scenario_swarm_100": ("swarm_100", "--at", "5", "--view", "top", *SMALL, *BARE),
+    "web_scenario_swarm_100": ("swarm_100", "--at", "5", "--view", "orbit", *SMALL, *BARE),
 }
 """Names of files, and what is asked of `uwserver shot`."""
 DRIVE = "web_drive"
 KEYS: tuple[tuple[float, tuple[str, ...]], ...] = ((2.0, ("KeyW",)), (2.5, ("KeyW", "KeyD")), (2.0, ("KeyW", "KeyF")))
 """Seconds of simulation time, and the keys that are held."""
-FRAME_S = 0.125
-PAGE, MOVING = (1280, 720), (640, 360)
+FRAME_S = 0.2
+PAGE, MOVING = (960, 540), (640, 360)
 """Pixels of the page, and of the animation."""
 STEER = """
 (async () => {

@@ -98,7 +98,7 @@ def shot(
         _check_vehicle(resolved, vehicle)
         given = {"view": view, "vehicle": vehicle}
         parts = {"view": "follow", "quality": "high", **dict(parse_qsl(link)), **{k: v for k, v in given.items() if v}}
-        with _ending_by_signal(), showing(scenario, program, size, parts, seed) as page:
+        with showing(scenario, program, size, parts, seed) as page:
             advance(page, at_s)
             settle(page)
             page.picture(output)
@@ -154,7 +154,7 @@ def _ending_by_signal() -> Iterator[None]:
 def showing(
     scenario: str, program: str, size: tuple[int, int], parts: Mapping[str, str], seed: int | None = None
 ) -> Iterator[Page]:
-    """A page that shows a world of its own, which stands still at time 0. Page, browser and server end with the block.
+    """A page that shows a world of its own, which stands still at time 0. Page, browser and server end with the block, and by SIGTERM. Main thread.
 
     Args:
         scenario: a shipped name or a file.
@@ -170,6 +170,7 @@ def showing(
     from uwserver.cli.lone_view import lone_view
 
     with contextlib.ExitStack() as stack:
+        stack.enter_context(_ending_by_signal())
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="uwshot-", ignore_cleanup_errors=True))
         address, _, token = stack.enter_context(lone_view(scenario, seed)).partition("#")
         browser = stack.enter_context(browsing(program, Path(folder)))
