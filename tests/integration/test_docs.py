@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from click import Context
+
+from uwserver.cli import main
+
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120
 PAGES = ("README.md", "docs/tutorial.md", "clients/python/README.md")
@@ -38,6 +42,12 @@ def test_every_file_that_is_named_is_there():
         assert len(named) > 20, page
         lost = [path for path in named if path.split("/")[0] not in top or not (ROOT / path).exists()]
         assert not lost, f"{page}: {lost}"
+
+
+def test_readme_names_every_command():
+    named = re.search(r"`uwserver --help` lists the commands: ([\w, ]+)\.", (ROOT / "README.md").read_text())
+    assert named is not None
+    assert set(named[1].split(", ")) == set(main.list_commands(Context(main)))
 
 
 def test_every_room_is_in_the_table_of_rooms():

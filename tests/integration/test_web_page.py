@@ -12,8 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from chromium import PATIENCE_S, Browser, Page, browsing
+from chromium_rig import chromium_or_skip
 
+from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
+
+PROBES = Path(__file__).parents[1] / "page_probes.js"
 TITLE = '<img src=x onerror=\\"uw.errors.push(1)\\"> & <b>pool</b>'
 SCENARIO = f"""
 schema = 1
@@ -94,7 +97,7 @@ def server(folder: Path, port: int = 0) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browsing(tmp_path_factory.mktemp("profile")) as found:
+    with browsing(chromium_or_skip(), tmp_path_factory.mktemp("profile"), PROBES.read_text()) as found:
         yield found
 
 

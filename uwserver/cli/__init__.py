@@ -20,6 +20,7 @@ _WHERE = {
     "copy": "authoring",
     "replay": "replay",
     "plot": "plot",
+    "shot": "shot",
     "validate": "validate",
     "manoeuvres": "manoeuvres",
     "doctor": "doctor",

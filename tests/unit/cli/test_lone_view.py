@@ -1,0 +1,60 @@
+"""The server of one page: nothing else of the scenario listens, nobody else may look, and it ends with who started it."""
+
+from __future__ import annotations
+
+import http.client
+import subprocess
+import sys
+from urllib.parse import urlsplit
+
+import pytest
+
+from uwserver.adapter import installed_adapters
+from uwserver.cli.lone_view import ViewFailed, lone_view, seen_alone
+from uwserver.scenario.load.scenario import load
+
+PATIENCE_S = 120.0
+
+
+def test_of_the_scenario_s_adapters_none_is_left() -> None:
+    adapters = installed_adapters()
+    resolved = load("one_of_everything", adapters=adapters)
+    alone = seen_alone(resolved, adapters, "secret")
+    (view,) = alone.scenario.adapters.values()
+    assert (view.bind, view.port, view.token, view.required) == ("127.0.0.1", 0, "secret", True)
+    assert resolved.scenario.server.metrics
+    assert not alone.scenario.server.metrics
+    assert alone.vehicles is resolved.vehicles
+
+
+def test_its_world_is_shown_to_who_has_the_token_alone() -> None:
+    with lone_view("bluerov2_pool", seed=3) as address:
+        parts = urlsplit(address)
+        assert parts.hostname == "127.0.0.1"
+        token = parts.fragment.removeprefix("token=")
+        for headers, status in (({}, 401), ({"Authorization": f"Bearer {token}"}, 200)):
+            connection = http.client.HTTPConnection(parts.hostname, parts.port or 0, timeout=PATIENCE_S)
+            connection.request("GET", "/world.json", headers=headers)
+            assert connection.getresponse().status == status
+            connection.close()
+
+
+def test_it_ends_with_its_standard_input() -> None:
+    command = [sys.executable, "-m", "uwserver.cli.lone_view", "bluerov2_pool"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdin is not None
+            assert process.stdout.readline().startswith("http://127.0.0.1:")
+            process.stdin.close()
+            assert process.wait(PATIENCE_S) == 0
+        finally:
+            process.kill()
+
+
+def test_one_that_does_not_start_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ViewFailed, match="ended before"), lone_view("no_such_scenario"):
+        pass
+    told = capfd.readouterr().err
+    assert "no_such_scenario" in told
+    assert "Traceback" not in told

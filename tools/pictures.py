@@ -1,0 +1,106 @@
+"""The pictures that README and docs show of the web view: `uwserver shot` for what stands still, a drive with the page's own keys for what moves.
+
+Needs Chromium, and Pillow (which matplotlib brings) for the animation. Give names to make only these: `python tools/pictures.py web_view web_drive`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from uwserver.cli.chromium import Page, chromium
+from uwserver.cli.shot import advance, settle, showing
+
+FOLDER = Path(__file__).parents[1] / "docs" / "images"
+MOST_KIB, MOST_MOVING_KIB = 300, 3000
+SMALL = ("--size", "640x400")
+BARE = ("--link", "dock=off&theme=dark")
+STILL: dict[str, tuple[str, ...]] = {
+    "web_view": ("pool_inspection", "--at", "6", "--link", "theme=dark"),
+    "web_pilot": ("rov_autopilot", "--at", "8", "--link", "tab=pilot&theme=dark"),
+    "web_scenario_bluerov2_pool": ("bluerov2_pool", "--at", "2", *SMALL, *BARE),
+    "web_scenario_bluerov2_open_sea": ("bluerov2_open_sea", "--at", "5", *SMALL, *BARE),
+    "web_scenario_pool_inspection": ("pool_inspection", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_subsea_template": ("subsea_template", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_slope": ("slope", "--at", "5", "--view", "orbit", "--vehicle", "lander", *SMALL, *BARE),
+    "web_scenario_push_the_crate": ("push_the_crate", "--at", "2", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_rov_autopilot": ("rov_autopilot", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_remus_survey": ("remus_survey", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_swarm_100": ("swarm_100", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+}
+"""Names of files, and what is asked of `uwserver shot`."""
+DRIVE = "web_drive"
+KEYS: tuple[tuple[float, tuple[str, ...]], ...] = ((2.0, ("KeyW",)), (2.5, ("KeyW", "KeyD")), (2.0, ("KeyW", "KeyF")))
+"""Seconds of simulation time, and the keys that are held."""
+FRAME_S = 0.2
+PAGE, MOVING = (960, 540), (640, 360)
+"""Pixels of the page, and of the animation."""
+STEER = """
+(async () => {
+  const { commands } = await import("/pilot/allocation.js");
+  const { app, pilot } = uw;
+  const { actuators } = app.world.vehicles[app.chosen];
+  for (const [port, value] of commands(app.vehicle, app.description.ports, actuators, pilot.sticks)) app.link.notify("command", { port, value });
+})()
+"""
+"""What the page does with its sticks twenty times a second; but for it time stands still here between two frames, and then it does not."""
+
+
+def main() -> None:
+    """Make all, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=[*STILL, DRIVE], help="of pictures; default: all")
+    for name in parser.parse_args().names:
+        file = FOLDER / f"{name}.webp"
+        if name == DRIVE:
+            drive(file)
+        else:
+            still(file, STILL[name])
+        kib = file.stat().st_size // 1024
+        print(f"{file.name}: {kib} KiB", flush=True)
+        if kib >= (MOST_MOVING_KIB if name == DRIVE else MOST_KIB):
+            sys.exit(f"{file.name} is too large")
+
+
+def still(file: Path, asked: tuple[str, ...]) -> None:
+    """One picture."""
+    scenario, *options = asked
+    subprocess.run([sys.executable, "-m", "uwserver", "shot", scenario, str(file), *options], check=True)
+
+
+def drive(file: Path) -> None:
+    """A vehicle that is steered as a person does, by the keys of the page; frame by frame, so that it is smooth on any machine."""
+    frames: list[Image.Image] = []
+    parts = {"view": "follow", "dock": "off", "theme": "dark", "quality": "high"}
+    with showing("pool_inspection", chromium(), PAGE, parts) as page:
+        t = 0.5
+        advance(page, t)
+        settle(page)
+        for seconds, keys in KEYS:
+            with page.holding(*keys):
+                page.wait("uw.pilot.owns && uw.pilot.sticks.some((stick) => stick !== 0)", "the keys steer")
+                for _ in range(round(seconds / FRAME_S)):
+                    t += FRAME_S
+                    page.ask(STEER)
+                    advance(page, t)
+                    frames.append(_picture(page))
+    frames[0].save(
+        file, save_all=True, append_images=frames[1:], duration=round(1000 * FRAME_S), loop=0, quality=60, method=4
+    )
+
+
+def _picture(page: Page) -> Image.Image:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "frame.png"
+        page.picture(file)
+        return Image.open(io.BytesIO(file.read_bytes())).convert("RGB").resize(MOVING)
+
+
+if __name__ == "__main__":
+    main()
