@@ -17,6 +17,7 @@ from uwserver.adapter import (
     Peer,
     Peers,
     Refusals,
+    Thinned,
     address_text,
     is_loopback,
     serve_tcp,
@@ -127,6 +128,16 @@ class WebAdapter:
         """Samples of one tick."""
         if self._front is not None:
             self._front.pages.put_samples(samples)
+
+    @property
+    def thinned(self) -> Thinned:
+        """Those of which they need not all samples."""
+        return {} if self._front is None else self._front.pages.thinned
+
+    def send_samples(self) -> None:
+        """No more samples wait: those of the last ticks leave together."""
+        if self._front is not None:
+            self._front.pages.send_samples()
 
     def put_event(self, event: Event) -> None:
         """Every page is told."""
