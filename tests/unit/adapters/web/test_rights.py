@@ -85,6 +85,29 @@ def test_all_stop_needs_no_lease() -> None:
     assert context.queues.count("1") == 3, "in the queue of the pilot, so that it overtakes what this has asked"
 
 
+@pytest.mark.parametrize(
+    ("active", "asked"), [(True, ["rov/thrusters/deactivate", "rov/thrusters/activate"]), (False, [])]
+)
+@pytest.mark.parametrize("how", ["all stop", "lost"])
+def test_what_somebody_has_deactivated_stays_so(active: bool, asked: list[str], how: str) -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await call(page, "web/lease/take", vehicle="rov")
+            await ask(page, "command", **U)
+            await call(page, "web/stop" if how == "all stop" else "web/lease/give")
+            for _ in range(5):
+                await ask(page, "ping")
+
+    context = with_autopilot()
+    context.services = {
+        **context.services,
+        "rov/thrusters/get": Service("rov/thrusters/get", "Properties."),
+    }
+    context.scripts["rov/thrusters/get"] = lambda args: {"active": active}
+    stopped = [service for service in called(play(scene, context)) if not service.startswith("rov/autopilot")]
+    assert stopped == ["rov/thrusters/get", *asked]
+
+
 def test_a_stop_of_one_component_needs_no_lease() -> None:
     async def scene(stage: Stage) -> None:
         async with stage.page() as page:
