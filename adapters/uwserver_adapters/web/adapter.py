@@ -49,7 +49,8 @@ class WebAdapter:
         self.config = config
         self.context = context
         self.token = config.token or os.environ.get(TOKEN_VARIABLE) or None
-        self._token_is_new = self.token is None and not is_loopback(config.bind)
+        # A token that only lets watch protects nothing while whoever shows none may do all.
+        self._token_is_new = self.token is None and config.needs_token
         if self._token_is_new:
             self.token = secrets.token_hex(24)
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
@@ -80,14 +81,18 @@ class WebAdapter:
                 with serving(self.context, self, address, ready):
                     if self._token_is_new:
                         log.warning(
-                            "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
-                            self.context.name, TOKEN_VARIABLE, address, self.token,
+                            "%s %s, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
+                            self.context.name, self._reason(), TOKEN_VARIABLE, address, self.token,
                         )  # fmt: skip
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
                 if self._front is not None:
                     await self._front.close()
+
+    def _reason(self) -> str:
+        """Why a token is needed."""
+        return "has a view_token" if is_loopback(self.config.bind) else "can be reached from elsewhere"
 
     def _address(self, port: int) -> str:
         scheme = "http" if self.config.tls_cert is None else "https"

@@ -142,12 +142,16 @@ def test_a_page_that_may_only_watch_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("token", [None, "sesame"])
-def test_a_token_that_only_lets_watch(token: str | None) -> None:
+def test_a_token_that_only_lets_watch(token: str | None, caplog: pytest.LogCaptureFixture) -> None:
     async def scene(stage: Stage) -> None:
         async with stage.page() as page, stage.page() as pilot:
             assert "result" in await ask(page, "hello", version=1, token="peek")
             await does_nothing(page)
-            assert "result" in await ask(pilot, "hello", version=1, **({"token": token} if token else {}))
+            assert code_of(await call(pilot, "web/lease/take", vehicle="rov")) == "denied", "who shows none may do nothing"
+            assert code_of(await ask(pilot, "hello", version=1)) == "denied"
+        assert (stage.adapter.token in caplog.text) == (token is None), "one that was made is told"
+        async with stage.page() as pilot:
+            assert "result" in await ask(pilot, "hello", version=1, token=stage.adapter.token)
             assert code_of(await call(pilot, "web/lease/take", vehicle="rov")) == ""
 
     context = play(scene, with_autopilot(), token=token, view_token="peek")
