@@ -42,6 +42,7 @@ class Lookout:
         self._members: tuple[Member, ...] | None = None
         self._cast = Cast(0, (), ())
         self._rows = rows_of(world.hydro, (), 0)
+        self._current = world.water.current
 
     def state(self) -> SceneState:
         """Where all bodies are now."""
@@ -49,6 +50,9 @@ class Lookout:
         members = tuple(world.members.values())
         if members != self._members:
             self._follow(members)
+        if world.water.current != self._current:  # by a service, or a state that was restored: what was described is past
+            self._current = world.water.current
+            self._cast = self._cast._replace(revision=self._cast.revision + 1)
         hydro, rows = world.hydro, self._rows
         poses = hydro.state[rows.bodies, P : Q + 4]
         return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows), world.water.current)

@@ -9,6 +9,7 @@ import uwserver
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import ForceTable, ThrusterParams
 from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.world import snapshot
 from uwserver.world.lookout import Lookout, full_thrust
 from uwserver.world.world import World
 
@@ -115,3 +116,16 @@ def test_full_thrust_lies_between_the_curves_of_the_supply() -> None:
     thruster = ThrusterParams("t", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), table, 14.0, Lag(), installed=0.5)
     assert full_thrust(thruster) == pytest.approx((25.0, 20.0))
     assert np.all(np.isfinite(full_thrust(thruster)))
+
+
+def test_another_current_is_another_revision(world: World) -> None:
+    lookout = Lookout(world)
+    first = lookout.state().cast
+    assert lookout.state().cast is first
+    before = snapshot.take(world)
+    world.set_current((0.5, 0.0, 0.0))
+    second = lookout.state()
+    assert (second.current, second.cast.revision) == ((0.5, 0.0, 0.0), first.revision + 1)
+    assert lookout.state().cast is second.cast
+    snapshot.restore(world, before)
+    assert lookout.state().cast.revision == first.revision + 2
