@@ -147,7 +147,9 @@ def test_a_token_that_only_lets_watch(token: str | None, caplog: pytest.LogCaptu
         async with stage.page() as page, stage.page() as pilot:
             assert "result" in await ask(page, "hello", version=1, token="peek")
             await does_nothing(page)
-            assert code_of(await call(pilot, "web/lease/take", vehicle="rov")) == "denied", "who shows none may do nothing"
+            assert code_of(await call(pilot, "web/lease/take", vehicle="rov")) == "denied", (
+                "who shows none may do nothing"
+            )
             assert code_of(await ask(pilot, "hello", version=1)) == "denied"
         assert (stage.adapter.token in caplog.text) == (token is None), "one that was made is told"
         async with stage.page() as pilot:
