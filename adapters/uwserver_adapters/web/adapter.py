@@ -54,7 +54,9 @@ class WebAdapter:
         if self._token_is_new:
             self.token = secrets.token_hex(24)
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        self.peers: Peers[Peer] = Peers(config.max_pages, refusals, context.stats, strangers=config.max_strangers)
+        self.peers: Peers[Peer] = Peers(
+            config.max_pages, refusals, context.stats, strangers=config.max_strangers, key="max_pages"
+        )
         self._front: Front | None = None
 
     @property

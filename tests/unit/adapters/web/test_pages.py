@@ -271,7 +271,7 @@ def test_more_pages_than_there_is_room_for_are_told() -> None:
             while True:
                 await pages[2].recv()
 
-        with pytest.raises(ConnectionClosed, match="max_clients"):
+        with pytest.raises(ConnectionClosed, match="max_pages"):
             await asyncio.wait_for(heard_out(), 10.0)
         for page in pages:
             await page.close()
