@@ -104,6 +104,13 @@ def test_free_objects_stand_behind_the_vehicles() -> None:
     assert tuple(state.poses[len(state.cast.vehicles)]) == (*crate.p_NB, *crate.q_NB)
 
 
+def test_a_vehicle_whose_file_calls_it_object_is_a_vehicle(world: World) -> None:
+    object.__setattr__(world.vehicles["rov"], "model", "object")
+    cast = Lookout(world).state().cast
+    assert [body.name for body in cast.vehicles] == ["rov", "auv"]
+    assert cast.objects == ()
+
+
 def test_looking_changes_nothing(world: World) -> None:
     lookout = Lookout(world)
     before = world.hydro.save()
