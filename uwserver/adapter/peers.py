@@ -69,6 +69,7 @@ class Peers(Generic[P]):
         stats: whose `peers` is kept; None where the adapter counts otherwise.
         most_per_host: likewise of one host; this machine may have all. Default: `most`.
         strangers: that may be there besides.
+        key: of the adapter's table that says `most`.
 
     Attributes:
         most, refusals: as given.
@@ -83,6 +84,7 @@ class Peers(Generic[P]):
         *,
         most_per_host: int | None = None,
         strangers: int = STRANGERS,
+        key: str = "max_clients",
     ) -> None:
         self.most = most
         self.refusals = refusals
@@ -90,6 +92,7 @@ class Peers(Generic[P]):
         self._stats = stats
         self._most_per_host = most if most_per_host is None else most_per_host
         self._most_strangers = strangers
+        self._key = key
         self._admitted: dict[P, str] = {}
         self._strangers: dict[P, str] = {}
         self._leaving: dict[P, None] = {}
@@ -123,7 +126,7 @@ class Peers(Generic[P]):
             idle = next((other for other in self._admitted if other.is_half_open), None)
             if idle is None:
                 return self._refused(
-                    f"{self.most} clients are connected: close some, or raise max_clients of the adapter"
+                    f"{self.most} clients are connected: close some, or raise {self._key} of the adapter"
                 )
             self._end(idle)
         self._strangers.pop(peer, None)

@@ -19,7 +19,7 @@ import click
 import msgspec
 
 from uwserver.cli.colour import coloured_problems, styled
-from uwserver.cli.web_view import open_page, with_web_view
+from uwserver.cli.web_view import ViewToken, open_page, where_to_look, with_token, with_view_token, with_web_view
 
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
@@ -112,16 +112,16 @@ def run(
         click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
         sys.exit(1)
     resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
-    # For a log of JSON the adapter makes and logs it.
-    resolved, token = (resolved, "") if log_json else _with_new_token(resolved)
+    resolved, token = (resolved, "") if log_json else _with_new_token(resolved)  # the adapter logs one of its own
     resolved, view = with_web_view(resolved, adapters, port)
+    resolved, shown = with_view_token(resolved, view, makes=not log_json)
     timing = timing_of(resolved)
     timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
     try:
         state = None if begin is None else read_state(begin)
-        announce = partial(_announce, resolved, log_json, token, view=view, opens=opens)
+        announce = partial(_announce, resolved, log_json, token, view=view, shown=shown, opens=opens)
         options = Options(seed, timing, record, until_s, state, save_at, profile, view, announce, click.echo)
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
@@ -221,7 +221,14 @@ def _then_compile_the_rest(
 
 
 def _announce(
-    resolved: Resolved, quiet: bool, token: str, addresses: dict[str, str], *, view: str = "", opens: bool = False
+    resolved: Resolved,
+    quiet: bool,
+    token: str,
+    addresses: dict[str, str],
+    *,
+    view: str = "",
+    shown: ViewToken = ViewToken(),  # noqa: B008  # immutable
+    opens: bool = False,
 ) -> None:
     """Say where to look, where to connect and what to type next.
 
@@ -231,22 +238,26 @@ def _announce(
         token: that was made for this run; "" for one that the user knows, or none.
         addresses: of the adapters, by name.
         view: name of the adapter of the web view; "" for none.
+        shown: token that its pages need.
         opens: open it.
     """
     from uwserver.cli.scenario import alike
 
     page = addresses.get(view, "")
     if opens:
-        open_page(page)
+        open_page(with_token(page, shown.text))
     if quiet:
         return
-    if page:
-        click.echo("\nOpen " + styled(page, fg="cyan", bold=True))
+    first_said, last_said = where_to_look(resolved, view, page, shown)
+    if first_said:
+        click.echo(f"\n{first_said}")
     vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())
-    click.echo("\n" * (not page) + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
+    click.echo("\n" * (not first_said) + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
     for name, address in addresses.items():
         if name != view:
             click.echo(f"  {name}: {address}")
+    if last_said:
+        click.echo(last_said)
     sockets = _first_sockets(resolved)
     first = next(iter(resolved.vehicles.values()), None)
     if sockets and first:

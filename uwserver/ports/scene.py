@@ -274,7 +274,7 @@ class Present(NamedTuple):
 
 
 class Cast(NamedTuple):
-    """Who is in the world; the same object until somebody comes or goes.
+    """Who is in the world; the same object until somebody comes or goes, or the current is set to another.
 
     Attributes:
         revision: rises then.

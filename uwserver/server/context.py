@@ -126,7 +126,8 @@ class Context:
             epoch_utc=world.epoch_utc,
             mode=simulation.timing.mode,
             speed=simulation.pace.speed,
-            vehicles=tuple(VehicleFacts(vehicle.name, vehicle.model) for vehicle in world.vehicles.values()),
+            # Not of `vehicles`, which a tick fills anew in place: `members` is replaced as a whole.
+            vehicles=tuple(VehicleFacts(name, member.vehicle.model) for name, member in world.members.items()),
         )
 
     @property
@@ -168,7 +169,7 @@ class Context:
                 "rate_hz": float(world.rate_hz),
                 "epoch_utc": world.epoch_utc,
                 "seed": world.seed,
-                "vehicles": list(world.vehicles),
+                "vehicles": list(world.members),
             },
             "ports": self._hub.shown(ports),
             "services": self._hub.shown(services),

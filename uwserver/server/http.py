@@ -33,7 +33,9 @@ MOST_PEERS = 64
 
 _END: Final = b"\r\n\r\n"
 _FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
-_HEADER: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):[ \t]*(.*?)[ \t]*")
+_HEADER: Final = re.compile(
+    r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):([^\r\n\0]*)"
+)  # nothing that could be read in two ways: no peer buys time
 
 
 class Service:
@@ -68,9 +70,12 @@ class Service:
         method, path = request.groups()
         with_body = method != "HEAD"
         for header in headers:
-            if header is not None and header[1].lower() == "host" and not is_host_known(header[2], self._hosts):
+            if header is None or header[1].lower() != "host":
+                continue
+            name = header[2].strip(" \t")
+            if not is_host_known(name, self._hosts):
                 # A page whose name was made to point here (DNS rebinding) could read the answer.
-                text = f'"{header[2][:200]}" is no name of this server that it knows: ask by address, or add it to [server] allowed_hosts'
+                text = f'"{name[:200]}" is no name of this server that it knows: ask by address, or add it to [server] allowed_hosts'
                 self._refusals.note("host", text)
                 return http_answer("421 Misdirected Request", f"{text}\n", body=with_body)
         if method not in ("GET", "HEAD"):

@@ -62,7 +62,7 @@ class Monitor:
             "lateness": dict(self.lateness),
             "overruns": simulation.pace.overruns,
             "dropped": hub.bus.dropped,
-            "vehicles": list(world.vehicles),
+            "vehicles": list(world.members),
             "conflicts": sum(slot.conflicts for slot in world.actuators.values()),
             "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))
             if simulation.timing.mode == "lockstep"

@@ -42,6 +42,7 @@ class Lookout:
         self._members: tuple[Member, ...] | None = None
         self._cast = Cast(0, (), ())
         self._rows = rows_of(world.hydro, (), 0)
+        self._current = world.water.current
 
     def state(self) -> SceneState:
         """Where all bodies are now."""
@@ -49,6 +50,11 @@ class Lookout:
         members = tuple(world.members.values())
         if members != self._members:
             self._follow(members)
+        if (
+            world.water.current != self._current
+        ):  # by a service, or a state that was restored: what was described is past
+            self._current = world.water.current
+            self._cast = self._cast._replace(revision=self._cast.revision + 1)
         hydro, rows = world.hydro, self._rows
         poses = hydro.state[rows.bodies, P : Q + 4]
         return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows), world.water.current)
@@ -57,8 +63,8 @@ class Lookout:
         """Somebody came or went."""
         population = self._world.population
         likes = {} if population is None else population.likes()
-        vehicles = [member for member in members if not is_object(member)]
-        objects = [member for member in members if is_object(member)]
+        vehicles = [member for member in members if not member.is_object]
+        objects = [member for member in members if member.is_object]
         here = [
             tuple(Present(m.vehicle.name, likes.get(m.vehicle.name, m.vehicle.name)) for m in group)
             for group in (vehicles, objects)
@@ -66,11 +72,6 @@ class Lookout:
         self._members = members
         self._cast = Cast(self._cast.revision + 1, here[0], here[1])
         self._rows = rows_of(self._world.hydro, (*vehicles, *objects), len(vehicles))
-
-
-def is_object(member: Member) -> bool:
-    """Whether a body is a free object: one without a vehicle's file."""
-    return member.vehicle.model == "object"
 
 
 def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) -> Rows:

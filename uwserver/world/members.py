@@ -40,6 +40,7 @@ class Member:
         services: those of its components, and what they do.
         solid: its collision shapes; None for none.
         others: whatever else lives and goes with it, as an autopilot.
+        is_object: it is a free object, not a vehicle, whatever its model is called.
         by_path: all of it; made once, as bodies come and go within a tick.
     """
 
@@ -49,6 +50,7 @@ class Member:
     services: tuple[tuple[Service, Carry], ...] = ()
     solid: Solid | None = None
     others: tuple[Part, ...] = ()
+    is_object: bool = False
     by_path: ByPath = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.adapter import AdapterContext, Peer, Peers
+from uwserver.adapter import AdapterContext, Peer, Peers, is_loopback
 from uwserver.ports import Progress, Refused, Reply
 from uwserver_adapters.native.connection import TRIES, NativeConnection
 from uwserver_adapters.native.service import NativeService
@@ -17,7 +17,9 @@ class Connection(NativeConnection):
 
     def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
         def handshake() -> Handshake:
-            return Handshake(config.allowed_origins, config.allowed_hosts, page_of(service.context))
+            # Its address is one of this machine, and leads nowhere from another, or from outside a container.
+            page = page_of(service.context) if is_loopback(self.host) else ""
+            return Handshake(config.allowed_origins, config.allowed_hosts, page)
 
         super().__init__(service, config, peers, handshake)
 

@@ -17,6 +17,7 @@ from uwserver.adapter import (
     Peer,
     Peers,
     Refusals,
+    Thinned,
     address_text,
     is_loopback,
     serve_tcp,
@@ -48,11 +49,14 @@ class WebAdapter:
         self.config = config
         self.context = context
         self.token = config.token or os.environ.get(TOKEN_VARIABLE) or None
-        self._token_is_new = self.token is None and not is_loopback(config.bind)
+        # A token that only lets watch protects nothing while whoever shows none may do all.
+        self._token_is_new = self.token is None and config.needs_token
         if self._token_is_new:
             self.token = secrets.token_hex(24)
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        self.peers: Peers[Peer] = Peers(config.max_pages, refusals, context.stats, strangers=config.max_strangers)
+        self.peers: Peers[Peer] = Peers(
+            config.max_pages, refusals, context.stats, strangers=config.max_strangers, key="max_pages"
+        )
         self._front: Front | None = None
 
     @property
@@ -79,14 +83,18 @@ class WebAdapter:
                 with serving(self.context, self, address, ready):
                     if self._token_is_new:
                         log.warning(
-                            "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
-                            self.context.name, TOKEN_VARIABLE, address, self.token,
+                            "%s %s, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
+                            self.context.name, self._reason(), TOKEN_VARIABLE, address, self.token,
                         )  # fmt: skip
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
                 if self._front is not None:
                     await self._front.close()
+
+    def _reason(self) -> str:
+        """Why a token is needed."""
+        return "has a view_token" if is_loopback(self.config.bind) else "can be reached from elsewhere"
 
     def _address(self, port: int) -> str:
         scheme = "http" if self.config.tls_cert is None else "https"
@@ -127,6 +135,16 @@ class WebAdapter:
         """Samples of one tick."""
         if self._front is not None:
             self._front.pages.put_samples(samples)
+
+    @property
+    def thinned(self) -> Thinned:
+        """Those of which they need not all samples."""
+        return {} if self._front is None else self._front.pages.thinned
+
+    def send_samples(self) -> None:
+        """No more samples wait: those of the last ticks leave together."""
+        if self._front is not None:
+            self._front.pages.send_samples()
 
     def put_event(self, event: Event) -> None:
         """Every page is told."""

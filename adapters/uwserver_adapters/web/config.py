@@ -21,7 +21,7 @@ class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
     required: a view that cannot start does not end the server, unless this is true.
     bind: address to listen at; anything but loopback needs a token.
     port: TCP port; 0 takes a free one; default: 7680, or the next free one.
-    token: pages must show it; default: the environment's UWSERVER_TOKEN; generated and printed when bind is not loopback and there is none.
+    token: pages must show it; default: the environment's UWSERVER_TOKEN; one is made and told where bind is not loopback or there is a view_token.
     view_token: who shows this one instead may only watch.
     read_only: all pages may only watch.
     exact_poses: pages see where vehicles really are, which is ground truth; default: on loopback.
@@ -68,6 +68,11 @@ class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
         if isinstance(self.port, UnsetType):
             return tuple(range(FIRST_PORT, FIRST_PORT + PORTS))
         return (self.port,)
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether a token is made when none is given."""
+        return self.view_token is not None or not is_loopback(self.bind)
 
     @property
     def shows_poses(self) -> bool:

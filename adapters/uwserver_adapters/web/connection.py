@@ -126,8 +126,17 @@ class WebConnection(NativeConnection):
 
     def missed(self) -> None:
         """It was not admitted in time; who takes a long file is none."""
-        if self._rest is None:
+        if self._is_asked:
+            if self._rest is None and not self.is_closing:
+                self._answer(text("503 Service Unavailable", "no answer was found in time: ask again"))
+        elif self._request is None:
+            self.abort()  # browsers open connections to have them: nothing to warn of, and nobody who reads an answer
+        else:
             super().missed()
+
+    def opened(self) -> None:
+        """There is room for it. Who is locked out is told so by what it asks: the page itself needs no token."""
+        self._ends_with_peer = self.transport.get_extra_info("sslcontext") is not None
 
     @property
     def is_owed(self) -> bool:

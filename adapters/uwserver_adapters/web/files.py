@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
+import threading
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -62,6 +63,7 @@ class Files:
         self._folder = folder
         self._manifest: dict[str, Path] | None = None
         self._known: dict[str, StaticFile] = {}
+        self._lock = threading.Lock()
 
     def has(self, path: str) -> bool:
         """Whether there is such a file."""
@@ -73,12 +75,13 @@ class Files:
         Raises:
             OSError: it was there when the first one was asked for, and cannot be read any more.
         """
-        known = self._known.get(path)
-        if known is None:
-            place = self._paths().get(f"/{INDEX}" if path == "/" else path)
-            kind = KINDS[".html"] if place is None else KINDS[place.suffix]
-            known = self._known[path] = made(NO_PAGE if place is None else place.read_bytes(), kind)
-        return known
+        with self._lock:  # who asks for the same meanwhile waits, and does not press it again
+            known = self._known.get(path)
+            if known is None:
+                place = self._paths().get(f"/{INDEX}" if path == "/" else path)
+                kind = KINDS[".html"] if place is None else KINDS[place.suffix]
+                known = self._known[path] = made(NO_PAGE if place is None else place.read_bytes(), kind)
+            return known
 
     def _paths(self) -> dict[str, Path]:
         if self._manifest is None:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Sequence
 from typing import Protocol
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Thinned
 from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneState
 from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
@@ -88,6 +88,7 @@ class Pages:
         """A page has gone."""
         self.all.pop(page, None)
         self.pictures.leave(page)
+        self._context.follow_wants()
         self.follow()
         if not self.all and self._status_timer is not None:
             self._status_timer.cancel()
@@ -187,6 +188,16 @@ class Pages:
         """Samples to those who have subscribed, pictures to those who see them."""
         self._fanout.put_samples(samples)
         self.pictures.put_samples(samples)
+
+    @property
+    def thinned(self) -> Thinned:
+        """Ports of which nobody takes all samples; of pictures all are needed, as each may be the one that is shown."""
+        seen = self.pictures.wanted
+        return {path: enough for path, enough in self._fanout.thinned.items() if path not in seen}
+
+    def send_samples(self) -> None:
+        """Write the samples of some ticks, once a page."""
+        self._fanout.send_samples()
 
     def put_event(self, event: Event) -> None:
         """Every page is told."""

@@ -38,6 +38,7 @@ TAKE = Service(
 KEEP = Service("web/lease/keep", "A sign that the page is there; gives the vehicles that it steers.", reads_only=True)
 GIVE = Service("web/lease/give", "Steer a vehicle no more.", (_ANY,))
 STOP = Service("web/stop", "Disarm, put all actuators to neutral, and end the lease; needs none.", (_ANY,))
+_UNKNOWN = Reply(0, 0)
 SERVICES = {service.path: service for service in (TAKE, KEEP, GIVE, STOP)}
 
 
@@ -141,6 +142,8 @@ class Rights:
         """Disarm a vehicle and put its actuators to neutral; what its pilot has asked for is taken back."""
         lease = self.leases.owner(vehicle)
         queue = "" if lease is None else str(lease.page)
+        if lease is not None:
+            self._commanded_of(lease.page, vehicle)  # all are put to neutral below, once
         self.leases.end(vehicle)
         services = self._context.services
         for path in [path for path in services if path.startswith(f"{vehicle}/") and path.endswith("/disarm")]:
@@ -157,23 +160,40 @@ class Rights:
 
     def _lost(self, vehicle: str, page: int) -> None:
         """A page steers a vehicle no more: what it commanded last must not go on. An autopilot that it has sent somewhere goes on."""
-        commanded = self._commanded.get(page, set())
-        mine = {port for port in commanded if port.startswith(f"{vehicle}/")}
-        commanded -= mine
-        for port in sorted(mine):
+        for port in self._commanded_of(page, vehicle):
             self._neutral(port, str(page))
 
-    def _neutral(self, port: str, queue: str) -> None:
-        for verb in ("deactivate", "activate"):
-            self._ask(f"{port}/{verb}", queue)
+    def _commanded_of(self, page: int, vehicle: str) -> list[str]:
+        """What a page has commanded of a vehicle; counts as not commanded from now on."""
+        commanded = self._commanded.get(page, set())
+        mine = sorted(port for port in commanded if port.startswith(f"{vehicle}/"))
+        commanded.difference_update(mine)
+        return mine
 
-    def _ask(self, service: str, queue: str) -> None:
+    def _neutral(self, port: str, queue: str) -> None:
+        """Neutral, and as active as before: who has deactivated it has a reason, and it is neutral already."""
+
+        def told(answer: Reply | Progress) -> None:
+            now = answer.result if isinstance(answer, Reply) else None
+            if isinstance(now, dict) and now.get("active") is False:
+                return
+            for verb in ("deactivate", "activate"):
+                self._ask(f"{port}/{verb}", queue)
+
+        # In a queue of its own: it waits for nothing that the pilot has asked before, and no stop overtakes it.
+        if not self._ask(f"{port}/get", "all stop", told):
+            told(_UNKNOWN)
+
+    def _ask(self, service: str, queue: str, on_reply: OnReply | None = None) -> bool:
+        """Whether it was asked."""
         if service not in self._context.services:
-            return
+            return False
         try:
-            self._context.call(service, {}, f"{queue or 'stop'} (all stop)", _unheard, "", queue)
+            self._context.call(service, {}, f"{queue or 'stop'} (all stop)", on_reply or _unheard, "", queue)
         except Refused:
             self.stats.errors += 1
+            return False
+        return True
 
     # -- what is told ---------------------------------------------------------------------------------------------------------------
 

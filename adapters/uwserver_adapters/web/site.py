@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import re
 from collections.abc import Callable, Coroutine
 from typing import Final, Protocol
@@ -15,6 +16,8 @@ from uwserver_adapters.native.limits import Lockout
 from uwserver_adapters.web.config import WebConfig
 from uwserver_adapters.web.files import Files, StaticFile, made
 from uwserver_adapters.web.http import Answer, Request, is_same, takes_gzip, text
+
+log = logging.getLogger(__name__)
 
 OnAnswer = Callable[[Answer], None]
 LIVE: Final = "/live"
@@ -56,7 +59,8 @@ class Site:
         self._files = files
         self._keeper = keeper
         self._refusals = refusals
-        self._scene: tuple[int, StaticFile] | None = None
+        self._scene: tuple[int, asyncio.Future[StaticFile]] | None = None
+        self._has_failed = False
         self._reading: set[asyncio.Task[None]] = set()
 
     def objection(self, request: Request) -> Answer | None:
@@ -168,13 +172,26 @@ class Site:
             on_answer(text("503 Service Unavailable", refused.fault.text, ("Retry-After", "1")))
 
     async def _described(self, state: SceneState, request: Request, on_answer: OnAnswer) -> None:
-        if self._scene is None or self._scene[0] != state.cast.revision:
+        try:
+            # One for all that ask meanwhile; who goes away takes it from nobody.
+            packed = await asyncio.shield(self._packed_scene(state))
+        except Exception:  # a fault of ours is told to who asks, too
+            if not self._has_failed:
+                self._has_failed = True
+                log.exception("the scene cannot be described")
+            on_answer(text("500 Internal Server Error", "the server failed to describe the scene: see its log"))
+            return
+        on_answer(_sent(request, packed, ()))
+
+    def _packed_scene(self, state: SceneState) -> asyncio.Future[StaticFile]:
+        """Made once a revision."""
+        revision = state.cast.revision
+        if self._scene is None or self._scene[0] != revision or _has_failed(self._scene[1]):
             scene = self._context.scene(state.cast)
             extra = {"exact_poses": self._config.shows_poses, "read_only": self._config.read_only}
             data = msgspec.json.encode({**msgspec.structs.asdict(scene), **extra})
-            packed = await asyncio.get_running_loop().run_in_executor(None, _packed, data)
-            self._scene = state.cast.revision, packed
-        on_answer(_sent(request, self._scene[1], ()))
+            self._scene = revision, asyncio.get_running_loop().run_in_executor(None, _packed, data)
+        return self._scene[1]
 
     def _later(self, work: Coroutine[None, None, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
@@ -186,6 +203,10 @@ class Site:
         for task in list(self._reading):
             task.cancel()
         await asyncio.gather(*self._reading, return_exceptions=True)
+
+
+def _has_failed(made_once: asyncio.Future[StaticFile]) -> bool:
+    return made_once.done() and (made_once.cancelled() or made_once.exception() is not None)
 
 
 def _packed(data: bytes) -> StaticFile:

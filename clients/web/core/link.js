@@ -48,6 +48,8 @@ export class Link {
     this.subscribed = new Map();
     this.wait = FIRST_WAIT_MS;
     this.timer = 0;
+    /** The token was not taken: nothing is tried before there is another one. */
+    this.isDenied = false;
     /** Which binary frames we want. @type {{frames: boolean, pictures: string[]}} */
     this.wish = { frames: true, pictures: [] };
     /** Ports of pictures by their number in the frames. @type {Map<number, string>} */
@@ -58,6 +60,7 @@ export class Link {
 
   connect() {
     clearTimeout(this.timer);
+    this.isDenied = false;
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
@@ -74,7 +77,10 @@ export class Link {
       const hello = await this.request("hello", { version: 1, name: this.name, ...(token === null ? {} : { token }) });
       this.session = hello.session;
     } catch (error) {
-      if (error instanceof Refusal && error.code === "denied") this.listeners.denied(error.message);
+      if (error instanceof Refusal && error.code === "denied") {
+        this.isDenied = true; // who connects again with the same token is locked out: the form is waited for
+        this.listeners.denied(error.message);
+      }
       socket.close();
       return;
     }
@@ -96,6 +102,7 @@ export class Link {
     for (const waiting of this.waiting.values()) waiting.failed(failed);
     this.waiting.clear();
     if (was || this.wait === FIRST_WAIT_MS) this.listeners.lost(reason);
+    if (this.isDenied) return;
     this.timer = setTimeout(() => this.connect(), this.wait);
     this.wait = Math.min(LONGEST_WAIT_MS, this.wait * 1.6);
   }

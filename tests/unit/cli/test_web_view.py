@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import webbrowser
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +13,7 @@ import pytest
 
 from uwserver.adapter import AdapterTable, installed_adapters
 from uwserver.cli.run import _announce
-from uwserver.cli.web_view import open_page, with_web_view
+from uwserver.cli.web_view import ViewToken, open_page, with_view_token, with_web_view
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 
@@ -82,15 +84,82 @@ def test_without_a_page_nothing_is_said_of_one(pool: Resolved, capsys: pytest.Ca
     assert "Open" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("status", "said"), [(0, ""), (1, "yourself")])
+@pytest.mark.parametrize(("opens", "said"), [(True, ""), (False, "yourself")])
 def test_a_browser_that_cannot_be_opened_is_told(
-    status: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    opens: bool, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     opened: list[str] = []
-    monkeypatch.setattr(click, "launch", lambda address: opened.append(address) or status)
-    open_page("http://127.0.0.1:7680/")
+    monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or opens)
+    thread = open_page("http://127.0.0.1:7680/")
+    assert thread is not None
+    thread.join(10.0)
     assert opened == ["http://127.0.0.1:7680/"]
     told = capsys.readouterr().err
-    assert (said in told, bool(told)) == (True, bool(status))
-    open_page("")
+    assert (said in told, bool(told)) == (True, not opens)
+    assert open_page("") is None
     assert len(opened) == 1
+
+
+def test_a_browser_that_keeps_us_waiting_holds_up_nothing(pool: Resolved, monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = threading.Event()
+    monkeypatch.setattr(webbrowser, "open", lambda address: ends.wait(10.0))
+    thread = open_page("http://127.0.0.1:7680/")
+    assert thread is not None
+    assert (thread.is_alive(), thread.daemon) == (True, True)
+    ends.set()
+    thread.join(10.0)
+
+
+def announced(resolved: Resolved, token: ViewToken, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    addresses = {"tcp": "127.0.0.1:7600", "web": "http://127.0.0.1:7680/"}
+    _announce(resolved, False, "", addresses, view="web", shown=token)
+    return [click.unstyle(line) for line in capsys.readouterr().out.splitlines() if line]
+
+
+def with_real_view(resolved: Resolved, bind: str | None = None, **table: Any) -> Resolved:
+    """With the view of the distribution, and `tcp` bound to an address."""
+    kinds = installed_adapters()
+    adapters = {**resolved.scenario.adapters, "web": kinds["web"](required=False, **table)}
+    if bind is not None:
+        adapters["tcp"] = kinds["sockets"](bind=bind)
+    return changed(resolved, adapters)
+
+
+def test_a_token_that_pages_of_this_machine_need_is_in_the_address(
+    pool: Resolved, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+    opened: list[str] = []
+    monkeypatch.setattr("uwserver.cli.run.open_page", opened.append)
+    plain = with_real_view(pool)
+    assert with_view_token(plain, "web", True) == (plain, ViewToken())
+    assert with_view_token(changed(pool, {"web": View()}), "web", True)[1] == ViewToken()
+    watched, token = with_view_token(with_real_view(pool, view_token="peek"), "web", True)
+    assert token.is_new
+    assert watched.scenario.adapters["web"].token == token.text  # type: ignore[attr-defined]
+    assert announced(watched, token, capsys)[0] == f"Open http://127.0.0.1:7680/#token={token.text}"
+    assert with_view_token(with_real_view(pool, view_token="peek"), "web", False)[1] == ViewToken()
+    monkeypatch.setenv("UWSERVER_TOKEN", "a b")
+    known, token = with_view_token(plain, "web", True)
+    assert (known, token) == (plain, ViewToken("a b"))
+    first = announced(known, token, capsys)[0]
+    assert first.startswith("Open http://127.0.0.1:7680/ (with #token=")
+    assert "a b" not in first, "a secret of the user's own is not printed"
+    _announce(known, True, "", {"web": "http://127.0.0.1:7680/"}, view="web", shown=token, opens=True)
+    assert opened == ["http://127.0.0.1:7680/#token=a%20b"]
+
+
+def test_an_address_that_others_cannot_reach_is_not_said_first(
+    pool: Resolved, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = announced(with_real_view(pool, bind="0.0.0.0"), ViewToken(), capsys)
+    assert alone[0].startswith("uwserver runs")
+    (said,) = [line for line in alone if "7680" in line]
+    assert "this machine alone" in said
+    assert 'bind = "0.0.0.0"' in said
+    for_all = with_real_view(pool)
+    view = msgspec.structs.replace(for_all.scenario.adapters["web"], bind="0.0.0.0")  # type: ignore[call-arg]
+    for_all = changed(for_all, {**for_all.scenario.adapters, "web": view})
+    first = announced(for_all, ViewToken("secret", True), capsys)[0]
+    assert first.startswith("Open http://ADDRESS:7680/#token=secret, where ADDRESS is")
+    assert first.endswith("on this machine http://127.0.0.1:7680/#token=secret")

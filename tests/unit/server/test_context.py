@@ -433,3 +433,12 @@ def test_where_nobody_waits_for_the_wall_clock_a_stop_keeps_the_order_of_its_cli
         held.let_go()
         assert [heard.reply().fault for _ in range(2)] == [None, None]
         assert isinstance(carried_out[0], Command)
+
+
+def test_the_names_are_whole_while_a_tick_fills_them_anew(still: Rig) -> None:
+    hub = hub_of(still)
+    context = Context(hub, "tool", True)
+    before = context.world.vehicles, context.describe("**")["world"]
+    assert before[0]
+    still.world.vehicles.clear()  # as in `World.bind`, which fills them again
+    assert (context.world.vehicles, context.describe("**")["world"]) == before

@@ -7,12 +7,13 @@ import contextlib
 import json
 import logging
 import socket
+import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any
 
 import pytest
 
-from uwserver.adapter import CannotListen
+from uwserver.adapter import AdapterStats, CannotListen, Refusals
 from uwserver.server import http
 from uwserver.testing.traces import Traces, assert_no_traces
 
@@ -198,3 +199,11 @@ def test_an_address_in_use_is_said():
                     pass
 
     run(scene)
+
+
+def test_no_head_takes_long_and_a_bare_line_feed_is_refused():
+    service = http.Service(lambda: STATUS, lambda: b"", (), Refusals("x", AdapterStats(), time.monotonic))
+    for value, status in ((" " * 900 + "\n", b"400"), ("a\nHost: b", b"400"), ("a" + " " * 15_000 + "b", b"200")):
+        before = time.process_time()
+        assert service.answer(f"GET /health HTTP/1.1\r\nx:{value}\r\nHost: \t localhost ").split()[1] == status
+        assert time.process_time() - before < 0.05

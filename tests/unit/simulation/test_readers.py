@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections.abc import Collection, Iterator
 
 import pytest
 from simulation_rig import PATIENCE_S, Rig, running
 
-from uwserver.ports import Call, Sample
+from uwserver.ports import Call, Sample, SceneState
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -16,6 +17,7 @@ from uwserver.simulation import readers as module
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
 from uwserver.world import sensing
+from uwserver.world.lookout import Lookout
 
 TICKS = 48
 
@@ -214,3 +216,21 @@ def test_a_driver_is_no_sink_and_is_heeded(still: Rig, made: list[str]):
     made.clear()
     step(still)
     assert made == []
+
+
+def test_a_fault_in_what_viewers_see_ends_no_world(
+    still: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(self: Lookout) -> None:
+        raise KeyError("object")
+
+    seen: queue.Queue[SceneState] = queue.Queue()
+    monkeypatch.setattr(Lookout, "state", fails)
+    for _ in range(3):
+        still.simulation.readers.look(seen.put, "viewer")
+        assert seen.get(timeout=PATIENCE_S).cast.vehicles == ()
+    monkeypatch.undo()
+    still.simulation.readers.look(seen.put, "viewer")
+    assert seen.get(timeout=PATIENCE_S).cast.vehicles
+    step(still)
+    assert caplog.text.count("Traceback") == 1

@@ -9,6 +9,7 @@ import uwserver
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import ForceTable, ThrusterParams
 from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.world import snapshot
 from uwserver.world.lookout import Lookout, full_thrust
 from uwserver.world.world import World
 
@@ -103,6 +104,13 @@ def test_free_objects_stand_behind_the_vehicles() -> None:
     assert tuple(state.poses[len(state.cast.vehicles)]) == (*crate.p_NB, *crate.q_NB)
 
 
+def test_a_vehicle_whose_file_calls_it_object_is_a_vehicle(world: World) -> None:
+    object.__setattr__(world.vehicles["rov"], "model", "object")
+    cast = Lookout(world).state().cast
+    assert [body.name for body in cast.vehicles] == ["rov", "auv"]
+    assert cast.objects == ()
+
+
 def test_looking_changes_nothing(world: World) -> None:
     lookout = Lookout(world)
     before = world.hydro.save()
@@ -115,3 +123,16 @@ def test_full_thrust_lies_between_the_curves_of_the_supply() -> None:
     thruster = ThrusterParams("t", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), table, 14.0, Lag(), installed=0.5)
     assert full_thrust(thruster) == pytest.approx((25.0, 20.0))
     assert np.all(np.isfinite(full_thrust(thruster)))
+
+
+def test_another_current_is_another_revision(world: World) -> None:
+    lookout = Lookout(world)
+    first = lookout.state().cast
+    assert lookout.state().cast is first
+    before = snapshot.take(world)
+    world.set_current((0.5, 0.0, 0.0))
+    second = lookout.state()
+    assert (second.current, second.cast.revision) == ((0.5, 0.0, 0.0), first.revision + 1)
+    assert lookout.state().cast is second.cast
+    snapshot.restore(world, before)
+    assert lookout.state().cast.revision == first.revision + 2

@@ -59,7 +59,7 @@ def object_member(world: World, resolved: ResolvedObject, row: int, name: str) -
     truth = resolved.entry.truth
     sensors = () if isinstance(truth, UnsetType) else tuple(_truth(world, name, truth.rate_hz, row))
     services = tuple(component_services(world, sensors, ()))
-    return Member(Vehicle(name, "object", row, world.hydro), sensors, (), services, resolved.solid)
+    return Member(Vehicle(name, "object", row, world.hydro), sensors, (), services, resolved.solid, is_object=True)
 
 
 def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:

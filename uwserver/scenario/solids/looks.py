@@ -91,7 +91,8 @@ def _check_description(told: dict[str, Any], binary: int) -> None:
         if any("uri" in each for each in _listed(told, part)):
             raise BadSolid(f'its "{part}" lie outside: export it with everything embedded')
     required = told.get("extensionsRequired", [])
-    foreign = [str(name)[:100] for name in required if name not in EXTENSIONS] if isinstance(required, list) else ["?"]
+    named = required if isinstance(required, list) else ["?"]
+    foreign = [str(name)[:100] for name in named if not isinstance(name, str) or name not in EXTENSIONS]
     if foreign:
         raise BadSolid(f"it needs {', '.join(foreign)}, which viewers here do not know: export it without")
     if len(_listed(told, "nodes")) > MOST_NODES:

@@ -289,3 +289,22 @@ def test_a_browser_that_came_to_the_wrong_port_is_sent_to_the_page(
         assert page in answer.partition("\r\n\r\n")[2], "whoever reads it is told"
 
     play(serving, scene)
+
+
+def test_who_comes_from_elsewhere_is_not_sent_to_an_address_of_this_machine(
+    serving: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("uwserver.adapter.connection.host_of", lambda address: "172.17.0.1")
+
+    async def scene(context: Any, url: str) -> None:
+        web = {"state": "running", "address": "http://127.0.0.1:7680/"}
+        context.scripts["world/status"] = lambda args: {"adapters": {"web": web}}
+        where, _, port = url.removeprefix("ws://").rpartition(":")
+        reader, writer = await asyncio.open_connection(where, int(port))
+        writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1:7600\r\nAccept: text/html\r\n\r\n")
+        answer = (await reader.read()).decode()
+        writer.close()
+        assert answer.startswith("HTTP/1.1 426 ")
+        assert "7680" not in answer
+
+    play(serving, scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import socket
 import struct
@@ -158,6 +159,62 @@ def test_events_reach_pages() -> None:
     play(scene)
 
 
+def test_a_page_that_subscribes_gets_samples_states_and_status() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "view", frames=True)
+            await ask(page, "subscribe", pattern="rov/depth", delivery="latest")
+            heard: dict[str, int] = {"frame": 0, "sample": 0, "status": 0}
+
+            async def hear() -> None:
+                while min(heard.values()) < 3:
+                    message = await page.recv()
+                    kind = "frame" if isinstance(message, bytes) else json.loads(message).get("method")
+                    heard[kind] = heard.get(kind, 0) + 1
+
+            async def live() -> None:
+                for n in range(100_000):
+                    stage.context.state = state_of(n + 1)
+                    stage.context.emit("rov/depth")
+                    await asyncio.sleep(0.01)
+
+            world = asyncio.create_task(live())
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(hear(), 8.0)
+            world.cancel()
+            assert min(heard.values()) >= 3, heard
+
+    play(scene)
+
+
+def test_what_is_enough_of_a_port_is_said_but_not_of_pictures() -> None:
+    async def scene(stage: Stage) -> None:
+        assert stage.adapter.thinned == {}
+        async with stage.page() as page:
+            await ask(page, "subscribe", pattern="rov/*", rate_hz=1.0)
+            for sample in (stage.context.emit() for _ in range(3)):
+                assert sample
+            assert set(stage.adapter.thinned) == {"rov/imu", "rov/sonar"}
+            await ask(page, "view", pictures=["rov/sonar"])
+            assert set(stage.adapter.thinned) == {"rov/imu"}
+
+    play(scene, with_sonar())
+
+
+def test_after_the_last_viewer_no_pictures_are_made() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "view", pictures=["rov/sonar"])
+            assert stage.context.wanted == {"rov/sonar"}
+        for _ in range(200):
+            if stage.context.wanted == frozenset():
+                return
+            await asyncio.sleep(0.01)
+        raise AssertionError("the sonar is still wanted")
+
+    play(scene, with_sonar())
+
+
 def with_sonar() -> FakeContext:
     return FakeContext(scene_state=state_of(), ports={SONAR.path: SONAR, "rov/imu": FakeContext().ports["rov/imu"]})
 
@@ -214,7 +271,7 @@ def test_more_pages_than_there_is_room_for_are_told() -> None:
             while True:
                 await pages[2].recv()
 
-        with pytest.raises(ConnectionClosed, match="max_clients"):
+        with pytest.raises(ConnectionClosed, match="max_pages"):
             await asyncio.wait_for(heard_out(), 10.0)
         for page in pages:
             await page.close()

@@ -85,6 +85,29 @@ def test_all_stop_needs_no_lease() -> None:
     assert context.queues.count("1") == 3, "in the queue of the pilot, so that it overtakes what this has asked"
 
 
+@pytest.mark.parametrize(
+    ("active", "asked"), [(True, ["rov/thrusters/deactivate", "rov/thrusters/activate"]), (False, [])]
+)
+@pytest.mark.parametrize("how", ["all stop", "lost"])
+def test_what_somebody_has_deactivated_stays_so(active: bool, asked: list[str], how: str) -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await call(page, "web/lease/take", vehicle="rov")
+            await ask(page, "command", **U)
+            await call(page, "web/stop" if how == "all stop" else "web/lease/give")
+            for _ in range(5):
+                await ask(page, "ping")
+
+    context = with_autopilot()
+    context.services = {
+        **context.services,
+        "rov/thrusters/get": Service("rov/thrusters/get", "Properties."),
+    }
+    context.scripts["rov/thrusters/get"] = lambda args: {"active": active}
+    stopped = [service for service in called(play(scene, context)) if not service.startswith("rov/autopilot")]
+    assert stopped == ["rov/thrusters/get", *asked]
+
+
 def test_a_stop_of_one_component_needs_no_lease() -> None:
     async def scene(stage: Stage) -> None:
         async with stage.page() as page:
@@ -119,12 +142,18 @@ def test_a_page_that_may_only_watch_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("token", [None, "sesame"])
-def test_a_token_that_only_lets_watch(token: str | None) -> None:
+def test_a_token_that_only_lets_watch(token: str | None, caplog: pytest.LogCaptureFixture) -> None:
     async def scene(stage: Stage) -> None:
         async with stage.page() as page, stage.page() as pilot:
             assert "result" in await ask(page, "hello", version=1, token="peek")
             await does_nothing(page)
-            assert "result" in await ask(pilot, "hello", version=1, **({"token": token} if token else {}))
+            assert code_of(await call(pilot, "web/lease/take", vehicle="rov")) == "denied", (
+                "who shows none may do nothing"
+            )
+            assert code_of(await ask(pilot, "hello", version=1)) == "denied"
+        assert (stage.adapter.token in caplog.text) == (token is None), "one that was made is told"
+        async with stage.page() as pilot:
+            assert "result" in await ask(pilot, "hello", version=1, token=stage.adapter.token)
             assert code_of(await call(pilot, "web/lease/take", vehicle="rov")) == ""
 
     context = play(scene, with_autopilot(), token=token, view_token="peek")

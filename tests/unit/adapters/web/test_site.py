@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
+import contextlib
 import gzip
 import hashlib
 import json
+import time
 from pathlib import Path
 
 import pytest
-from uwserver_adapters.web import front
-from uwserver_adapters.web.files import Files, made
+from uwserver_adapters.web import files, front, site
+from uwserver_adapters.web.files import Files, StaticFile, made
 from web_rig import Stage, play
 
 IMPORT_MAP = b'{"imports":{"three":"./vendor/three.js"}}'
@@ -229,8 +232,6 @@ def test_a_large_file_waits_for_a_slow_peer_in_pieces(folder: Path) -> None:
     (folder / "large.glb").write_bytes(bytes(6_000_000))
 
     async def scene(stage: Stage) -> None:
-        import asyncio
-
         reader, writer = await asyncio.open_connection(stage.host, stage.port, limit=4096)
         writer.write(b"GET /large.glb HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         await asyncio.sleep(0.3)
@@ -240,3 +241,66 @@ def test_a_large_file_waits_for_a_slow_peer_in_pieces(folder: Path) -> None:
         writer.close()
 
     play(scene)
+
+
+def test_a_scene_that_cannot_be_described_is_told_and_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    async def scene(stage: Stage) -> None:
+        described = stage.context.scene
+
+        def fails(cast: object) -> None:
+            raise KeyError("object")
+
+        stage.context.scene = fails  # type: ignore[method-assign,assignment]
+        assert [(await stage.get("/world.json")).status for _ in range(3)] == [500] * 3
+        assert caplog.text.count("Traceback") == 1
+        stage.context.scene = described  # type: ignore[method-assign]
+        assert (await stage.get("/world.json")).status == 200
+
+    play(scene)
+
+
+def test_what_many_ask_for_at_once_is_made_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made_of: list[str] = []
+
+    def slowly(data: bytes, kind: str) -> StaticFile:
+        made_of.append(kind)
+        time.sleep(0.05)
+        return made(data, kind)
+
+    monkeypatch.setattr(files, "made", slowly)
+    monkeypatch.setattr(site, "made", slowly)
+
+    async def scene(stage: Stage) -> None:
+        for path in ("/world.json", "/main.js"):
+            answers = await asyncio.gather(*(stage.get(path) for _ in range(20)))
+            assert {answer.status for answer in answers} == {200}
+
+    play(scene)
+    assert made_of == ["application/json", "text/javascript; charset=utf-8"]
+
+
+@pytest.mark.parametrize("token", [None, "sesame"])
+@pytest.mark.parametrize("said", [b"", b"GET /slow HTTP/1.1\r\nHost: 127.0.0.1\r\n"])
+def test_connections_that_ask_for_nothing_are_closed_quietly(
+    said: bytes, token: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scene(stage: Stage) -> None:
+        reader, writer = await asyncio.open_connection(stage.host, stage.port)
+        writer.write(said)
+        with contextlib.suppress(ConnectionResetError):
+            assert await asyncio.wait_for(reader.read(), 10.0) == b""
+        writer.close()
+
+    context = play(scene, hello_timeout_s=0.2, token=token)
+    assert "refused" not in context.stats.details
+    assert caplog.text == ""
+
+
+def test_who_is_locked_out_is_told_so_in_http_and_has_the_page() -> None:
+    async def scene(stage: Stage) -> None:
+        for n in range(11):
+            await stage.get("/world.json", Authorization=f"Bearer {n}")
+        assert (await stage.get("/")).status == 200
+        assert (await stage.get("/world.json", Authorization="Bearer sesame")).status == 429
+
+    play(scene, token="sesame")

@@ -52,6 +52,7 @@ def test_a_plain_one_is_taken(tmp_path: Path) -> None:
         ({"images": [{"uri": "https://evil.example/x.png"}]}, "embedded"),
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco"),
         ({"extensionsRequired": "x"}, "needs"),
+        ({"extensionsRequired": [["x"]]}, "needs"),
         ({"buffers": [{"byteLength": 37}]}, "do not fit"),
         ({"buffers": [{"byteLength": 18}, {"byteLength": 18}]}, "do not fit"),
         ({"bufferViews": [{"byteOffset": 4, "byteLength": 36}]}, "beyond"),
