@@ -109,7 +109,6 @@ def test_none_is_lost_where_room_is_made_amid_a_tick(tmp_path: Path) -> None:
         assert [s for s in whole.step() if s.port in wanted] == some.step()
 
 
-
 def test_a_scene_that_comes_later_is_seen_at_once(world: World, tmp_path: Path) -> None:
     """One is made by the first spawn into open water, also if that is refused."""
     file = tmp_path / "open.toml"

@@ -182,7 +182,9 @@ def test_the_scene_is_told_once_for_all_and_anew_when_bodies_come() -> None:
         assert (told["exact_poses"], told["read_only"]) == (True, False)
         assert (await stage.get("/world.json", If_None_Match=first.headers["etag"])).status == 304
         state = stage.context.scene_state
-        stage.context.scene_state = state._replace(cast=state.cast._replace(revision=4, vehicles=state.cast.vehicles[:1]))
+        stage.context.scene_state = state._replace(
+            cast=state.cast._replace(revision=4, vehicles=state.cast.vehicles[:1])
+        )
         again = await stage.get("/world.json", If_None_Match=first.headers["etag"])
         assert (again.status, json.loads(again.body)["revision"]) == (200, 4)
 
