@@ -49,10 +49,11 @@ def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[signal
         loop: runs, or is about to.
         received: takes the signal.
     """
-    heard: list[signal.Signals] = []
+    heard = False
 
     def tell(number: signal.Signals) -> None:
-        heard.append(number)
+        nonlocal heard
+        heard = True
         received(number)
 
     undo: list[Callable[[], Any]] = []

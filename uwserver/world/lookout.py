@@ -50,9 +50,8 @@ class Lookout:
         members = tuple(world.members.values())
         if members != self._members:
             self._follow(members)
-        if (
-            world.water.current != self._current
-        ):  # by a service, or a state that was restored: what was described is past
+        if world.water.current != self._current:
+            # By a service, or a state that was restored: what was described is past.
             self._current = world.water.current
             self._cast = self._cast._replace(revision=self._cast.revision + 1)
         hydro, rows = world.hydro, self._rows

@@ -60,9 +60,11 @@ class Environment(Table, kw_only=True, frozen=True):
             latitude: of N's origin, rad; None where nobody says.
             rotating: whether the Earth turns and is round.
         """
-        there = (GRAVITY_MPS2 if latitude is None else normal_gravity(latitude)), (GRAVITY_GROWTH if rotating else 0.0)
-        gravity = there[0] if isinstance(self.gravity_mps2, UnsetType) else self.gravity_mps2
-        growth = there[1] if isinstance(self.gravity_growth_pm, UnsetType) else self.gravity_growth_pm
+        gravity, growth = self.gravity, self.growth
+        if latitude is not None and isinstance(self.gravity_mps2, UnsetType):
+            gravity = normal_gravity(latitude)
+        if rotating and isinstance(self.gravity_growth_pm, UnsetType):
+            growth = GRAVITY_GROWTH
         return replace(self, gravity_mps2=gravity, gravity_growth_pm=growth)
 
     @property
