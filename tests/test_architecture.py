@@ -509,6 +509,7 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "logfiles": {"indexed": "logfiles/test_tlog"},
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
