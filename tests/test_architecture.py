@@ -509,7 +509,10 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
-    "logfiles": {"indexed": "logfiles/test_tlog"},
+    "logfiles": {
+        "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",
+        "mcap_records": "logfiles/test_mcap_file", "ros_messages": "logfiles/test_bags",
+    },
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",

@@ -6,13 +6,14 @@ import mmap
 import os
 import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
 from uwserver.logfiles.log import Limits, LogError, LogField
+from uwserver.logfiles.timebase import time_base
 from uwserver.units import NANOSECONDS
 
 _START = re.compile(rb"^%%\s*LOGSTART\s+([0-9.eE+-]+)", re.MULTILINE)
@@ -55,12 +56,12 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
                 f"LOGSTART {start[1].decode('ascii')[:40]} is no time of ours (a time warp?): UTC is not known"
             )
     sources = [_source(name, data) for name in names]
-    entries = Entries(
-        np.round(np.frombuffer(stamps, np.float64) * NANOSECONDS).astype(np.int64),
-        np.frombuffer(numbers, np.int32),
-        np.frombuffer(places, np.int64),
-    )
-    return IndexedLog(path, "alog", sources, entries, utc=False, remarks=remarks, close=data.close, epoch_ns=epoch)
+    times = np.round(np.frombuffer(stamps, np.float64) * NANOSECONDS).astype(np.int64)
+    base = time_base(times, utc=False)
+    if epoch is not None:
+        base = base._replace(epoch_ns=epoch + int(times[0]) - int(base.t_ns[0]))
+    entries = Entries(np.frombuffer(numbers, np.int32), np.frombuffer(places, np.int64))
+    return IndexedLog(path, "alog", sources, entries, base, remarks=remarks, close=data.close)
 
 
 def _scan(path: Path, data: mmap.mmap, limits: Limits) -> tuple[list[str], array[float], array[int], array[int], int]:
@@ -105,11 +106,11 @@ def _source(name: str, data: mmap.mmap) -> Source:
     return Source(name, "", fields, _report(data) if name.startswith("NODE_REPORT") else _posting(data))
 
 
-def _posting(data: mmap.mmap) -> Decode:
+def _posting(data: mmap.mmap) -> Callable[[int], dict[str, object]]:
     find, length = data.find, len(data)
     sources: dict[bytes, str] = {}
 
-    def decode(at: int) -> Mapping[str, object]:
+    def decode(at: int) -> dict[str, object]:
         end = find(b"\n", at)
         words = data[at : end if end >= 0 else length].split(None, 3)
         text = words[3] if len(words) > 3 else b""
@@ -130,7 +131,7 @@ def _report(data: mmap.mmap) -> Decode:
     posting = _posting(data)
 
     def decode(at: int) -> Mapping[str, object]:
-        found = dict(posting(at))
+        found = posting(at)
         for part in str(found["value"]).split(","):
             key, equals, text = part.partition("=")
             if equals:

@@ -9,17 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uwserver.logfiles.log import Datum, Kind, LogError, LogField, Topic
-from uwserver.logfiles.timebase import gaps, shortened, time_base
+from uwserver.logfiles.foreign import foreign
+from uwserver.logfiles.log import Datum, Kind, LogField, Topic
+from uwserver.logfiles.timebase import Timebase, gaps, shortened
 
 Decode = Callable[[int], Mapping[str, object] | None]
 """Where an entry stands -> its fields; None when it cannot be read. May raise any error of a parser."""
-
-FOREIGN_ERRORS = (
-    ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, OSError, RecursionError,
-    RuntimeError, TypeError, ValueError,
-)  # fmt: skip
-"""What parsers of others raise on bytes that they did not expect; a bare Exception is caught where a library raises its own."""
 
 
 class Source(NamedTuple):
@@ -32,9 +27,8 @@ class Source(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """All entries in the order of the file: stamp (ns of the log's clock), number of the source, and where it stands."""
+    """All entries in the order of the file: number of the source, and where it stands."""
 
-    stamps: NDArray[np.int64]
     sources: NDArray[np.int32]
     places: NDArray[np.int64]
 
@@ -46,10 +40,9 @@ class IndexedLog:
         path, kind: as in `Log`.
         sources: the topics.
         entries: what is in the file.
-        utc: whether stamps tell UTC.
+        base: the time base of the entries.
         remarks: of whoever made the index; those about time are added.
         close: closes the file.
-        epoch_ns: UTC of stamp 0, where stamps are no UTC but the log knows it.
     """
 
     def __init__(
@@ -58,13 +51,11 @@ class IndexedLog:
         kind: Kind,
         sources: Sequence[Source],
         entries: Entries,
+        base: Timebase,
         *,
-        utc: bool,
         remarks: Sequence[str] = (),
         close: Callable[[], None] = lambda: None,
-        epoch_ns: int | None = None,
     ) -> None:
-        base = time_base(entries.stamps, utc)
         order = base.order
         self.path = path
         self.kind: Kind = kind
@@ -76,8 +67,6 @@ class IndexedLog:
         self.start_ns = int(self._t_ns[0]) if len(order) else 0
         self.end_ns = int(self._t_ns[-1]) if len(order) else 0
         self.epoch_ns = base.epoch_ns
-        if epoch_ns is not None and len(order):
-            self.epoch_ns = epoch_ns + int(entries.stamps[0]) - int(base.t_ns[0])
         self.topics: Mapping[str, Topic] = {}
         silent: list[str] = []
         by_source = np.argsort(self._numbers, kind="stable")
@@ -107,17 +96,14 @@ class IndexedLog:
         decoders = [source.decode for source in self._sources]
         step = 1 << 16
         make = tuple.__new__  # Datum(...) itself takes twice as long
-        for k in range(0, len(numbers), step):
-            piece = zip(
-                numbers[k : k + step].tolist(), places[k : k + step].tolist(), times[k : k + step].tolist(), strict=True
-            )
-            for number, place, t_ns in piece:
-                try:
+        with foreign(self.path, "an entry cannot be read"):
+            for k in range(0, len(numbers), step):
+                part = slice(k, k + step)
+                piece = zip(numbers[part].tolist(), places[part].tolist(), times[part].tolist(), strict=True)
+                for number, place, t_ns in piece:
                     value = decoders[number](place)
-                except FOREIGN_ERRORS as error:
-                    raise LogError(f"{self.path}: {names[number]} at {t_ns} ns cannot be read: {error}") from error
-                if value is not None:
-                    yield make(Datum, (t_ns, names[number], value))
+                    if value is not None:
+                        yield make(Datum, (t_ns, names[number], value))
 
     def close(self) -> None:
         """As in `Log`."""

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from uwserver.logfiles.indexed import FOREIGN_ERRORS
+from uwserver.logfiles.foreign import foreign
 from uwserver.logfiles.log import Limits, Log, LogError
 
 _HEAD_BYTES = 4096
@@ -41,17 +41,9 @@ def open_log(path: str | Path, limits: Limits | None = None) -> Log:
             package that reads it is not installed.
     """
     path = Path(path)
-    try:
+    with foreign(path, "it cannot be opened as a log"):
         reader = importlib.import_module(f"uwserver.logfiles.{_READERS[kind_of(path)]}")
         log: Log = reader.open_file(path, limits or Limits())
-    except LogError:
-        raise
-    except OSError as error:
-        raise LogError(f"{path}: {error.strerror or error}") from error
-    except ImportError as error:
-        raise LogError(f"{path}: reading it needs {error.name or error}: pip install 'uwserver[logs]'") from error
-    except FOREIGN_ERRORS as error:
-        raise LogError(f"{path}: damaged, or no log: {type(error).__name__}: {error}") from error
     return log
 
 

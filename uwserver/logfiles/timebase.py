@@ -73,6 +73,15 @@ def time_base(stamps: Times, utc: bool) -> Timebase:
     return Timebase(t_ns, np.argsort(t_ns, kind="stable"), epoch, tuple(remarks))
 
 
+def log_times(stamps: Times) -> Timebase:
+    """The time base of a log that is read in the order of its stamps, wherever the entries stand: as MCAP files are."""
+    stamps = np.clip(stamps, 0, _LAST_NS)
+    first = int(stamps.min()) if len(stamps) else 0
+    t_ns = stamps - first
+    epoch = first if first >= _FIRST_UTC_NS else None
+    return Timebase(t_ns, np.argsort(t_ns, kind="stable"), epoch, ())
+
+
 def _set_clocks(stamps: Sequence[int]) -> tuple[Times, list[str]]:
     """Times since the first stamp, where a clock that was set goes on from the time before."""
     t_ns = np.zeros(len(stamps), np.int64)
@@ -114,11 +123,13 @@ def _set_clocks(stamps: Sequence[int]) -> tuple[Times, list[str]]:
 
 
 def gaps(name: str, t_ns: Times) -> list[str]:
-    """Where a topic with sorted times fell silent: ten times its usual period, and more than 2 s."""
+    """Where a topic with sorted times that comes regularly fell silent: ten times its usual period, and more than 2 s."""
     if len(t_ns) < 10:
         return []
     periods = np.diff(t_ns)
     usual = int(np.median(periods))
+    if np.quantile(periods, 0.9) > 3 * usual:
+        return []
     silent = np.flatnonzero(periods > max(10 * usual, LATE_NS))
     if not len(silent):
         return []
@@ -158,4 +169,4 @@ def utc_ns(text: str) -> int | None:
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=timezone.utc)
     passed = moment - datetime(1970, 1, 1, tzinfo=timezone.utc)
-    return (passed.days * 86_400 + passed.seconds) * NANOSECONDS + passed.microseconds * 1000
+    return int(passed.days * 86_400 + passed.seconds) * NANOSECONDS + int(passed.microseconds) * 1000

@@ -22,6 +22,7 @@ import numpy as np
 
 from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
 from uwserver.logfiles.log import Limits, LogError, LogField
+from uwserver.logfiles.timebase import time_base
 
 _V1, _V2 = 0xFE, 0xFD
 _SIGNED = 0x01
@@ -60,8 +61,9 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     if unknown:
         most = ", ".join(str(number) for number, _ in unknown.most_common(5))
         remarks.append(f"{unknown.total()} frames have numbers that no known dialect has ({most}), and are left out")
-    entries = Entries(np.frombuffer(stamps, np.int64) * 1000, numbers.astype(np.int32), np.frombuffer(places, np.int64))
-    return IndexedLog(path, "tlog", sources, entries, utc=True, remarks=remarks, close=data.close)
+    base = time_base(np.frombuffer(stamps, np.int64) * 1000, utc=True)
+    entries = Entries(numbers.astype(np.int32), np.frombuffer(places, np.int64))
+    return IndexedLog(path, "tlog", sources, entries, base, remarks=remarks, close=data.close)
 
 
 def _messages() -> dict[int, Any]:
