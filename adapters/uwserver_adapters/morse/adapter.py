@@ -46,7 +46,7 @@ class MorseAdapter:
     def __init__(self, config: MorseConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        self.components: Mapping[str, Component] = components(context.ports, context.services, config.names)
+        self.components: Mapping[str, Component] = components(context.ports, context.services, config.component_of)
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self._peers: Peers[Requests | Stream] = Peers(config.max_clients, refusals, context.stats)
         self._streams: dict[str, Listener] = {}
@@ -67,7 +67,7 @@ class MorseAdapter:
         if not (is_loopback(config.bind) or config.allow_network):
             text = f"MORSE's protocol knows no token: whoever reaches {config.bind} could read and command all"
             raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
-        check_names(config.names, context.ports)
+        check_names(config.component_of, context.ports)
         async with contextlib.AsyncExitStack() as stack:
             server = await stack.enter_async_context(
                 serve_tcp(self._requests, self._peers, config.bind, config.port, rival="MORSE")
@@ -168,7 +168,7 @@ class MorseAdapter:
         """Vehicles that came have components; those that went have none."""
         if event.event in ("ports_changed", "reset"):
             self._pose.clear()
-            self.components = components(self.context.ports, self.context.services, self.config.names)
+            self.components = components(self.context.ports, self.context.services, self.config.component_of)
             self.context.follow_wants()
 
     # -- for the connections --------------------------------------------------------------------------------------------------------------

@@ -76,10 +76,10 @@ def components(
 
 
 def check_names(names: Mapping[str, str], ports: Mapping[str, Port]) -> None:
-    """A port that the table names is there.
+    """The ports that the table names are there.
 
     Raises:
-        CannotServe: it is not; the text lists what there is.
+        CannotServe: one is not; the text says what was meant.
     """
     for path in names:
         if path not in ports:

@@ -49,7 +49,7 @@ class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
     port: TCP port of requests; 0 takes a free one.
     stream_port: TCP port of the first stream; each component has one of its own, and clients ask for its number. A port that is in use is
         passed over; 0 takes free ones.
-    names: path of a port -> name of its component, which begins with the vehicle's: "heavy/truth/pose" = "heavy.pose".
+    names: of a vehicle: name of a component -> its port, below the vehicle: `vw = "autopilot/velocity"`; others keep their usual names.
     ardupilot: serve ArduPilot's MORSE backend too.
     queue_bytes: that wait for a slow client: of a stream, samples are left out above it; who lets answers wait is disconnected.
     max_requests_per_s: of one client; more are refused.
@@ -61,9 +61,18 @@ class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
     allow_network: bool = False
     port: _Port = 4000
     stream_port: _Port = FIRST_STREAM
-    names: dict[Name, Name] = field(default_factory=dict)
+    names: dict[Name, dict[Name, Name]] = field(default_factory=dict)
     ardupilot: AutopilotTable | None = None
     queue_bytes: _Count = 1 << 20
     max_requests_per_s: _Count = 2000
     max_unanswered: _Count = UNANSWERED
     max_clients: _Count = 1024
+
+    @property
+    def component_of(self) -> dict[str, str]:
+        """Path of a port -> name of its component, of those that `names` has."""
+        return {
+            f"{vehicle}/{port}": f"{vehicle}.{name}"
+            for vehicle, named in self.names.items()
+            for name, port in named.items()
+        }

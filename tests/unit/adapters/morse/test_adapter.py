@@ -157,7 +157,7 @@ def test_a_port_in_use_is_passed_over() -> None:
     ("table", "error", "text"),
     [
         ({"bind": "0.0.0.0"}, CannotListen, "allow_network"),
-        ({"names": {"rov/imy": "rov.x"}}, CannotServe, "did you mean"),
+        ({"names": {"rov": {"x": "imy"}}}, CannotServe, "did you mean"),
         ({"ardupilot": AutopilotTable()}, CannotServe, "truth = true"),
     ],
 )
