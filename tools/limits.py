@@ -11,6 +11,8 @@ from uwserver_adapters.moos.bridge import calls
 from uwserver_adapters.moos.config import MoosDbConfig, MoosTextConfig
 from uwserver_adapters.moos.db import database, guests, patterns
 from uwserver_adapters.moos.text import lines
+from uwserver_adapters.morse import connections, grammar
+from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.native import fanout
 from uwserver_adapters.px4 import door
 from uwserver_adapters.sockets import connection as sockets_connection
@@ -53,6 +55,7 @@ def limits_page() -> str:
         "strangers at any TCP port": _strangers(),
         "the world": _world(),
         "MOOS": _moos(),
+        "MORSE": _morse(),
         "MAVLink, PX4": _mavlink(),
         "`/health`, `/metrics`": _health(),
         "start and end": _life(),
@@ -203,6 +206,22 @@ def _moos() -> Iterator[Row]:
     yield "`moosdb`: variables in a summary, and of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"
     yield "`moos_text`: a line, its pairs", f"{_bytes(lines.LINE_LIMIT)}, {lines.PAIRS}", "an error line"
+
+
+def _morse() -> Iterator[Row]:
+    yield "clients, of requests and streams", _setting(MorseConfig, "max_clients"), "disconnected"
+    yield "requests, or lines of a stream, in a second", _setting(MorseConfig, "max_requests_per_s"), "refused"
+    yield "calls of a client that wait", _setting(MorseConfig, "max_unanswered"), "refused"
+    yield (
+        "a request; a line of a stream",
+        f"{_bytes(grammar.LINE_LIMIT)}; {_bytes(connections.STREAM_LINE)}",
+        "refused, skipped",
+    )
+    yield (
+        "what waits for a slow client",
+        _setting(MorseConfig, "queue_bytes"),
+        "samples are left out; answers: disconnected",
+    )
 
 
 def _mavlink() -> Iterator[Row]:

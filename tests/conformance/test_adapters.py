@@ -52,6 +52,12 @@ async def _web_page(context: FakeContext) -> TcpPeer:
     return peer
 
 
+async def _morse_stream(context: FakeContext) -> TcpPeer:
+    """A listener at the stream of the IMU."""
+    port = context.stats.details["streams"]["rov.imu"]
+    return await TcpPeer.connect(replace(context, stats=AdapterStats(address=f"127.0.0.1:{port}")))
+
+
 def _web(text: str) -> bytes:
     """A text message of a page."""
     return Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
@@ -247,6 +253,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
+    "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
@@ -295,6 +302,13 @@ REQUESTS = {
     "moos": _moos(_moos_call),
     "moosdb": _moos(_moos_call),
     "moos_text": _moos(lambda text: b"CALL %s\n" % text.encode()),
+    "morse": Requests(
+        b"1 world run_until [9]\n",
+        cancel=b"1 cancel\n",
+        many=b"2 world run_until [9]\n",
+        misspelt=b"3 world run_untill [9]\n",
+        speak=TcpPeer.connect,
+    ),
 }
 # What a protocol cannot say; all other checks run.
 _LEAVES, _CANCEL, _TIME_OUT, _NAMES = (
@@ -312,6 +326,7 @@ UNSAID = {
     "moos": {_CANCEL},
     "moosdb": {_CANCEL},
     "moos_text": {_CANCEL},
+    "morse": {_TIME_OUT},
 }
 CONTEXTS = {"ardupilot_json": _with_truth, "px4_hil": _with_truth, "mavlink": _with_autopilot}
 

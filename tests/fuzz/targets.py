@@ -18,6 +18,7 @@ from uwserver_adapters.mavlink.wire.dialect import Dialect
 from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.text import lines as moos_text
+from uwserver_adapters.morse import grammar as morse
 from uwserver_adapters.native.codec import NEED_DATA, Control, JsonCodec, MsgpackCodec
 from uwserver_adapters.native.requests import Malformed, Request
 from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
@@ -45,6 +46,13 @@ MESSAGES: list[Any] = [
     {"jsonrpc": "2.0", "id": 10, "method": "cancel", "params": {"id": 8}},
     {"jsonrpc": "2.0", "id": -(2**63), "method": "ping", "params": [2**64 - 1, 1e300, -0.0, "x" * 300]},
 ]  # fmt: skip
+MORSE: list[Any] = [
+    ["simulation", "details", []],
+    ["simulation", "get_stream_port", "rov.imu"],
+    ["rov.waypoint", "goto", 1.5],
+    ["cancel"],
+    ["time", "sleep", {"a": [1e300, None, True]}],
+]
 FOLLOWER = {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}}
 _PATIENCE = 2000
 FOLLOWED = Request(2, "describe", {"pattern": "rov/*"})
@@ -336,6 +344,28 @@ class MoosLines(Target):
                 assert isinstance(value, str) or math.isfinite(value), data
 
 
+class MorseLines(Target):
+    """Requests of MORSE: one answer a line, under its id; the next line is understood."""
+
+    def once(self) -> None:
+        dice = self._dice
+        tree = dice.tree(dice.one(MORSE))
+        line = (
+            b"q7 " + " ".join(str(each) for each in tree[:-1]).encode("utf-8", "surrogatepass")
+            if isinstance(tree, list) and tree
+            else b"q7"
+        )
+        line += b" " + json.dumps(tree[-1:]).encode() if isinstance(tree, list) else b""
+        data = dice.damaged(line).replace(b"\n", b" ") + b"\nend simulation details []\n"
+        events = read_all(morse.RequestDecoder(), dice.pieces(data), None)
+        assert events == read_all(morse.RequestDecoder(), [data], None), data
+        assert events[-1] == morse.Request("end", "simulation", "details"), data
+        assert len(events) <= 2, data
+        assert all(isinstance(event, morse.Request | morse.Cancel | morse.Malformed) for event in events), data
+        for event in events:
+            assert morse.answer(event.id, "FAILED", data.decode("latin-1")).count(b"\n") == 1, data
+
+
 class ArdupilotFrames(Target):
     """Servo packets: a frame has the very numbers of the packet, everything else is refused."""
 
@@ -567,6 +597,7 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "mavlink_json": MavlinkJson,
     "moos_packets": MoosPackets,
     "moos_lines": MoosLines,
+    "morse_lines": MorseLines,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

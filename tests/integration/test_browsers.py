@@ -41,6 +41,10 @@ port = 0
 [adapters.mavlink]
 kind = "mavlink"
 links = ["tcpin:127.0.0.1:0"]
+[adapters.morse]
+kind = "morse"
+port = 0
+stream_port = 0
 [adapters.web]
 kind = "web"
 port = 0
@@ -105,6 +109,8 @@ def command_of(adapter: str) -> bytes:
         return b'{"jsonrpc":"2.0","id":1,"method":"call","params":{"service":"world/pause"}}\n'
     if adapter == "text":
         return b"CALL world/pause {}\nUSM_SIM_PAUSED=1\n"
+    if adapter == "morse":
+        return b"1 world pause []\n"
     if adapter == "moosdb":
         hello = wire.Message(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
         pause = wire.notify("UWSERVER_CALL", "world/pause {}", 0.0, "page")
@@ -124,7 +130,7 @@ def said(port: int, data: bytes) -> bytes:
     return answer
 
 
-@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "mavlink", "web", "metrics"])
+@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "morse", "mavlink", "web", "metrics"])
 @pytest.mark.parametrize("sent", SENT, ids=lambda sent: sent.name)
 def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server: Server, adapter: str, sent: Any):
     port = server.ports[adapter]
@@ -135,7 +141,7 @@ def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server:
     server.assert_untouched()
 
 
-@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "mavlink", "web", "metrics"])
+@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "morse", "mavlink", "web", "metrics"])
 def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
     import ssl
 
@@ -147,7 +153,7 @@ def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
 
 def test_it_is_told_once_an_adapter(server: Server):
     log = server.log.read_text()
-    for adapter in ("tcp", "text", "moosdb", "mavlink"):
+    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink"):
         assert len(re.findall(rf"{adapter} refused \(http\)", log)) <= 1, adapter
 
 
@@ -251,7 +257,7 @@ def test_a_page_in_a_real_browser_neither_commands_nor_reads(server: Server, bro
     program = next((found for name in BROWSERS[browser] if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no {browser} on this machine: install {BROWSERS[browser][0]}")
-    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "web")} | {
+    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "web")} | {
         "mavlink": "a=b",
         "moosdb": "a=b",
         "metrics": "a=b",

@@ -11,6 +11,7 @@ import click
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports.checks import suggestion
 from uwserver.scenario.authoring.hull import mesh_hull
+from uwserver.scenario.authoring.morse_script import LONGEST, NoScript, scenario_from
 from uwserver.scenario.authoring.starter import starter
 from uwserver.scenario.authoring.vehicle_starter import vehicle_starter
 from uwserver.scenario.files.convert import NAME
@@ -29,19 +30,23 @@ _POSITIVE = click.FloatRange(min=0.0, min_open=True)
 @click.option("--scale", type=_POSITIVE, help="m of one unit of the mesh: 0.001 for millimetres [default: 1].")
 @click.option("--up", type=click.Choice(["y", "z"]), help="The mesh's axis that points up [default: y for glTF, else z].")  # fmt: skip
 @click.option("--mass", type=_POSITIVE, help="kg, with --mesh [default: neutral in sea water].")
+@click.option("--from-morse", "script", metavar="SCRIPT", help="Builder script of MORSE as which the scenario begins; read, never run.")  # fmt: skip
 def new(
     name: str | None, vehicle: str | None, base: str | None, mesh: str | None, scale: float | None, up: str | None,
-    mass: float | None,
+    mass: float | None, script: str | None,
 ) -> None:  # fmt: skip
     """Write a commented starter scenario NAME.toml here; or, without NAME, a vehicle file.
 
     `uwserver new tank --vehicle bluerov2` writes the scenario tank.toml. `uwserver new --vehicle crab --from bluerov2 --mesh hull.stl --mass 12`
     writes the vehicle crab.toml: thrusters and sensors of BlueROV2, volume, centre and inertia from the mesh, added mass and damping by formula.
+    `uwserver new sea --from-morse default.py` writes sea.toml from a scenario of the simulator MORSE.
     """
     given = {"--from": base, "--mesh": mesh, "--scale": scale, "--up": up, "--mass": mass}
     if name is not None:
         _refuse_given(given, "of a vehicle file: leave NAME out, and give the vehicle's name by --vehicle")
-        _new_scenario(_stem(name, "NAME"), vehicle or _DEFAULT)
+        _new_scenario(_stem(name, "NAME"), vehicle or _DEFAULT, script)
+    elif script is not None:
+        raise click.UsageError("--from-morse writes a scenario: give its NAME")
     elif vehicle is None:
         raise click.UsageError("give NAME for a scenario, or --vehicle NAME for a vehicle file")
     else:
@@ -51,10 +56,25 @@ def new(
         _new_vehicle(_stem(vehicle, "--vehicle"), base or _DEFAULT, mesh, scale or 1.0, axis, mass)
 
 
-def _new_scenario(stem: str, vehicle: str) -> None:
+def _new_scenario(stem: str, vehicle: str, script: str | None) -> None:
     _found(vehicle, "vehicles", "--vehicle")
-    path = _write(Path(f"{stem}.toml"), starter(stem, vehicle))
+    text = starter(stem, vehicle) if script is None else _converted(script, stem, vehicle)
+    path = _write(Path(f"{stem}.toml"), text)
     click.echo(f"wrote {path}; next: uwserver check {path} && uwserver run {path}")
+
+
+def _converted(script: str, stem: str, vehicle: str) -> str:
+    """The scenario of a Builder script; what it says that is not in the scenario is printed."""
+    try:
+        with Path(script).open("rb") as file:
+            text = file.read(LONGEST + 1).decode("utf-8-sig")
+        converted = scenario_from(text, stem, vehicle)
+    except (OSError, UnicodeDecodeError, NoScript) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise click.BadParameter(f"{label_of(Path(script))}: {reason}", param_hint="--from-morse") from error
+    for remark in converted.remarks:
+        click.echo(f"{label_of(Path(script))}, {remark}")
+    return converted.text
 
 
 def _new_vehicle(

@@ -17,7 +17,7 @@ from uwserver.table import Name, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
-from uwserver_adapters.sil.channels import Outputs, OutputTable
+from uwserver_adapters.sil.channels import Outputs, OutputTable, Scale
 from uwserver_adapters.sil.world import drive, stand_by
 
 log = logging.getLogger(__name__)
@@ -145,7 +145,7 @@ class ArduPilotAdapter:
         driver = ArduPilotDriver(
             endpoint,
             Outputs(config.outputs, ports, vehicle),
-            wire.Scale(config.low_us, config.neutral_us, config.high_us),
+            Scale(config.low_us, config.neutral_us, config.high_us),
             State(pose, velocity, imu, distances, battery, config.no_time_sync),
             see,
             rate_hz,

@@ -12,8 +12,8 @@ from uwserver.adapter import AdapterStats, Order, Reading, Refusals, address_tex
 from uwserver.frames import Quat, Vec3, rotate
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.ardupilot import wire
-from uwserver_adapters.ardupilot.wire import Bad, Frame, Scale
-from uwserver_adapters.sil.channels import Outputs
+from uwserver_adapters.ardupilot.wire import Bad, Frame
+from uwserver_adapters.sil.channels import Outputs, Scale
 from uwserver_adapters.sil.world import inertial
 
 log = logging.getLogger(__name__)

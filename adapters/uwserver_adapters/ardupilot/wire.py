@@ -45,28 +45,6 @@ def parse(data: bytes) -> Frame | Bad:
     return Frame(rate_hz, number, tuple(pwm))
 
 
-class Scale(dict[int, float]):
-    """Deflection -1 to 1 of each pulse width (us), limited; 0 for an output that is not driven (0 us).
-
-    Attributes:
-        outside: pulse widths that were limited.
-    """
-
-    def __init__(self, low: int = 1100, neutral: int = 1500, high: int = 1900) -> None:
-        """From the pulse widths of full deflection and neutral."""
-        super().__init__({0: 0.0})
-        self._low, self._neutral, self._high = low, neutral, high
-        self.outside: set[int] = set()
-
-    def __missing__(self, pwm: int) -> float:
-        above = pwm - self._neutral
-        level = above / (self._high - self._neutral if above > 0 else self._neutral - self._low)
-        if abs(level) > 1.0:
-            self.outside.add(pwm)
-        self[pwm] = limited = min(max(level, -1.0), 1.0)
-        return limited
-
-
 # The autopilot looks for the first place of a key's name, so that none may be part of an earlier one, and wants no blank behind a colon.
 _LINE = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.9g,%.9g,%.9g],'

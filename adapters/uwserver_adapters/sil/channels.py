@@ -15,6 +15,28 @@ from uwserver_adapters.sil.codec import radians
 Channel = Annotated[int, Meta(ge=1, le=32)]
 
 
+class Scale(dict[int, float]):
+    """Deflection -1 to 1 of each pulse width (us), limited; 0 for an output that is not driven (0 us).
+
+    Attributes:
+        outside: pulse widths that were limited.
+    """
+
+    def __init__(self, low: int = 1100, neutral: int = 1500, high: int = 1900) -> None:
+        """From the pulse widths of full deflection and neutral."""
+        super().__init__({0: 0.0})
+        self._low, self._neutral, self._high = low, neutral, high
+        self.outside: set[int] = set()
+
+    def __missing__(self, pwm: int) -> float:
+        above = pwm - self._neutral
+        level = above / (self._high - self._neutral if above > 0 else self._neutral - self._low)
+        if abs(level) > 1.0:
+            self.outside.add(pwm)
+        self[pwm] = limited = min(max(level, -1.0), 1.0)
+        return limited
+
+
 class OutputTable(Table, kw_only=True, frozen=True):
     """Servo channels that move one field of an actuator.
 

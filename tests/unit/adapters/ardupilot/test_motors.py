@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from uwserver_adapters.ardupilot.wire import Scale
-from uwserver_adapters.sil.channels import Outputs
+from uwserver_adapters.sil.channels import Outputs, Scale
 
 import uwserver
 from uwserver.world import World

@@ -1,0 +1,197 @@
+"""Readings and commands as MORSE has them: east, north, up; bodies forward, left, up; Euler angles, quaternions as {x, y, z, w}.
+
+The keys are those of MORSE's own sensors and actuators where it has such a one; all other ports keep their own names.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from uwserver.frames import attitude_enu_flu, conjugate, frd_from_flu, multiply, ned_from_enu, rotate, rpy_from_quat
+from uwserver.ports import Field, Port, Refused, Value
+from uwserver.units import NANOSECONDS, deg
+
+Reading = dict[str, object]
+
+_FLIP = (0.0, 1.0, 0.0, 0.0)
+"""Half a turn about x: from forward, right, down to forward, left, up."""
+_SWAPS = {"N": ned_from_enu, "B": frd_from_flu, "S": frd_from_flu}
+_SUFFIX = {"N", "B", "S", "NB", "NS"}
+
+
+def timestamp(epoch_ns: int, t_ns: int) -> float:
+    """Seconds since 1970 of a simulation time."""
+    return (epoch_ns + t_ns) / NANOSECONDS
+
+
+def seconds(t_ns: int) -> float:
+    """Of a simulation time."""
+    return t_ns / NANOSECONDS
+
+
+# -- readings ---------------------------------------------------------------------------------------------------------------------------
+
+
+def reading(port: Port, value: Sequence[Value], attitude: Sequence[float] | None = None) -> Reading:
+    """A sample of a sensor, without its time.
+
+    Args:
+        port: of the sample.
+        value: one entry for each field.
+        attitude: q_NB of the vehicle, for what MORSE tells in the world's axes; None where it is not known.
+    """
+    fields = {field.name: (field, each) for field, each in zip(port.fields, value, strict=True)}
+    told = _KINDS.get(port.kind, {})
+    if not all(name in fields for name in told):
+        told = {}
+    said: Reading = {}
+    for name, (field, each) in fields.items():
+        converted = _converted(field, each)
+        said |= told[name](converted) if name in told else {name: converted}
+    if port.kind == "truth_velocity" and attitude is not None and isinstance(fields["v_NB_B"][1], tuple):
+        v_N = rotate(attitude, fields["v_NB_B"][1])  # type: ignore[arg-type]  # three numbers
+        said["world_linear_velocity"] = list(ned_from_enu(v_N))
+    return said
+
+
+def _converted(field: Field, value: Value) -> object:
+    """A field in MORSE's frames; bytes and buffers as they are."""
+    if not isinstance(value, tuple):
+        return value
+    numbers: Any = value
+    if field.is_rotation:
+        return None if None in value else _quaternion(_turned(field.frame, numbers))
+    swap = _SWAPS.get(field.frame)
+    if swap is None or None in value or field.shape[-1:] != (3,):
+        return list(value)
+    rows = [list(swap(numbers[i : i + 3])) for i in range(0, len(value), 3)]
+    if field.shape == (3,):
+        return rows[0]
+    if field.shape == (3, 3):  # a covariance: its columns turn as its rows do
+        return [list(row) for row in zip(*(swap(column) for column in zip(*rows, strict=True)), strict=True)]
+    return rows
+
+
+def _turned(frame: str, q: Sequence[float]) -> tuple[float, float, float, float]:
+    """A quaternion between our frames as one between MORSE's. Turns it back, too."""
+    return attitude_enu_flu(q) if frame.startswith("N") else multiply(multiply(_FLIP, q), conjugate(_FLIP))
+
+
+def _quaternion(q: Sequence[float]) -> Reading:
+    if q[0] < 0.0:  # the same attitude; people expect a positive w
+        q = [-each for each in q]
+    return {"x": q[1], "y": q[2], "z": q[3], "w": q[0]}
+
+
+def _angles(attitude: Any) -> Reading:
+    if attitude is None:
+        return {"orientation": None}
+    roll, pitch, yaw = rpy_from_quat([attitude[key] for key in "wxyz"])
+    return {"yaw": yaw, "pitch": pitch, "roll": roll, "orientation": attitude}
+
+
+def _named(name: str) -> Any:
+    return lambda value: {name: value}
+
+
+def _degrees(name: str) -> Any:
+    return lambda angle: {name: None if angle is None else deg(angle)}
+
+
+_KINDS: Mapping[str, Mapping[str, Any]] = {
+    "imu": {"f_S": _named("linear_acceleration"), "w_S": _named("angular_velocity")},
+    "magnetometer": {"field_S": _named("magnetic_field")},
+    "truth_pose": {"p_NB": lambda p: {"x": p[0], "y": p[1], "z": p[2]}, "q_NB": _angles},
+    "truth_velocity": {"v_NB_B": _named("linear_velocity"), "w_NB_B": _named("angular_velocity")},
+    "truth_acceleration": {"v_dot_B": _named("acceleration"), "w_dot_B": _named("angular_acceleration")},
+    "attitude": {"q_NS": _angles},
+    "dvl": {"v_S": _named("linear_velocity")},
+    "gps": {"latitude": _degrees("latitude"), "longitude": _degrees("longitude"), "height": _named("altitude")},
+    "altimeter": {"range": _named("z")},
+    "battery": {"charge": lambda share: {"charge": None if share is None else 100.0 * share}},
+    "range_array": {"ranges": _named("range_list")},
+}
+"""Of a kind: what becomes of a field, converted already. A port that lacks one of these fields keeps its own names for all."""
+
+
+# -- commands ---------------------------------------------------------------------------------------------------------------------------
+
+
+def command(port: Port, said: Mapping[str, object]) -> dict[str, object]:
+    """The command for an actuator; fields by their name, or by it without the frame (``force`` of ``force_B``).
+
+    Raises:
+        Refused: a key is no field of the port; numbers and limits are for the world to check.
+    """
+    fields = {field.name: field for field in port.fields}
+    short = {name: field for field in port.fields for name in [_short(field)]}
+    value: dict[str, object] = {}
+    for key, given in said.items():
+        if key == "timestamp":
+            continue
+        field = fields.get(key) or short.get(key)
+        if field is None:
+            there = ", ".join(dict.fromkeys([*short, *fields]))
+            raise Refused("bad_argument", f'"{key[:80]}" is no field of {port.path}, it has: {there}', port.path)
+        value[field.name] = _taken(field, given)
+    if not value:
+        raise Refused("bad_argument", f"nothing is said for {port.path}, it has: {', '.join(short)}", port.path)
+    return value
+
+
+def _short(field: Field) -> str:
+    stem, _, frame = field.name.rpartition("_")
+    return stem if stem and frame in _SUFFIX else field.name
+
+
+def _taken(field: Field, given: object) -> object:
+    """A field's value in our frames; what is not of its shape is left for the world to refuse."""
+    if field.is_rotation:
+        if isinstance(given, dict) and set(given) == set("xyzw"):
+            given = [given[key] for key in "wxyz"]
+        return list(_turned(field.frame, given)) if _numbers(given, 4) else given  # type: ignore[arg-type]
+    swap = _SWAPS.get(field.frame)
+    if swap is not None and field.shape == (3,) and _numbers(given, 3):
+        return list(swap(given))  # type: ignore[arg-type]  # three numbers
+    return given
+
+
+def _numbers(given: object, count: int) -> bool:
+    return (
+        isinstance(given, list)
+        and len(given) == count
+        and all(isinstance(each, int | float) and not isinstance(each, bool) and abs(each) < 1e300 for each in given)
+    )
+
+
+def motion(said: Mapping[str, object]) -> dict[str, object]:
+    """The autopilot's velocity for what MORSE's `MotionVW` {v, w} and `MotionXYW` {x, y, w} take; z and yaw rates likewise.
+
+    Raises:
+        Refused: other keys, or no numbers.
+    """
+    known = {"v", "x", "y", "z", "w", "timestamp"}
+    unknown = [key for key in said if key not in known]
+    if unknown or ("v" in said and "x" in said):
+        raise Refused("bad_argument", "write {v, w}, or {x, y, z, w}: m/s forward, left, up, and rad/s to the left")
+    x = number(said, "v") if "v" in said else number(said, "x")
+    return {"v_B": list(frd_from_flu((x, number(said, "y"), number(said, "z")))), "yaw_rate": -number(said, "w")}
+
+
+def place(x: float, y: float, z: float) -> list[float]:
+    """A position (m) in N of one in east, north, up."""
+    return list(ned_from_enu((x, y, z)))
+
+
+def number(said: Mapping[str, object], key: str) -> float:
+    """A number that is said, 0 where it is not.
+
+    Raises:
+        Refused: it is none, or not finite.
+    """
+    value = said.get(key, 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise Refused("bad_argument", f'"{key}" is a finite number')
+    return float(value)

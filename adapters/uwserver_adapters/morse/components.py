@@ -1,0 +1,148 @@
+"""Which component of MORSE each port is, and what the clients are told of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Mapping
+from typing import Literal, NamedTuple
+
+from uwserver.adapter import CannotServe, did_you_mean
+from uwserver.ports import Json, Port, Service
+
+CLASS = "uwserver.adapters.morse"
+"""Stands where MORSE names the class of a datastream."""
+
+VELOCITY = "autopilot/velocity"
+GOTO = "autopilot/goto"
+
+Role = Literal["port", "motion", "waypoint"]
+
+
+class Component(NamedTuple):
+    """Something that a client sees under one name.
+
+    Attributes:
+        name: ``heavy.imu``.
+        kind: of its port, or MORSE's word for it.
+        port: behind it; of a `waypoint` None.
+        role: what it does: all of a port, MORSE's `motion` (the autopilot's velocity), or its `waypoint` (the autopilot's goto).
+        services: that it has.
+        path: of the port or service behind it.
+    """
+
+    name: str
+    kind: str
+    port: Port | None
+    role: Role
+    services: tuple[str, ...]
+    path: str
+
+    @property
+    def robot(self) -> str:
+        """The vehicle."""
+        return self.name.partition(".")[0]
+
+    @property
+    def direction(self) -> Literal["IN", "OUT"]:
+        """Of its stream, seen from the simulator."""
+        return "OUT" if self.port is not None and self.port.direction == "sensor" else "IN"
+
+
+def components(
+    ports: Mapping[str, Port], services: Mapping[str, Service], names: Mapping[str, str] | None = None
+) -> dict[str, Component]:
+    """All components by name, in alphabetical order.
+
+    Args:
+        ports, services: those of the context.
+        names: path of a port -> the component's name, where the usual one is not wanted.
+
+    Raises:
+        CannotServe: such a name is impossible, or two ports share one.
+    """
+    names = names or {}
+    found: dict[str, Component] = {}
+    for path in sorted(ports, key=lambda path: (path not in names, "/truth/" in path, path)):
+        name = names[path] if path in names else _usual(path, found)
+        if path in names:
+            _check(path, name, found)
+        port = ports[path]
+        own = ("get_local_data",) if port.direction == "sensor" else ()
+        more = ("get_properties", "set_property", "get_configurations") if f"{path}/get" in services else ()
+        found[name] = Component(name, port.kind, port, "port", own + more, path)
+    for component in _of_autopilots(ports, services):
+        found.setdefault(component.name, component)
+    return dict(sorted(found.items()))
+
+
+def check_names(names: Mapping[str, str], ports: Mapping[str, Port]) -> None:
+    """The ports that the table names are there.
+
+    Raises:
+        CannotServe: one is not; the text says what was meant.
+    """
+    for path in names:
+        if path not in ports:
+            hint = "; ground truth needs truth = true" if "/truth/" in path else did_you_mean(path, ports)
+            raise CannotServe(f'names: no port "{path}"{hint}')
+
+
+def _usual(path: str, taken: Collection[str]) -> str:
+    """``heavy/imu`` is heavy.imu; ground truth goes by MORSE's names (heavy.pose), as there it was a sensor like others."""
+    vehicle, _, rest = path.partition("/")
+    whole = rest.replace("/", "_")
+    choices = itertools.chain(
+        [rest.removeprefix("truth/").replace("/", "_"), whole], (f"{whole}_{n}" for n in itertools.count(2))
+    )
+    return next(name for choice in choices if (name := f"{vehicle}.{choice}") not in taken)
+
+
+def _check(path: str, name: str, taken: Iterable[str]) -> None:
+    vehicle = path.partition("/")[0]
+    rest = name.removeprefix(f"{vehicle}.")
+    if rest == name or not rest.isidentifier():
+        raise CannotServe(f'names: "{name}" of {path} is {vehicle}. and one word of letters, digits and _')
+    if name in taken:
+        raise CannotServe(f'names: two ports are called "{name}"')
+
+
+def _of_autopilots(ports: Mapping[str, Port], services: Mapping[str, Service]) -> Iterable[Component]:
+    for path, port in ports.items():
+        vehicle, _, rest = path.partition("/")
+        if rest == VELOCITY:
+            yield Component(f"{vehicle}.motion", "motion", port, "motion", (), path)
+    for path in services:
+        vehicle, _, rest = path.partition("/")
+        if rest == GOTO:
+            yield Component(f"{vehicle}.waypoint", "waypoint", None, "waypoint", ("goto", "stop"), path)
+
+
+def details(
+    found: Mapping[str, Component], services: Mapping[str, Service], vehicles: Iterable[str], scene: str
+) -> Json:
+    """What ``simulation details`` answers. A vehicle's services that belong to no port (`autopilot/arm`) are those of the robot, by the name
+    with an underscore (`autopilot_arm`)."""
+    robots: list[Json] = []
+    for vehicle in vehicles:
+        told: dict[str, Json] = {}
+        for component in found.values():
+            if component.robot == vehicle:
+                told[component.name] = {
+                    "type": component.kind,
+                    "services": list(component.services),
+                    "service_interfaces": [],
+                    "stream_interfaces": [[CLASS, component.direction]],
+                }
+        own: list[Json] = list(robot_services(vehicle, found, services))
+        robots.append({"name": vehicle, "type": "uwserver", "services": own, "components": told})
+    return {"robots": robots, "environment": scene}
+
+
+def robot_services(vehicle: str, found: Mapping[str, Component], services: Mapping[str, Service]) -> dict[str, str]:
+    """Name as a service of the robot -> path, of all that belong to no port."""
+    paths = {component.path for component in found.values() if component.role == "port"}
+    return {
+        path.partition("/")[2].replace("/", "_"): path
+        for path in services
+        if path.startswith(f"{vehicle}/") and path.rpartition("/")[0] not in paths
+    }

@@ -1,0 +1,78 @@
+"""The adapter's table in a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, field
+
+from uwserver.adapter import UNANSWERED, AdapterTable
+from uwserver.table import Name, Table
+from uwserver_adapters.sil.channels import OutputTable
+
+FIRST_STREAM = 60000
+
+_Port = Annotated[int, Meta(ge=0, le=65535)]
+_Count = Annotated[int, Meta(ge=1)]
+_PulseWidth = Annotated[int, Meta(ge=1, le=65535)]
+
+
+class AutopilotTable(Table, kw_only=True, frozen=True):
+    """ArduPilot's MORSE backend: ``--model morse-pwm:127.0.0.1:60900:60901``.
+
+    Attributes:
+        vehicle: whose sensors and actuators; default: the only one there is.
+        sensors_port, control_port: TCP ports; 0 takes a free one.
+        imu: port with `f_S` and `w_S`, mounted along the vehicle's axes.
+        pose: port with `p_NB` and `q_NB`.
+        velocity: port with `v_NB_B`.
+        outputs: what servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
+        low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
+    """
+
+    vehicle: Name | None = None
+    sensors_port: _Port = 60900
+    control_port: _Port = 60901
+    imu: Name = "imu"
+    pose: Name = "truth/pose"
+    velocity: Name = "truth/velocity"
+    outputs: dict[Name, OutputTable] = field(default_factory=dict)
+    low_us: _PulseWidth = 1100
+    neutral_us: _PulseWidth = 1500
+    high_us: _PulseWidth = 1900
+
+
+class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
+    """Attributes:
+    bind: address to listen at. MORSE's protocol knows no token: anything but loopback needs allow_network.
+    allow_network: whoever reaches the address may read all and command all.
+    port: TCP port of requests; 0 takes a free one.
+    stream_port: TCP port of the first stream; each component has one of its own, and clients ask for its number. A port that is in use is
+        passed over; 0 takes free ones.
+    names: of a vehicle: name of a component -> its port, below the vehicle: `vw = "autopilot/velocity"`; others keep their usual names.
+    ardupilot: serve ArduPilot's MORSE backend too.
+    queue_bytes: that wait for a slow client: of a stream, samples are left out above it; who lets answers wait is disconnected.
+    max_requests_per_s: of one client; more are refused.
+    max_unanswered: calls of one client that wait for the world.
+    max_clients: connections, to requests and to all streams: a client of pymorse has one for each component that it uses.
+    """
+
+    bind: Name = "127.0.0.1"
+    allow_network: bool = False
+    port: _Port = 4000
+    stream_port: _Port = FIRST_STREAM
+    names: dict[Name, dict[Name, Name]] = field(default_factory=dict)
+    ardupilot: AutopilotTable | None = None
+    queue_bytes: _Count = 1 << 20
+    max_requests_per_s: _Count = 2000
+    max_unanswered: _Count = UNANSWERED
+    max_clients: _Count = 1024
+
+    @property
+    def component_of(self) -> dict[str, str]:
+        """Path of a port -> name of its component, of those that `names` has."""
+        return {
+            f"{vehicle}/{port}": f"{vehicle}.{name}"
+            for vehicle, named in self.names.items()
+            for name, port in named.items()
+        }
