@@ -192,7 +192,7 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         whole = msgspec.json.decode(record["scenario"])
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
-            raise ValueError(f"its components come from {names}: give the file by --extension, if you trust it")
+            raise ValueError(f"its components come from {names}: give --trust-files, if you trust it")
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         vehicles = {
