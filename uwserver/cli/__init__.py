@@ -19,6 +19,7 @@ _WHERE = {
     "show": "authoring",
     "copy": "authoring",
     "replay": "replay",
+    "compare": "compare",
     "plot": "plot",
     "shot": "shot",
     "validate": "validate",

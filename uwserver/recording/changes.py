@@ -156,6 +156,10 @@ def changed_record(record: Mapping[str, str], settings: Iterable[Setting], more:
     new = [text for text in _problems(whole, more) if text not in known]
     if new:
         raise BadChange("\n".join(new))
+    for parts in whole["vehicles"].values():
+        for table in ("sensors", "actuators"):  # as the loader takes them out
+            devices = parts["vehicle"].get(table, {})
+            parts["vehicle"][table] = {key: each for key, each in devices.items() if each.get("enabled", True)}
     if touches_seabed:
         changed["solids"] = _with_seabed(whole, changed["solids"])
     changed["scenario"] = msgspec.json.encode(whole).decode()

@@ -56,10 +56,10 @@ class Transcript:
         if ports is not self._known:
             self._writer.know(port for path, port in ports.items() if self._known.get(path) is not port)
             self._known = ports
-        for sample in output.samples:
-            self._writer.sample(sample, ports)
         for event in output.events:
             self._writer.event(event)
+        for sample in output.samples:
+            self._writer.sample(sample, ports)
 
     def ticked(self, output: TickOutput) -> None:
         """Write a tick that is done, and each simulated second the state's hash."""
