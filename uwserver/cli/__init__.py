@@ -20,6 +20,7 @@ _WHERE = {
     "copy": "authoring",
     "replay": "replay",
     "compare": "compare",
+    "record": "record",
     "plot": "plot",
     "shot": "shot",
     "validate": "validate",

@@ -10,6 +10,8 @@ RUN, PART = "run", "part"
 STATE = "uwserver/state"
 """The attachment with which each part but the first begins: the state of the world there, as `snapshot.to_bytes` gives it."""
 FIRST_PART = 1
+SERVED = "served"
+"""Key of the metadata record of what `uwserver record` took from a running server, with its address: no scenario stands beside it."""
 
 
 def part_path(path: Path, number: int) -> Path:
