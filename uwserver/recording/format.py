@@ -25,6 +25,7 @@ from msgspec import Struct
 from uwserver import __version__
 from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
+from uwserver.recording.parts import STATE
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -48,13 +49,8 @@ CHUNK_BYTES = 256 * 1024
 
 _SECRETS = ("token", "password", "secret")
 _JSON_TYPES = {
-    "float": "number",
-    "int": "integer",
-    "bool": "boolean",
-    "str": "string",
-    "bytes": "object",
-    "buffer": "object",
-}
+    "float": "number", "int": "integer", "bool": "boolean", "str": "string", "bytes": "object", "buffer": "object",
+}  # fmt: skip
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -243,11 +239,12 @@ class RecordingWriter:
         file: an empty binary file, opened for writing.
         head: the metadata record.
         ports: what is known at the start; a later one gets its channel with its first message, and a name that goes to another kind a new one.
+        state: of the world where a later part begins; b"" for none.
 
     Every method raises OSError when the file cannot be written, and TooManyChannels when a port finds no number for its channel.
     """
 
-    def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port]) -> None:
+    def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port], state: bytes = b"") -> None:
         # Imported here: it costs more than the rest of the start-up, and most runs record nothing.
         from mcap.writer import Writer
 
@@ -257,6 +254,8 @@ class RecordingWriter:
         self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
         self._writer.start("", f"uwserver {__version__}")
         self._writer.add_metadata(METADATA, head)
+        if state:
+            self._writer.add_attachment(0, 0, STATE, "application/msgpack", state)
         self._events = self._channel(EVENTS, "uwserver.Event", _schema_of(Event))
         self._hashes = self._channel(HASHES, "uwserver.StateHash", _schema_of(StateHash))
         self._requests = self._channel(REQUESTS, "uwserver.Request", _schema_of(Request))
@@ -319,6 +318,11 @@ class RecordingWriter:
         for port in ports:
             self._kinds(port)
 
+    @property
+    def known(self) -> list[Port]:
+        """All that have had a name, the present one last: for the writer of the next part."""
+        return [kind.port for kinds in self._of_name.values() for kind in kinds]
+
     def _kinds(self, port: Port) -> list[_Kind]:
         """All that had this name; the present one is the last."""
         kinds = self._of_name.setdefault(port.path, [])
@@ -350,13 +354,8 @@ def port_schema(port: Port) -> dict[str, Any]:
     value = {"type": "object", "properties": {field.name: _field_schema(field) for field in port.fields}}
     integer = {"type": "integer"}
     if port.direction == "sensor":
-        properties = {
-            "seq": integer,
-            "t_ns": integer,
-            "t_sent_ns": integer,
-            "valid": {"type": "boolean"},
-            "value": value,
-        }
+        times = dict.fromkeys(("seq", "t_ns", "t_sent_ns"), integer)
+        properties = {**times, "valid": {"type": "boolean"}, "value": value}
     else:
         properties = {"tick": integer, "source": {"type": "string"}, "value": value}
     return {"title": port.path, "description": port.doc, "type": "object", "properties": properties}

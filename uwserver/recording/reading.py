@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -12,7 +11,7 @@ from typing import IO, Any
 import msgspec
 
 from uwserver.recording.format import HASHES, METADATA, REQUESTS, Request, StateHash
-from uwserver.recording.parts import FIRST_PART, PART, RUN, STATE, part_of, part_path
+from uwserver.recording.parts import FIRST_PART, PART, RUN, STATE, later_parts, part_of, part_path
 from uwserver.scenario.files.opening import opened
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -36,9 +35,7 @@ def parts_of(path: Path) -> tuple[Path, ...]:
     first = head_record(path)
     if PART not in first or part_of(first) != FIRST_PART:
         return (path,)
-    named = re.compile(rf"{re.escape(path.stem)}\.(\d{{4,}}){re.escape(path.suffix)}")
-    numbers = sorted(int(found[1]) for other in path.parent.iterdir() if (found := named.fullmatch(other.name)))
-    there = [number for number in numbers if _is_of(part_path(path, number), first.get(RUN, ""))]
+    there = [number for number, other in later_parts(path).items() if _is_of(other, first.get(RUN, ""))]
     for expected, number in enumerate(there, FIRST_PART + 1):
         if number != expected:
             missing = part_path(path, expected).name
