@@ -13,6 +13,8 @@ import msgspec
 
 if TYPE_CHECKING:
     from uwserver.recording.changes import Changes
+    from uwserver.recording.differences import Distance
+    from uwserver.recording.estimation import Estimated
     from uwserver.recording.replay import Replayed
 
 T = TypeVar("T")
@@ -20,6 +22,7 @@ _FILE = click.Path(path_type=Path)
 _SECONDS = click.FloatRange(0.0, 1e9)
 _SET = "Change this key of the scenario, as environment.current.velocity_ned_mps=[0.3,0,0]; may be given several times."
 _CALL = "Call this service of the world at --from, its arguments in JSON; may be given several times."
+_ESTIMATE = "Give the recorded samples to the estimator of this vehicle's autopilot alone, and measure it by the truth."
 _FROM = "Change the world at this simulation time, s; what is fixed in a world that runs needs 0."
 
 
@@ -27,6 +30,7 @@ _FROM = "Change the world at this simulation time, s; what is fixed in a world t
 @click.argument("file", type=_FILE)
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help=_SET)
 @click.option("--call", "calls", multiple=True, metavar="SERVICE={...}", help=_CALL)
+@click.option("--estimate", "vehicle", metavar="VEHICLE", help=_ESTIMATE)
 @click.option("--from", "from_s", type=_SECONDS, default=0.0, show_default=True, metavar="SECONDS", help=_FROM)
 @click.option("--to", "to_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
 @click.option("--record", type=_FILE, help="Write the run as it goes now to this file, which can be replayed again.")
@@ -40,6 +44,7 @@ def replay(
     file: Path,
     settings: tuple[str, ...],
     calls: tuple[str, ...],
+    vehicle: str | None,
     from_s: float,
     to_s: float | None,
     record: Path | None,
@@ -52,12 +57,24 @@ def replay(
 
     uwserver replay dive.mcap --set environment.current.velocity_ned_mps=[0.3,0,0] --from 30 --record drifted.mcap
 
+    With --estimate no world is run: the recorded samples go to the estimator once more, as --set has it:
+
+    uwserver replay dive.mcap --estimate rov --set vehicles.rov.sensors.dvl.enabled=false --record again.mcap
+
     Exits with 0 if all are equal, with 1 at the first difference or if the file cannot be replayed, with 2 if the world cannot be changed so.
     """
     from uwserver.recording.replay import replay as replay_file
 
     changes = _told(lambda: _changes(settings, calls, from_s), file)
     extensions = _told(lambda: _extensions(file, trust_files), file)
+    if vehicle is not None:
+        if calls or from_s or to_s is not None:
+            raise click.UsageError(
+                "--estimate hears the whole recording: it takes --set and --record, no --call, --from or --to"
+            )
+        found = _told(lambda: _estimated(file, vehicle, changes, extensions, record), file)
+        click.echo(_estimate_as_json(file, found) if as_json else _estimate_as_text(file, found, record))
+        return
     result = _told(lambda: replay_file(file, extensions, changes=changes, to_s=to_s, record=record), file)
     click.echo(_as_json(file, result, record) if as_json else _as_text(file, result, record))
     if result.difference is not None or result.diverged:
@@ -111,6 +128,48 @@ def _found(name: str, folders: tuple[Path, ...]) -> Path:
     raise NotReplayable(
         f'its components come from "{name}", which is not in {where}: put it there, or go to its folder'
     )
+
+
+def _estimated(file: Path, vehicle: str, changes: Changes, extensions: list[Path], record: Path | None) -> Estimated:
+    from uwserver.recording.estimation import estimate
+    from uwserver.recording.replay import kinds_of_extensions
+
+    return estimate(file, vehicle, changes.settings, kinds_of_extensions(extensions), record)
+
+
+def _estimate_as_json(file: Path, found: Estimated) -> str:
+    fields = {
+        name: {
+            "unit": _unit_of(before), "count": before.count, "rms_before": before.rms, "rms_after": after.rms,
+            "max_before": before.largest, "max_after": after.largest,
+        }
+        for (name, before), after in zip(found.before.items(), found.after.values(), strict=True)
+    }  # fmt: skip
+    whole = {
+        "file": str(file), "port": found.port, "samples": found.samples, "end_ns": found.end_ns, "fields": fields,
+        "remarks": found.remarks,
+    }  # fmt: skip
+    return json.dumps(whole, indent=2)
+
+
+def _estimate_as_text(file: Path, found: Estimated, record: Path | None) -> str:
+    lines = [f"{file}: {found.samples} samples heard, to {found.end_ns / 1e9:g} s", *found.remarks]
+    rows = [("RMS against the truth", "recorded", "now", "")]
+    for (name, before), after in zip(found.before.items(), found.after.values(), strict=True):
+        if after.count:
+            rows.append((name, f"{before.rms:.4g}" if before.count else "-", f"{after.rms:.4g}", _unit_of(before)))
+    if len(rows) > 1:
+        widths = [max(len(row[k]) for row in rows) for k in range(4)]
+        lines += [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+        ]
+    if record is not None:
+        lines.append(f"wrote {record}, where {found.port} is the new estimate")
+    return "\n".join(lines)
+
+
+def _unit_of(distance: Distance) -> str:
+    return "rad" if distance.column.is_quaternion else distance.column.unit
 
 
 def _as_json(file: Path, result: Replayed, record: Path | None) -> str:

@@ -14,6 +14,8 @@ STATE = "uwserver/state"
 FIRST_PART = 1
 SERVED = "served"
 """Key of the metadata record of what `uwserver record` took from a running server, with its address: no scenario stands beside it."""
+ESTIMATED = "estimate_of"
+"""Likewise of what an estimator made of a recording, with the recording's name."""
 
 
 def part_path(path: Path, number: int) -> Path:

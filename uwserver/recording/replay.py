@@ -20,7 +20,7 @@ from uwserver.physics.collision.engine import missing_engine
 from uwserver.ports import Call, Fault, Progress, Reply
 from uwserver.recording.changes import BadChange, Changes, calls_for, changed_record
 from uwserver.recording.format import Head, Request, StateHash, Versions, head_of, versions_here
-from uwserver.recording.parts import SERVED
+from uwserver.recording.parts import ESTIMATED, SERVED
 from uwserver.recording.reading import NotReplayable, Reading
 from uwserver.recording.transcript import Transcript, new_file
 from uwserver.scenario.build.members import physics_rate
@@ -165,6 +165,8 @@ def _head(path: Path, record: Mapping[str, str], more: More) -> Head:
     if SERVED in record:
         text = "it was recorded from outside, by `uwserver record`: the scenario and the commands are not in it"
         raise NotReplayable(f"{path}: {text}; `uwserver run --record` has them")
+    if ESTIMATED in record:
+        raise NotReplayable(f"{path}: an estimator made it of {record[ESTIMATED]}: replay that")
     try:
         return head_of(record, more)
     except ValueError as error:
