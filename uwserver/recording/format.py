@@ -24,8 +24,9 @@ from msgspec import Struct
 
 from uwserver import __version__
 from uwserver.physics import PHYSICS
-from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
+from uwserver.ports import Call, Command, Event, Items, Port, Sample
 from uwserver.recording.parts import STATE
+from uwserver.recording.schemas import port_schema, schema_of
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -48,9 +49,6 @@ CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
 _SECRETS = ("token", "password", "secret")
-_JSON_TYPES = {
-    "float": "number", "int": "integer", "bool": "boolean", "str": "string", "bytes": "object", "buffer": "object",
-}  # fmt: skip
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -239,12 +237,11 @@ class RecordingWriter:
         file: an empty binary file, opened for writing.
         head: the metadata record.
         ports: what is known at the start; a later one gets its channel with its first message, and a name that goes to another kind a new one.
-        state: of the world where a later part begins; b"" for none.
 
     Every method raises OSError when the file cannot be written, and TooManyChannels when a port finds no number for its channel.
     """
 
-    def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port], state: bytes = b"") -> None:
+    def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port]) -> None:
         # Imported here: it costs more than the rest of the start-up, and most runs record nothing.
         from mcap.writer import Writer
 
@@ -254,11 +251,9 @@ class RecordingWriter:
         self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
         self._writer.start("", f"uwserver {__version__}")
         self._writer.add_metadata(METADATA, head)
-        if state:
-            self._writer.add_attachment(0, 0, STATE, "application/msgpack", state)
-        self._events = self._channel(EVENTS, "uwserver.Event", _schema_of(Event))
-        self._hashes = self._channel(HASHES, "uwserver.StateHash", _schema_of(StateHash))
-        self._requests = self._channel(REQUESTS, "uwserver.Request", _schema_of(Request))
+        self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
+        self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
+        self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
         for port in ports.values():
             self._number(self._kinds(port)[-1])
         self.flush()
@@ -301,6 +296,10 @@ class RecordingWriter:
     def event(self, event: Event) -> None:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
+
+    def begin_at(self, state: bytes) -> None:
+        """Say, before any message, with which state of the world a later part begins."""
+        self._writer.add_attachment(0, 0, STATE, "application/msgpack", state)
 
     def flush(self) -> None:
         """End the chunk in progress and hand everything to the operating system."""
@@ -347,53 +346,3 @@ class RecordingWriter:
         self._count += 1
         schema_id = self._writer.register_schema(name, "jsonschema", self._encode(schema))
         return int(self._writer.register_channel(topic, "json", schema_id, about or {}))
-
-
-def port_schema(port: Port) -> dict[str, Any]:
-    """JSON schema of the messages on a port's channel."""
-    value = {"type": "object", "properties": {field.name: _field_schema(field) for field in port.fields}}
-    integer = {"type": "integer"}
-    if port.direction == "sensor":
-        times = dict.fromkeys(("seq", "t_ns", "t_sent_ns"), integer)
-        properties = {**times, "valid": {"type": "boolean"}, "value": value}
-    else:
-        properties = {"tick": integer, "source": {"type": "string"}, "value": value}
-    return {"title": port.path, "description": port.doc, "type": "object", "properties": properties}
-
-
-def _field_schema(field: Field) -> dict[str, Any]:
-    about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
-    # null where a sensor has no value.
-    scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
-    if field.is_packed:
-        base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
-        if field.buffer:
-            about += f"; {field.buffer}, row-major, little-endian"
-            base64 |= {"dtype": {"const": field.buffer.dtype}, "shape": {"type": "array", "items": {"type": "integer"}}}
-        return {**scalar, "properties": base64, "description": about}
-    if not field.shape:
-        return {**scalar, "description": about}
-    if len(field.shape) > 1:
-        about += f"; row-major, shape {'x'.join(map(str, field.shape))}"
-    return {
-        "type": ["array", "null"],
-        "items": scalar,
-        "minItems": field.size,
-        "maxItems": field.size,
-        "description": about,
-    }
-
-
-def _schema_of(type_: type) -> dict[str, Any]:
-    """A flat JSON schema of a Struct, without references: not every viewer follows them."""
-    known = msgspec.json.schema(type_)["$defs"]
-
-    def flat(node: Any) -> Any:
-        if isinstance(node, list):
-            return [flat(entry) for entry in node]
-        if not isinstance(node, dict):
-            return node
-        return flat(known[node["$ref"].rpartition("/")[2]]) if "$ref" in node else {k: flat(v) for k, v in node.items()}
-
-    found: dict[str, Any] = flat(known[type_.__name__])
-    return found

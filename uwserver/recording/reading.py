@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import IO, Any
 
@@ -141,7 +142,7 @@ class _File:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise NotReplayable(f"{path}: no MCAP file; replay takes what `uwserver run --record FILE` has written")
         file.seek(0)
-        self.records = self._checked()
+        self.records: Iterator[Any] = self._checked()
         self.head: Mapping[str, str] = self._head()
 
     def _head(self) -> Mapping[str, str]:
@@ -155,11 +156,16 @@ class _File:
 
     def state(self) -> bytes:
         """The state with which a later part begins."""
-        from mcap.records import Attachment
+        from mcap.records import Attachment, Message
 
+        before: list[Any] = []
         for record in self.records:
             if isinstance(record, Attachment) and record.name == STATE:
+                self.records = chain(before, self.records)
                 return bytes(record.data)
+            if isinstance(record, Message):
+                break
+            before.append(record)
         raise NotReplayable(f"{self._path}: a later part of a recording, without the state it begins with")
 
     def _checked(self) -> Iterator[Any]:

@@ -268,7 +268,8 @@ class Recorder:
         data = snapshot.to_bytes(self._world, state.snapshot)
         file = path.open("xb")
         try:
-            writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known, data)
+            writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known)
+            writer.begin_at(data)
             writer.know(self._writer.known)  # late samples of what is gone may still come
             self._writer.finish()
             self._finished_bytes += self._file.tell()
