@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from uwserver.ports import Call, Command
-from uwserver.recording.format import Request
-from uwserver.recording.transcript import Transcript
+from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.simulation.clock import Timing
 
 SEED = 5
-TIMING = {"mode": "freerun"}
 
 
 def recorded(
@@ -21,20 +20,21 @@ def recorded(
     ticks: int,
     requests: Mapping[int, Sequence[Command | Call]] = {},
     *,
-    finished: bool = True,
     seed: int = SEED,
 ) -> Path:
-    """A recording of so many ticks, with these requests at the starts of ticks; not `finished`: as of a server that was killed."""
+    """A recording of so many ticks, with these requests at the starts of ticks."""
     world = build(resolved, seed)
-    with path.open("xb") as file:
-        transcript = Transcript(file, world, resolved, TIMING, {})
+    recorder = Recorder(path, world, resolved)
+    with recorder.stepped(Timing("freerun")):
         for tick in range(ticks):
             items = requests.get(tick, ())
-            if items:
-                transcript.requested([Request.of(item, 0, 0, tick) for item in items])
             for item in items:
+                recorder.requested(item, tick, sorted(requests).index(tick))
                 world.submit(item)
-            transcript.ticked(world.advance())
-        if finished:
-            transcript.finish()
+            output = world.advance()
+            recorder.ticked(world)
+            for event in output.events:
+                recorder.put_event(event)
+            recorder.put_samples(output.samples)
+            recorder.drain()
     return path

@@ -202,8 +202,8 @@ class Attached:
 
     def _begin(self, told: dict[str, Any], ports: dict[str, Port]) -> None:
         from uwserver.recording.format import FORMAT, RecordingWriter, versions_here
+        from uwserver.recording.opening import new_file
         from uwserver.recording.parts import SERVED
-        from uwserver.recording.transcript import new_file
 
         head = {
             "format": FORMAT,

@@ -21,10 +21,11 @@ from typing import IO
 
 from uwserver.ports import Call, Command, Event, Json, Port, Refused, Sample
 from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
+from uwserver.recording.opening import new_file, there_already, unwritable
 from uwserver.recording.parts import FIRST_PART, ONE_FILE, PART, RUN, Rotation, later_parts, part_path
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
-from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
@@ -45,6 +46,7 @@ CHUNK_NS = NANOSECONDS // 2
 
 CLOSE_TIMEOUT_S = 5.0
 """Wall time in which the writer must proceed at the end, however much is left to write."""
+NOTHING: Mapping[str, str] = {}
 _DRAIN_S = 0.1
 _BACKPRESSURE_S = 0.002
 
@@ -108,7 +110,7 @@ class Recorder:
         Raises:
             OSError: the file exists already or cannot be written; the text names it and says what to do.
         """
-        self._start(simulation)
+        self._start(simulation.timing)
         thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._simulation = simulation
         simulation.observe(self)
@@ -127,6 +129,32 @@ class Recorder:
         finally:
             detach()
             self._close(thread)
+
+    @contextlib.contextmanager
+    def stepped(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> Iterator[None]:
+        """Record a world that the caller steps, as a replay does, without a thread: `drain` after each tick writes it. All is written.
+
+        Args:
+            timing: what the head says of it.
+            about: further keys of the metadata record: where the run comes from.
+
+        Raises:
+            OSError: as `running`; `drain`, too, when the file cannot be written any more.
+        """
+        self._start(timing, about)
+        self._open = True
+        with self._file:
+            yield
+            self._open = False
+            self._queue.append(self._last_state())
+            self.drain()
+            self._writer.finish()
+        self._finished = True
+
+    def drain(self) -> None:
+        """Write what waits; of a world that is `stepped`."""
+        while self._queue:
+            self._write_item(self._queue.popleft())
 
     @property
     def is_complete(self) -> bool:
@@ -196,6 +224,9 @@ class Recorder:
         if self._world.ports is not self._seen:
             self._seen = self._world.ports
             self._queue.append(_Ports(self._seen))
+
+    def _last_state(self) -> _State:
+        return _State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True)
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -307,38 +338,30 @@ class Recorder:
 
     # -- start and end ------------------------------------------------------------------------------------------------------------
 
-    def _start(self, simulation: Simulation) -> None:
+    def _start(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> None:
         """A new file with its head. An old recording is never overwritten: it may be the only one of its run."""
-        self._head = metadata(self._resolved, self._world.seed, simulation.timing)
-        try:
-            if self._rotation:
-                self._head |= {RUN: secrets.token_hex(8), PART: str(FIRST_PART)}
-                self._world.identity()  # now, as later it would cost the recorder's thread a moment
+        self._head = {**metadata(self._resolved, self._world.seed, timing), **about}
+        if self._rotation:
+            self._head |= {RUN: secrets.token_hex(8), PART: str(FIRST_PART)}
+            self._world.identity()  # now, as later it would cost the recorder's thread a moment
+            try:
                 for other in later_parts(self._path).values():
-                    raise FileExistsError(str(other))
-            file = self._path.open("xb")
-        except FileExistsError as error:
-            there = self._path if error.filename else error
-            text = f"cannot record to {there}: it exists already; give --record another name, or remove it first"
-            raise FileExistsError(text) from None
-        except OSError as error:
-            raise self._unwritable(error) from error
+                    raise there_already(other)
+            except FileNotFoundError as error:
+                raise unwritable(self._path, error) from error
+        file = new_file(self._path)
         try:
             self._file, self._writer = file, RecordingWriter(file, self._head, self._world.ports)
         except OSError as error:
             with contextlib.suppress(OSError):
                 file.close()
             self._path.unlink(missing_ok=True)
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> OSError:
-        reason = error.strerror or str(error)
-        return OSError(f"cannot record to {self._path}: {reason}; give --record a place that can be written")
+            raise unwritable(self._path, error) from error
 
     def _close(self, thread: threading.Thread) -> None:
         self._open = False
         if not self._error:
-            self._queue.append(_State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True))
+            self._queue.append(self._last_state())
         self._ending.set()
         written = -1
         while thread.is_alive() and written != (written := self._samples_taken + self._requests_taken):

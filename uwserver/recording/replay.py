@@ -17,16 +17,18 @@ from typing import Any
 import msgspec
 
 from uwserver.physics.collision.engine import missing_engine
-from uwserver.ports import Call, Fault, Progress, Reply
+from uwserver.ports import Call, Command, Fault, Progress, Reply
+from uwserver.ports.crossing import TickOutput
 from uwserver.recording.changes import BadChange, Changes, calls_for, changed_record
 from uwserver.recording.format import Head, Request, StateHash, Versions, head_of, versions_here
 from uwserver.recording.parts import ESTIMATED, SERVED
 from uwserver.recording.reading import NotReplayable, Reading
-from uwserver.recording.transcript import Transcript, new_file
+from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.members import physics_rate
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import NO_MORE, More
 from uwserver.scenario.load.extensions import extension_kinds
+from uwserver.simulation.clock import Timing
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
 from uwserver.world.saving import in_one_piece
@@ -141,18 +143,19 @@ def replay(
 @contextlib.contextmanager
 def _recorded(record: Path, run: _Run, head: Head, about: Mapping[str, str]) -> Iterator[None]:
     """Let a run be written into a new file, which goes again when it fails or differs."""
-    file, is_whole = new_file(record), False
+    recorder = Recorder(record, run.world, run.head.resolved)
+    is_whole = has_begun = False
     try:
-        with file:
-            run.transcript = Transcript(file, run.world, run.head.resolved, head.timing, about)
+        with recorder.stepped(msgspec.convert(head.timing, Timing), about):
+            run.recorder, has_begun = recorder, True
             yield
-            if run.difference is None:
-                run.transcript.finish()
         is_whole = run.difference is None
     except OSError as error:
-        raise OSError(f"cannot record to {record}: {error.strerror or error}") from error
+        if error.strerror is None:  # it says all of it already
+            raise
+        raise OSError(f"cannot record to {record}: {error.strerror}") from error
     finally:
-        if not is_whole:
+        if has_begun and not is_whole:
             record.unlink(missing_ok=True)
 
 
@@ -200,7 +203,7 @@ class _Run:
     Attributes:
         head: what the world was built from.
         world: it.
-        transcript: writes what it does; None where nobody wants it.
+        recorder: writes what it does; None where nobody wants it.
         difference: from the recording, before anything was changed.
     """
 
@@ -215,7 +218,8 @@ class _Run:
         self.world.want(())
         rate = physics_rate(recorded.resolved.scenario.world.rate_hz)
         self._recorded_ticks, self._has_other_ticks = Ticks(rate), rate != self.world.rate_hz
-        self.transcript: Transcript | None = None
+        self.recorder: Recorder | None = None
+        self._batches = 0
         self._batch: list[Request] = []
         self._next_index: int | None = 0
         self._from = self.world.ticks.at(changes.from_s)
@@ -229,7 +233,7 @@ class _Run:
 
     def begin(self, state: bytes) -> None:
         """Stand where the recording begins; `state` is that of a later part, b"" for the start of the scenario."""
-        if self.transcript is not None:
+        if self.recorder is not None:
             self.world.want(None)
         if state:
             self._next_index = None
@@ -288,8 +292,7 @@ class _Run:
             if request.service and request.service not in self.world.services and self.changed_ns is None:
                 text = f'{self._path}: tick {request.tick} calls "{request.service}", which this version of uwserver does not have'
                 raise NotReplayable(text)
-        if self.transcript is not None:
-            self.transcript.requested(self._batch)
+        self._write_requests([request.item for request in self._batch])
         for request in self._batch:
             self.world.submit(request.item, self._count_refusal if self.changed_ns is not None else None)
         self._flush()
@@ -316,8 +319,7 @@ class _Run:
         raise BadChange(f"{call.service} at {self.world.t_ns / NANOSECONDS:g} s: {fault.text}")
 
     def _carry(self, calls: Sequence[Call], fail: Callable[[Fault], None]) -> None:
-        if self.transcript is not None:
-            self.transcript.requested([Request.of(call, 0, 0, 0) for call in calls])
+        self._write_requests(calls)
         answers: list[Any] = []
         for call in calls:
             self.world.submit(call, answers.append)
@@ -330,8 +332,23 @@ class _Run:
         output = self.world.flush()
         for on_reply, answer in output.replies:
             on_reply(answer)
-        if self.transcript is not None:
-            self.transcript.told(output)
+        self._write(output)
+
+    def _write_requests(self, items: Sequence[Command | Call]) -> None:
+        if self.recorder is not None:
+            for item in items:
+                self.recorder.requested(item, self.world.tick, self._batches)
+            self._batches += 1
+
+    def _write(self, output: TickOutput, is_tick: bool = False) -> None:
+        recorder = self.recorder
+        if recorder is not None:
+            if is_tick:
+                recorder.ticked(self.world)
+            for event in output.events:
+                recorder.put_event(event)
+            recorder.put_samples(output.samples)
+            recorder.drain()
 
     def _advance(self, tick: int, entry: Request | StateHash) -> bool:
         """Step to a tick, that of the entry or one before. False when the world cannot get there: with a difference, or as a changed one diverged."""
@@ -345,8 +362,7 @@ class _Run:
             try:
                 output = world.advance()
             except Diverged as error:
-                if self.transcript is not None:
-                    self.transcript.told(error.output)
+                self._write(error.output)
                 # The recorded world stopped here as well if its next entry is of this tick.
                 if self.changed_ns is not None:
                     self._diverged = str(error)
@@ -357,8 +373,7 @@ class _Run:
                 continue
             for on_reply, answer in output.replies:
                 on_reply(answer)
-            if self.transcript is not None:
-                self.transcript.ticked(output)
+            self._write(output, is_tick=True)
         if world.tick > tick:
             if self.changed_ns is not None:
                 self._diverged = f"the recording goes on at tick {tick}: what had set the time there was refused here"

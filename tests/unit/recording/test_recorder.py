@@ -29,7 +29,7 @@ from uwserver.recording.format import (
     port_schema,
 )
 from uwserver.recording.parts import Rotation
-from uwserver.recording.reading import NotReplayable, Reading, parts_of
+from uwserver.recording.reading import NotReplayable, Reading, head_record, parts_of
 from uwserver.recording.recorder import Recorder
 from uwserver.recording.replay import replay
 from uwserver.scenario.build.world import build
@@ -485,3 +485,32 @@ def test_a_disk_that_is_full_at_the_next_part_ends_the_recording(
         in_parts(path, resolved, Rotation(most_s=1.0), 2)
     done = replay(path)
     assert (done.difference, done.truncated, done.hashes) == (None, True, 1)
+
+
+def test_a_world_that_is_stepped_is_recorded_without_a_thread(path: Path, resolved: Resolved) -> None:
+    world = build(resolved, 1)
+    recorder = Recorder(path, world, resolved)
+    call = Call(
+        "world/set_fault", {"name": "f", "kind": "thruster_dead", "target": "rov/thrusters", "parameters": {}}, "me"
+    )
+    push = Command("rov/thrusters", ((0.5,) * 8,), "me")
+    threads = threading.active_count()
+    with recorder.stepped(Timing("freerun"), {"replay_of": "x.mcap"}):
+        for tick in range(241):
+            for item in (call, push) if tick == 3 else ():
+                recorder.requested(item, tick, 0)
+                world.submit(item)
+            output = world.advance()
+            recorder.ticked(world)
+            for event in output.events:
+                recorder.put_event(event)
+            recorder.put_samples(output.samples)
+            recorder.drain()
+            assert threading.active_count() == threads
+    assert recorder.is_complete
+    assert [(r["index"], r["tick"]) for r in bodies(path, REQUESTS)] == [(0, 3), (1, 3)]
+    assert [(h["index"], h["tick"]) for h in bodies(path, HASHES)] == [(2, 240), (3, 241)]
+    assert [e["event"] for e in bodies(path, EVENTS)] == ["fault"]
+    assert len(bodies(path, "rov/imu")) == 120
+    assert head_record(path)["replay_of"] == "x.mcap"
+    assert replay(path).difference is None
