@@ -85,6 +85,15 @@ def test_up_to_the_change_the_run_is_the_recorded_one_and_after_it_another(run: 
     assert requests[1]["args"] == {"velocity_N": [0.3, 0.1, 0.0]}
 
 
+def test_a_request_of_the_same_tick_meets_the_changed_world(run: Path, tmp_path: Path):
+    changed(run, tmp_path / "n.mcap", CURRENT, from_s=0.5, to_s=1.0)
+    requests = bodies(tmp_path / "n.mcap", REQUESTS)
+    assert [(r["tick"], r.get("service", r.get("port"))) for r in requests] == [
+        (120, "world/set_current"),
+        (120, "rov/thrusters"),
+    ]
+
+
 def test_the_new_recording_is_replayed_bit_for_bit(run: Path, tmp_path: Path):
     changed(run, tmp_path / "late.mcap", CURRENT, from_s=1.5)
     changed(run, tmp_path / "early.mcap", CURRENT)

@@ -122,3 +122,9 @@ def test_long_files_are_streamed(run: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compare_module.Pairing, "settle", counted)
     compare(run, run)
     assert 0 < most < 40
+
+
+def test_states_of_runs_of_other_rates_are_compared_by_their_time(run: Path, tmp_path: Path):
+    """A hash names its tick, which is another time there."""
+    new = changed(run, tmp_path / "b.mcap", "world.rate_hz=480")
+    assert compare(run, new).states.first_ns == 10**9
