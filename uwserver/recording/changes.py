@@ -195,10 +195,20 @@ def _set(whole: dict[str, Any], each: Setting) -> None:
     if key in _ENTRY:
         _put(whole["scenario"]["vehicles"][name], rest[1:], each)
     elif key in _OWN:
+        _check_mount(vehicles[name]["vehicle"], rest, each)
         _put(vehicles[name]["vehicle"], rest[1:], each)
     else:
         names = sorted((_ENTRY | _OWN) - {"schema", *_AS_BUILT})
         raise BadChange(f'{each}: unknown key "{key}"{suggestion(key, names)}')
+
+
+def _check_mount(vehicle: Mapping[str, Any], path: tuple[str, ...], each: Setting) -> None:
+    """A sensor on a mount sits where that is: its own place would be left aside without a word."""
+    if path[1] == "sensors" and len(path) == 4 and path[3] in ("position_frd_m", "rpy_deg"):
+        mount = vehicle["sensors"].get(path[2], {}).get("mount")
+        if mount:
+            key = dotted(("vehicles", path[0], "mounts", mount, path[3]))
+            raise BadChange(f'{each}: the sensor sits on the mount "{mount}": change {key}')
 
 
 def _put(table: dict[str, Any], path: tuple[str, ...], each: Setting) -> None:

@@ -172,6 +172,7 @@ def test_any_service_is_called(run: Path, tmp_path: Path):
         ('seabed={kind="flat", depth_m=9}', 1.0, "seabed cannot change while the world runs: it can with --from 0"),
         ("vehicles.rov.collision.hull.radius_m=1", 0.0, "shape is in the recording"),
         ("vehicles.rov={}", 0.0, "cannot be replaced as a whole"),
+        ("vehicles.rov.sensors.imu.rpy_deg=[0,0,9]", 0.0, r'on the mount "imu": change vehicles\.rov\.mounts\.imu\.rpy_deg'),
         ("structures.wall.friction=1", 0.0, "structures are in the recording as they stood"),
         ("adapters.tcp.port=1", 0.0, "a replay has no peers"),
         ("vehicles.rov.autopilot.gains.depth_p.x=1", 0.0, "depth_p"),
