@@ -20,7 +20,7 @@ from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
 
 from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
-from uwserver.recording import recorder, replay
+from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import counts, scenario
 from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
@@ -103,8 +103,8 @@ def _recordings() -> Iterator[Row]:
         f"{recorder.CLOSE_TIMEOUT_S:g} s",
         "the file has no end; told, exit status 1",
     )
-    yield "a record, when it is replayed", _bytes(replay.MOST_RECORD_BYTES), "damaged"
-    yield "a chunk, unpacked", _bytes(replay.MOST_CHUNK_BYTES), "damaged"
+    yield "a record, when it is replayed", _bytes(reading.MOST_RECORD_BYTES), "damaged"
+    yield "a chunk, unpacked", _bytes(reading.MOST_CHUNK_BYTES), "damaged"
     yield "its seabed and structures, unpacked", _bytes(archive.LARGEST_BYTES), "not replayed"
 
 

@@ -21,6 +21,8 @@ _WHERE = {
     "replay": "replay",
     "log": "log",
     "export": "export",
+    "compare": "compare",
+    "record": "record",
     "plot": "plot",
     "shot": "shot",
     "validate": "validate",

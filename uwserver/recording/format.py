@@ -24,7 +24,9 @@ from msgspec import Struct
 
 from uwserver import __version__
 from uwserver.physics import PHYSICS
-from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
+from uwserver.ports import Call, Command, Event, Items, Port, Sample
+from uwserver.recording.parts import STATE
+from uwserver.recording.schemas import port_schema, schema_of
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -47,14 +49,6 @@ CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
 _SECRETS = ("token", "password", "secret")
-_JSON_TYPES = {
-    "float": "number",
-    "int": "integer",
-    "bool": "boolean",
-    "str": "string",
-    "bytes": "object",
-    "buffer": "object",
-}
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -192,7 +186,7 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         whole = msgspec.json.decode(record["scenario"])
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
-            raise ValueError(f"its components come from {names}: give the file by --extension, if you trust it")
+            raise ValueError(f"its components come from {names}: give --trust-files, if you trust it")
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         vehicles = {
@@ -257,9 +251,9 @@ class RecordingWriter:
         self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
         self._writer.start("", f"uwserver {__version__}")
         self._writer.add_metadata(METADATA, head)
-        self._events = self._channel(EVENTS, "uwserver.Event", _schema_of(Event))
-        self._hashes = self._channel(HASHES, "uwserver.StateHash", _schema_of(StateHash))
-        self._requests = self._channel(REQUESTS, "uwserver.Request", _schema_of(Request))
+        self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
+        self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
+        self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
         for port in ports.values():
             self._number(self._kinds(port)[-1])
         self.flush()
@@ -303,6 +297,10 @@ class RecordingWriter:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
 
+    def begin_at(self, state: bytes) -> None:
+        """Say, before any message, with which state of the world a later part begins."""
+        self._writer.add_attachment(0, 0, STATE, "application/msgpack", state)
+
     def flush(self) -> None:
         """End the chunk in progress and hand everything to the operating system."""
         self._writer.flush()
@@ -318,6 +316,11 @@ class RecordingWriter:
         """Ports as they are from here on; samples of those before may still come."""
         for port in ports:
             self._kinds(port)
+
+    @property
+    def known(self) -> list[Port]:
+        """All that have had a name, the present one last: for the writer of the next part."""
+        return [kind.port for kinds in self._of_name.values() for kind in kinds]
 
     def _kinds(self, port: Port) -> list[_Kind]:
         """All that had this name; the present one is the last."""
@@ -343,58 +346,3 @@ class RecordingWriter:
         self._count += 1
         schema_id = self._writer.register_schema(name, "jsonschema", self._encode(schema))
         return int(self._writer.register_channel(topic, "json", schema_id, about or {}))
-
-
-def port_schema(port: Port) -> dict[str, Any]:
-    """JSON schema of the messages on a port's channel."""
-    value = {"type": "object", "properties": {field.name: _field_schema(field) for field in port.fields}}
-    integer = {"type": "integer"}
-    if port.direction == "sensor":
-        properties = {
-            "seq": integer,
-            "t_ns": integer,
-            "t_sent_ns": integer,
-            "valid": {"type": "boolean"},
-            "value": value,
-        }
-    else:
-        properties = {"tick": integer, "source": {"type": "string"}, "value": value}
-    return {"title": port.path, "description": port.doc, "type": "object", "properties": properties}
-
-
-def _field_schema(field: Field) -> dict[str, Any]:
-    about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
-    # null where a sensor has no value.
-    scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
-    if field.is_packed:
-        base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
-        if field.buffer:
-            about += f"; {field.buffer}, row-major, little-endian"
-            base64 |= {"dtype": {"const": field.buffer.dtype}, "shape": {"type": "array", "items": {"type": "integer"}}}
-        return {**scalar, "properties": base64, "description": about}
-    if not field.shape:
-        return {**scalar, "description": about}
-    if len(field.shape) > 1:
-        about += f"; row-major, shape {'x'.join(map(str, field.shape))}"
-    return {
-        "type": ["array", "null"],
-        "items": scalar,
-        "minItems": field.size,
-        "maxItems": field.size,
-        "description": about,
-    }
-
-
-def _schema_of(type_: type) -> dict[str, Any]:
-    """A flat JSON schema of a Struct, without references: not every viewer follows them."""
-    known = msgspec.json.schema(type_)["$defs"]
-
-    def flat(node: Any) -> Any:
-        if isinstance(node, list):
-            return [flat(entry) for entry in node]
-        if not isinstance(node, dict):
-            return node
-        return flat(known[node["$ref"].rpartition("/")[2]]) if "$ref" in node else {k: flat(v) for k, v in node.items()}
-
-    found: dict[str, Any] = flat(known[type_.__name__])
-    return found

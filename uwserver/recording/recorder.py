@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import secrets
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,11 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from uwserver.ports import Call, Command, Event, Json, Port, Sample
+from uwserver.ports import Call, Command, Event, Json, Port, Refused, Sample
 from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
+from uwserver.recording.opening import new_file, there_already, unwritable
+from uwserver.recording.parts import FIRST_PART, ONE_FILE, PART, RUN, Rotation, later_parts, part_path
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
-from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
@@ -43,6 +46,7 @@ CHUNK_NS = NANOSECONDS // 2
 
 CLOSE_TIMEOUT_S = 5.0
 """Wall time in which the writer must proceed at the end, however much is left to write."""
+NOTHING: Mapping[str, str] = {}
 _DRAIN_S = 0.1
 _BACKPRESSURE_S = 0.002
 
@@ -54,6 +58,7 @@ class _State:
     index: int
     t_ns: int
     snapshot: Snapshot
+    is_last: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,10 +78,11 @@ class Recorder:
         path: a file that does not exist yet.
         world: as built, before its first tick.
         resolved: what it was built from.
+        rotation: when it goes on in another file.
     """
 
-    def __init__(self, path: Path, world: World, resolved: Resolved) -> None:
-        self._path = path
+    def __init__(self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE) -> None:
+        self._path, self._rotation = path, rotation
         self._world = world
         self._resolved = resolved
         self._simulation: Simulation | None = None
@@ -91,6 +97,11 @@ class Recorder:
         self._samples_put = self._dropped = 0
         self._index = self._requests_put = 0
         self._samples_taken = self._requests_taken = self._samples = self._bytes = 0
+        # Of the recorder's thread alone.
+        self._head: dict[str, str] = {}
+        self._part, self._part_ns, self._finished_bytes = FIRST_PART, world.t_ns, 0
+        self._file: IO[bytes]
+        self._writer: RecordingWriter
 
     @contextlib.contextmanager
     def running(self, simulation: Simulation, bus: Bus) -> Iterator[None]:
@@ -99,8 +110,8 @@ class Recorder:
         Raises:
             OSError: the file exists already or cannot be written; the text names it and says what to do.
         """
-        file, writer = self._started(simulation)
-        thread = threading.Thread(target=self._run, args=(file, writer), name="recorder", daemon=True)
+        self._start(simulation.timing)
+        thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._simulation = simulation
         simulation.observe(self)
         detach = bus.attach(self)
@@ -119,6 +130,32 @@ class Recorder:
             detach()
             self._close(thread)
 
+    @contextlib.contextmanager
+    def stepped(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> Iterator[None]:
+        """Record a world that the caller steps, as a replay does, without a thread: `drain` after each tick writes it. All is written.
+
+        Args:
+            timing: what the head says of it.
+            about: further keys of the metadata record: where the run comes from.
+
+        Raises:
+            OSError: as `running`; `drain`, too, when the file cannot be written any more.
+        """
+        self._start(timing, about)
+        self._open = True
+        with self._file:
+            yield
+            self._open = False
+            self._queue.append(self._last_state())
+            self.drain()
+            self._writer.finish()
+        self._finished = True
+
+    def drain(self) -> None:
+        """Write what waits; of a world that is `stepped`."""
+        while self._queue:
+            self._write_item(self._queue.popleft())
+
     @property
     def is_complete(self) -> bool:
         """Whether all was written that a replay needs, to the very end. Known after `running`."""
@@ -136,6 +173,7 @@ class Recorder:
             "samples": self._samples,
             "requests": self._requests_taken,
             "bytes": self._bytes,
+            "parts": self._part,
             "dropped": self._dropped,
             "error": self._error,
         }
@@ -187,6 +225,9 @@ class Recorder:
             self._seen = self._world.ports
             self._queue.append(_Ports(self._seen))
 
+    def _last_state(self) -> _State:
+        return _State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True)
+
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
         return index
@@ -208,12 +249,12 @@ class Recorder:
 
     # -- the recorder's thread ------------------------------------------------------------------------------------------------------
 
-    def _run(self, file: IO[bytes], writer: RecordingWriter) -> None:
+    def _run(self) -> None:
         try:
-            self._write(writer, file)
+            self._write()
         except OSError as error:
             self._fail(error.strerror or str(error))
-        except TooManyChannels as error:
+        except (TooManyChannels, Refused) as error:
             self._fail(str(error))
         except Exception as error:
             self._fail(f"internal fault: {error}")
@@ -222,33 +263,58 @@ class Recorder:
             self._queue.clear()
             # After a full disk the last flush fails once more.
             with contextlib.suppress(OSError):
-                file.close()
+                self._file.close()
 
-    def _write(self, writer: RecordingWriter, file: IO[bytes]) -> None:
+    def _write(self) -> None:
         time = SystemTime()
         flushed = time.now_ns()
         while not self._error:
             # Asked before draining: what was queued before the end is still written.
             ending = self._ending.is_set()
             while self._queue and not self._error:
-                self._write_item(writer, self._queue.popleft())
+                self._write_item(self._queue.popleft())
                 now = time.now_ns()
                 if now - flushed >= CHUNK_NS:
-                    writer.flush()
-                    flushed, self._bytes = now, file.tell()
+                    self._flush()
+                    flushed = now
             if ending:
-                writer.finish()
-                file.flush()
-                self._bytes = file.tell()
-                file.close()  # which may tell only now that the disk is full
+                self._writer.finish()
+                self._file.flush()
+                self._bytes = self._finished_bytes + self._file.tell()
+                self._file.close()  # which may tell only now that the disk is full
                 self._finished = not self._error
                 return
             if time.now_ns() - flushed >= CHUNK_NS:
-                writer.flush()
-                flushed, self._bytes = time.now_ns(), file.tell()
+                self._flush()
+                flushed = time.now_ns()
             self._ending.wait(_DRAIN_S)
 
-    def _write_item(self, writer: RecordingWriter, item: _Item) -> None:
+    def _flush(self) -> None:
+        self._writer.flush()
+        self._bytes = self._finished_bytes + self._file.tell()
+
+    def _turn_over(self, state: _State) -> None:
+        """Go on in the next part, which begins with this state."""
+        path = part_path(self._path, self._part + 1)
+        data = snapshot.to_bytes(self._world, state.snapshot)
+        file = path.open("xb")
+        try:
+            writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known)
+            writer.begin_at(data)
+            writer.know(self._writer.known)  # late samples of what is gone may still come
+            self._writer.finish()
+            self._finished_bytes += self._file.tell()
+            self._file.close()
+        except BaseException:
+            with contextlib.suppress(OSError):
+                file.close()
+            raise
+        self._file, self._writer = file, writer
+        self._part, self._part_ns = self._part + 1, state.t_ns
+        log.info("recording to %s", path)
+
+    def _write_item(self, item: _Item) -> None:
+        writer = self._writer
         if isinstance(item, tuple):
             for sample in item:
                 writer.sample(sample, self._known)
@@ -259,6 +325,11 @@ class Recorder:
             self._requests_taken += 1
         elif isinstance(item, _State):
             writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
+            if self._rotation and not item.is_last:
+                self._flush()
+                seconds = abs(item.t_ns - self._part_ns) / NANOSECONDS  # a reset sets the time back
+                if self._rotation.is_due(self._file.tell(), seconds):
+                    self._turn_over(item)
         elif isinstance(item, _Ports):
             writer.know(port for path, port in item.ports.items() if self._known.get(path) is not port)
             self._known |= item.ports
@@ -267,32 +338,30 @@ class Recorder:
 
     # -- start and end ------------------------------------------------------------------------------------------------------------
 
-    def _started(self, simulation: Simulation) -> tuple[IO[bytes], RecordingWriter]:
+    def _start(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> None:
         """A new file with its head. An old recording is never overwritten: it may be the only one of its run."""
-        head = metadata(self._resolved, self._world.seed, simulation.timing)
+        self._head = {**metadata(self._resolved, self._world.seed, timing), **about}
+        if self._rotation:
+            self._head |= {RUN: secrets.token_hex(8), PART: str(FIRST_PART)}
+            self._world.identity()  # now, as later it would cost the recorder's thread a moment
+            try:
+                for other in later_parts(self._path).values():
+                    raise there_already(other)
+            except FileNotFoundError as error:
+                raise unwritable(self._path, error) from error
+        file = new_file(self._path)
         try:
-            file = self._path.open("xb")
-        except FileExistsError:
-            text = f"cannot record to {self._path}: it exists already; give --record another name, or remove it first"
-            raise FileExistsError(text) from None
-        except OSError as error:
-            raise self._unwritable(error) from error
-        try:
-            return file, RecordingWriter(file, head, self._world.ports)
+            self._file, self._writer = file, RecordingWriter(file, self._head, self._world.ports)
         except OSError as error:
             with contextlib.suppress(OSError):
                 file.close()
             self._path.unlink(missing_ok=True)
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> OSError:
-        reason = error.strerror or str(error)
-        return OSError(f"cannot record to {self._path}: {reason}; give --record a place that can be written")
+            raise unwritable(self._path, error) from error
 
     def _close(self, thread: threading.Thread) -> None:
         self._open = False
         if not self._error:
-            self._queue.append(_State(self._next_index(), self._world.t_ns, snapshot.take(self._world)))
+            self._queue.append(self._last_state())
         self._ending.set()
         written = -1
         while thread.is_alive() and written != (written := self._samples_taken + self._requests_taken):

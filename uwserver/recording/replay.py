@@ -1,43 +1,43 @@
-"""Runs a recording again and compares: the same requests at the same ticks must give the same states, bit for bit."""
+"""Runs a recording again and compares: the same requests at the same ticks must give the same states, bit for bit.
+
+From a time on something may be changed: then the recorded requests meet another world, whose states are not compared any more, and the run can be
+recorded as one of its own.
+"""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 
 from uwserver.physics.collision.engine import missing_engine
-from uwserver.recording.format import (
-    HASHES,
-    METADATA,
-    REQUESTS,
-    Head,
-    Request,
-    StateHash,
-    Versions,
-    head_of,
-    versions_here,
-)
+from uwserver.ports import Call, Command, Fault, Progress, Reply
+from uwserver.ports.crossing import TickOutput
+from uwserver.recording.changes import BadChange, Changes, calls_for, changed_record
+from uwserver.recording.format import Head, Request, StateHash, Versions, head_of, versions_here
+from uwserver.recording.parts import ESTIMATED, SERVED
+from uwserver.recording.reading import NotReplayable, Reading
+from uwserver.recording.recorder import Recorder
+from uwserver.scenario.build.members import physics_rate
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import NO_MORE, More
-from uwserver.scenario.files.opening import opened
 from uwserver.scenario.load.extensions import extension_kinds
+from uwserver.simulation.clock import Timing
+from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
+from uwserver.world.saving import in_one_piece
+from uwserver.world.ticks import Ticks
 from uwserver.world.world import Diverged, World
 
-_MAGIC = b"\x89MCAP0\r\n"
-MOST_RECORD_BYTES = 1 << 30
-"""Of a record of a file: the scenario, whose seabed may be large."""
-MOST_CHUNK_BYTES = 1 << 28
-"""Of a chunk when it is unpacked; the recorder begins a new one after `format.CHUNK_BYTES`."""
+__all__ = ["Difference", "NotReplayable", "Replayed", "replay"]
 
-
-class NotReplayable(Exception):
-    """A file that cannot be replayed; the text names it, says why, and where it is damaged."""
+UNCHANGED = Changes()
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,10 @@ class Replayed:
         difference: the first one; None when all states are equal.
         truncated: the recording has no end (its server was killed, or the disk was full); it was replayed as far as it goes.
         recorded, here: versions of then and now.
+        changed_ns: simulation time from which on the world was another one; None for never.
+        end_ns: where it ended.
+        refused: how many requests the world refused from `changed_ns` on, and what it said of the first.
+        diverged: why the changed world could not go on; "" where it could.
     """
 
     ticks: int
@@ -78,6 +82,10 @@ class Replayed:
     truncated: bool
     recorded: Versions
     here: Versions
+    changed_ns: int | None = None
+    end_ns: int = 0
+    refused: tuple[int, str] = (0, "")
+    diverged: str = ""
 
     @property
     def changed_versions(self) -> dict[str, tuple[str, str]]:
@@ -90,33 +98,86 @@ class Replayed:
         return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def replay(path: Path, extensions: Sequence[Path] = ()) -> Replayed:
+def replay(
+    path: Path,
+    extensions: Sequence[Path] = (),
+    *,
+    changes: Changes = UNCHANGED,
+    to_s: float | None = None,
+    record: Path | None = None,
+) -> Replayed:
     """Replay a recording as fast as possible. Needs no file but the recording, and no adapter.
 
     Args:
         path: of the recording.
         extensions: the Python files of its scenario, which are not in it; they are run.
+        changes: of the world; up to their time it is the recorded one, bit for bit.
+        to_s: ends at this simulation time, s; None: with the recording.
+        record: file for the run as it goes here; it must not exist. A replay that fails or differs leaves none.
 
     Raises:
-        OSError: the file cannot be read.
-        NotReplayable: it is no recording of ours, damaged, or of a scenario that this version cannot build.
+        OSError: the file cannot be read, or the new one not written.
+        NotReplayable: it is no recording of ours, damaged, of a scenario that this version cannot build, or it ends before the changes begin.
+        BadChange: the world cannot be changed so.
     """
-    with opened(path) as file:
-        reading = _Reading(path, file, _kinds(extensions))
-        run = _Run(path, reading.head)
+    with ExitStack() as stack:
+        reading = stack.enter_context(Reading(path))
+        more = kinds_of_extensions(extensions)
+        changed = head = _head(path, reading.record, more)
+        if changes.settings:
+            changed = _head(path, changed_record(reading.record, changes.settings, more), more)
+        run = _Run(path, head, changed, changes, to_s)
+        if record is not None:
+            about = {"replay_of": path.name, "changed_from_s": f"{changes.from_s:g}", "changes": _listed(changes)}
+            stack.enter_context(_recorded(record, run, head, about))
+        run.begin(reading.state)
         for entry in reading.entries():
-            run.follow(entry)
-            if run.difference is not None:
+            if not run.follow(entry):
                 break
         else:
             run.carry_out()
-        head = reading.head
-        return Replayed(
-            run.ticks, run.requests, run.hashes, run.difference, reading.truncated, head.versions, versions_here()
-        )
+        run.end()
+        return run.result(reading.truncated, head.versions)
 
 
-def _kinds(extensions: Sequence[Path]) -> More:
+@contextlib.contextmanager
+def _recorded(record: Path, run: _Run, head: Head, about: Mapping[str, str]) -> Iterator[None]:
+    """Let a run be written into a new file, which goes again when it fails or differs."""
+    recorder = Recorder(record, run.world, run.head.resolved)
+    is_whole = has_begun = False
+    try:
+        with recorder.stepped(msgspec.convert(head.timing, Timing), about):
+            run.recorder, has_begun = recorder, True
+            yield
+        is_whole = run.difference is None
+    except OSError as error:
+        if error.strerror is None:  # it says all of it already
+            raise
+        raise OSError(f"cannot record to {record}: {error.strerror}") from error
+    finally:
+        if has_begun and not is_whole:
+            record.unlink(missing_ok=True)
+
+
+def _listed(changes: Changes) -> str:
+    calls = [f"{one.service}={dict(one.args)}" for one in changes.calls]
+    return "; ".join([*(f"{each}={each.value}" for each in changes.settings), *calls])
+
+
+def _head(path: Path, record: Mapping[str, str], more: More) -> Head:
+    if SERVED in record:
+        text = "it was recorded from outside, by `uwserver record`: the scenario and the commands are not in it"
+        raise NotReplayable(f"{path}: {text}; `uwserver run --record` has them")
+    if ESTIMATED in record:
+        raise NotReplayable(f"{path}: an estimator made it of {record[ESTIMATED]}: replay that")
+    try:
+        return head_of(record, more)
+    except ValueError as error:
+        raise NotReplayable(f"{path}: {error}") from error
+
+
+def kinds_of_extensions(extensions: Sequence[Path]) -> More:
+    """Kinds of a recording's extensions; runs their files. Raises NotReplayable."""
     problems: list[str] = []
     names = [str(path) for path in extensions]
     more = extension_kinds(
@@ -127,157 +188,210 @@ def _kinds(extensions: Sequence[Path]) -> More:
     return more if extensions else NO_MORE
 
 
-class _Run:
-    """A world that follows the entries of a recording."""
+def _built(head: Head, is_changed: bool) -> World:
+    try:
+        return build(head.resolved, head.seed)
+    except ValueError as error:
+        if not is_changed:
+            raise
+        raise BadChange(f"a world cannot be built so: {error}") from error
 
-    def __init__(self, path: Path, head: Head) -> None:
-        self._path = path
+
+class _Run:
+    """A world that follows the entries of a recording.
+
+    Attributes:
+        head: what the world was built from.
+        world: it.
+        recorder: writes what it does; None where nobody wants it.
+        difference: from the recording, before anything was changed.
+    """
+
+    def __init__(self, path: Path, recorded: Head, changed: Head, changes: Changes, to_s: float | None) -> None:
+        head = recorded if changes.from_s > 0.0 else changed
+        self._path, self.head, self._changes, self._changed_head = path, head, changes, changed
         # Contacts of another engine may differ in their last bits.
         missing = missing_engine(head.resolved.scenario.world.engine, instead=False) if head.resolved.is_solid else None
         if missing is not None:
             raise NotReplayable(f"{path}: its contacts cannot be found again here: {missing}")
-        self._world: World = build(head.resolved, head.seed)
-        self._world.want(())
+        self.world: World = _built(head, is_changed=head is changed and bool(changes))
+        self.world.want(())
+        rate = physics_rate(recorded.resolved.scenario.world.rate_hz)
+        self._recorded_ticks, self._has_other_ticks = Ticks(rate), rate != self.world.rate_hz
+        self.recorder: Recorder | None = None
+        self._batches = 0
         self._batch: list[Request] = []
-        self._next_index = 0
+        self._next_index: int | None = 0
+        self._from = self.world.ticks.at(changes.from_s)
+        self._last = None if to_s is None else self.world.ticks.at(to_s)
+        self._pending = bool(changes)
+        self._is_over = False
+        self.changed_ns: int | None = None
+        self._refused, self._first_refusal, self._diverged = 0, "", ""
         self.ticks = self.requests = self.hashes = 0
         self.difference: Difference | None = None
 
-    def follow(self, entry: Request | StateHash) -> None:
-        """Go on to the tick of the entry; carry it out or compare."""
+    def begin(self, state: bytes) -> None:
+        """Stand where the recording begins; `state` is that of a later part, b"" for the start of the scenario."""
+        if self.recorder is not None:
+            self.world.want(None)
+        if state:
+            self._next_index = None
+            self._carry([Call("world/load", in_one_piece(state), "begin")], self._must_load)
+        if self._pending and self._from == 0:
+            self._change()
+
+    def _must_load(self, fault: Fault) -> None:
+        raise NotReplayable(f"{self._path}: the state it begins with cannot be loaded: {fault.text}")
+
+    def follow(self, entry: Request | StateHash) -> bool:
+        """Go on to the tick of the entry; carry it out or compare. False: there is nothing more to do."""
+        if self._next_index is None:
+            self._next_index = entry.index
+        if self._has_other_ticks:
+            at = self.world.ticks.first_at(self._recorded_ticks.time_of(entry.tick))
+            entry = msgspec.structs.replace(entry, tick=at)
         if entry.index != self._next_index:
             text = f"{self._path}: entry {self._next_index} is missing before tick {entry.tick}: the file was changed after its recording"
             raise NotReplayable(text)
         self._next_index += 1
         if self._batch and not (isinstance(entry, Request) and entry.batch == self._batch[0].batch):
             self.carry_out()
-        if not self._advance(entry):
-            return
+        if self._pending and entry.tick - isinstance(entry, StateHash) >= self._from:
+            if not self._advance(self._from, entry):
+                return False
+            self._change()
+        if self._last is not None and entry.tick > self._last:
+            self._advance(self._last, entry)
+            self._is_over = True
+            return False
+        if not self._advance(entry.tick, entry):
+            return False
         if isinstance(entry, Request):
             self._batch.append(entry)
-            return
-        found = snapshot.take(self._world).hash()
+        elif self.changed_ns is None:
+            self._compare(entry)
+        return self.difference is None
+
+    def _compare(self, entry: StateHash) -> None:
+        found = snapshot.take(self.world).hash()
         if found == entry.hash:
             self.hashes += 1
         else:
             self._differs(entry, entry.hash, found)
 
+    def end(self) -> None:
+        """All entries are done. Raises NotReplayable where the changes were still to come."""
+        if self._pending and self.difference is None:
+            end = self.world.t_ns / NANOSECONDS
+            raise NotReplayable(f"{self._path}: it ends at {end:g} s, before --from {self._changes.from_s:g}")
+
     def carry_out(self) -> None:
         """Carry out the batch that was collected; without a tick, for the recorded world may have been paused. If it ran, its tick follows."""
         for request in self._batch:
-            if request.service and request.service not in self._world.services:
+            if request.service and request.service not in self.world.services and self.changed_ns is None:
                 text = f'{self._path}: tick {request.tick} calls "{request.service}", which this version of uwserver does not have'
                 raise NotReplayable(text)
-            self._world.submit(request.item)
-        self._world.flush()
+        self._write_requests([request.item for request in self._batch])
+        for request in self._batch:
+            self.world.submit(request.item, self._count_refusal if self.changed_ns is not None else None)
+        self._flush()
         self.requests += len(self._batch)
         self._batch = []
 
-    def _advance(self, entry: Request | StateHash) -> bool:
-        """Step to the tick of an entry. False, with a difference, when the world cannot get there."""
-        world = self._world
+    def _count_refusal(self, answer: Reply | Progress) -> None:
+        if isinstance(answer, Reply) and answer.fault is not None:
+            self._refused += 1
+            self._first_refusal = self._first_refusal or f"{self.world.t_ns / NANOSECONDS:g} s: {answer.fault.text}"
+
+    def _change(self) -> None:
+        """Make the world another one, by calls that a recording of it holds; from the start on it was built so."""
+        self._pending = False
+        self.changed_ns = self.world.t_ns
+        changes = self._changes
+        if self._from == 0:
+            changes = Changes(calls=changes.calls)
+        calls = calls_for(changes, self._changed_head.resolved.scenario, self.world)
+        for call in calls:
+            self._carry([call], partial(self._must_change, call))
+
+    def _must_change(self, call: Call, fault: Fault) -> None:
+        raise BadChange(f"{call.service} at {self.world.t_ns / NANOSECONDS:g} s: {fault.text}")
+
+    def _carry(self, calls: Sequence[Call], fail: Callable[[Fault], None]) -> None:
+        self._write_requests(calls)
+        answers: list[Any] = []
+        for call in calls:
+            self.world.submit(call, answers.append)
+        self._flush()
+        for answer in answers:
+            if isinstance(answer, Reply) and answer.fault is not None:
+                fail(answer.fault)
+
+    def _flush(self) -> None:
+        output = self.world.flush()
+        for on_reply, answer in output.replies:
+            on_reply(answer)
+        self._write(output)
+
+    def _write_requests(self, items: Sequence[Command | Call]) -> None:
+        if self.recorder is not None:
+            for item in items:
+                self.recorder.requested(item, self.world.tick, self._batches)
+            self._batches += 1
+
+    def _write(self, output: TickOutput, is_tick: bool = False) -> None:
+        recorder = self.recorder
+        if recorder is not None:
+            if is_tick:
+                recorder.ticked(self.world)
+            for event in output.events:
+                recorder.put_event(event)
+            recorder.put_samples(output.samples)
+            recorder.drain()
+
+    def _advance(self, tick: int, entry: Request | StateHash) -> bool:
+        """Step to a tick, that of the entry or one before. False when the world cannot get there: with a difference, or as a changed one diverged."""
+        world = self.world
         # A recording has an entry each simulated second at least.
-        if entry.tick - world.tick > 2 * max(1, round(world.rate_hz)):
-            text = f"{self._path}: no entry between the ticks {world.tick} and {entry.tick}: the file was changed after its recording"
+        if tick - world.tick > 2 * max(1, round(world.rate_hz)):
+            text = f"{self._path}: no entry between the ticks {world.tick} and {tick}: the file was changed after its recording"
             raise NotReplayable(text)
-        while world.tick < entry.tick:
+        while world.tick < tick:
             self.ticks += 1
             try:
-                world.advance()
+                output = world.advance()
             except Diverged as error:
+                self._write(error.output)
                 # The recorded world stopped here as well if its next entry is of this tick.
-                if world.tick != entry.tick:
-                    self._differs(entry, f"a world that runs on to tick {entry.tick}", str(error))
+                if self.changed_ns is not None:
+                    self._diverged = str(error)
                     return False
-        if world.tick > entry.tick:
+                if world.tick != tick:
+                    self._differs(entry, f"a world that runs on to tick {tick}", str(error))
+                    return False
+                continue
+            for on_reply, answer in output.replies:
+                on_reply(answer)
+            self._write(output, is_tick=True)
+        if world.tick > tick:
+            if self.changed_ns is not None:
+                self._diverged = f"the recording goes on at tick {tick}: what had set the time there was refused here"
+                return False
+            if tick != entry.tick:
+                raise NotReplayable(
+                    f"{self._path}: the run is at {world.t_ns / NANOSECONDS:g} s already when it begins"
+                )
             self._differs(entry, f"a world at tick {entry.tick}", f"a world at tick {world.tick}")
             return False
         return True
 
     def _differs(self, entry: Request | StateHash, expected: str, found: str) -> None:
-        self.difference = Difference(entry.tick, self._world.ticks.time_of(entry.tick), entry.index, expected, found)
+        self.difference = Difference(entry.tick, self.world.ticks.time_of(entry.tick), entry.index, expected, found)
 
-
-class _Reading:
-    """A recording, entry by entry in the order of the file, so that its length does not matter.
-
-    Attributes:
-        head: the metadata record.
-        truncated: the file ended without its end mark. Known after the last entry.
-    """
-
-    def __init__(self, path: Path, file: IO[bytes], more: More) -> None:
-        self._path = path
-        self._file = file
-        self._types: dict[int, Any] = {}
-        self.truncated = False
-        if file.read(len(_MAGIC)) != _MAGIC:
-            raise NotReplayable(f"{path}: no MCAP file; replay takes what `uwserver run --record FILE` has written")
-        file.seek(0)
-        self._records = self._checked()
-        self._more = more
-        self.head = self._head()
-
-    def entries(self) -> Iterator[Request | StateHash]:
-        """Requests and hashes."""
-        from mcap.records import Channel, Message
-
-        for record in self._records:
-            if isinstance(record, Channel):
-                self._types[record.id] = {REQUESTS: Request, HASHES: StateHash}.get(record.topic)
-            elif isinstance(record, Message) and self._types.get(record.channel_id) is not None:
-                yield self._decoded(record)
-
-    def _head(self) -> Head:
-        from mcap.records import Metadata
-
-        for record in self._records:
-            if isinstance(record, Metadata) and record.name == METADATA:
-                try:
-                    return head_of(record.metadata, self._more)
-                except ValueError as error:
-                    raise NotReplayable(f"{self._path}: {error}") from error
-        raise NotReplayable(f"{self._path}: an MCAP file, but not written by `uwserver run --record FILE`")
-
-    def _decoded(self, message: Any) -> Request | StateHash:
-        try:
-            entry: Request | StateHash = msgspec.json.decode(message.data, type=self._types[message.channel_id])
-        except msgspec.MsgspecError as error:
-            raise NotReplayable(f"{self._path}: an entry at {message.log_time} ns cannot be read: {error}") from error
-        return entry
-
-    def _checked(self) -> Iterator[Any]:
-        """All records. A file that just stops is truncated; one that goes on after a fault is damaged."""
-        from mcap.exceptions import McapError
-        from mcap.records import Chunk
-        from mcap.stream_reader import StreamReader
-        from zstandard import ZstdError
-
-        try:
-            reader = StreamReader(self._file, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_RECORD_BYTES)
-            for record in reader.records:
-                if isinstance(record, Chunk):
-                    yield from self._unpacked(record)
-                else:
-                    yield record
-        except MemoryError as error:
-            text = f"{self._path}: there is too little memory for what it says at byte {self._file.tell()}"
-            raise NotReplayable(text) from error
-        except (McapError, ZstdError, struct.error, ValueError) as error:
-            place = self._file.tell()
-            if self._file.read(1):
-                raise NotReplayable(f"{self._path}: damaged before byte {place}: {error}") from error
-            self.truncated = True
-
-    def _unpacked(self, chunk: Any) -> list[Any]:
-        """The records of a chunk, unless a few bytes stand for any number of them."""
-        from mcap.stream_reader import breakup_chunk
-        from zstandard import frame_content_size
-
-        size: int = chunk.uncompressed_size
-        if chunk.compression == "zstd":
-            size = max(size, frame_content_size(chunk.data))
-        if size > MOST_CHUNK_BYTES:
-            text = f"a chunk of {size} bytes, at most {MOST_CHUNK_BYTES}: uwserver did not write it"
-            raise NotReplayable(f"{self._path}: damaged before byte {self._file.tell()}: {text}")
-        return breakup_chunk(chunk, validate_crc=True)
+    def result(self, truncated: bool, recorded: Versions) -> Replayed:
+        """What came of it."""
+        return Replayed(
+            self.ticks, self.requests, self.hashes, self.difference, truncated and not self._is_over, recorded, versions_here(),
+            self.changed_ns, self.world.t_ns, (self._refused, self._first_refusal), self._diverged,
+        )  # fmt: skip

@@ -19,6 +19,7 @@ from msgspec import UNSET
 
 from uwserver.adapter import AdapterStats, CannotListen, load_adapter
 from uwserver.ports import Event, Json, Progress, Reply
+from uwserver.recording.parts import ONE_FILE, Rotation
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -68,6 +69,7 @@ class Options:
         shown: adapter whose address people want first: the start waits for it a moment, though it may fail; "" for none.
         announce: called once peers can connect, with the addresses by adapter name.
         tell: takes the tables of `profile_s`.
+        rotation: when the recording goes on in another file.
     """
 
     seed: int | None = None
@@ -80,6 +82,7 @@ class Options:
     shown: str = ""
     announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
     tell: Callable[[str], None] = print
+    rotation: Rotation = ONE_FILE
 
 
 class StartFailed(Exception):
@@ -124,7 +127,7 @@ class Server:
             profiling,
             Scenery(resolved, world),
         )
-        self._recorder = Recorder(options.record, world, resolved) if options.record else None
+        self._recorder = Recorder(options.record, world, resolved, options.rotation) if options.record else None
 
     @property
     def hub(self) -> Hub:

@@ -28,7 +28,10 @@ from uwserver.recording.format import (
     metadata,
     port_schema,
 )
+from uwserver.recording.parts import Rotation
+from uwserver.recording.reading import NotReplayable, Reading, head_record, parts_of
 from uwserver.recording.recorder import Recorder
+from uwserver.recording.replay import replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.export import engine_named
 from uwserver.scenario.load.resolved import Resolved
@@ -132,6 +135,7 @@ def test_samples_events_and_the_last_state_are_written(bench: Bench, path: Path)
         "samples": 1,
         "requests": 0,
         "bytes": path.stat().st_size,
+        "parts": 1,
         "dropped": 0,
         "error": "",
     }
@@ -400,3 +404,113 @@ def test_the_schema_of_a_matrix_and_of_a_scalar() -> None:
     assert value["m"]["description"] == "a matrix; unit T; frame S; row-major, shape 2x3"
     assert value["m"]["maxItems"] == 6
     assert value["ok"] == {"type": ["boolean", "null"], "description": "a flag; unit 1"}
+
+
+def in_parts(path: Path, resolved: Resolved, rotation: Rotation, seconds: int) -> Recorder:
+    """A run of so many seconds, stepped by the test, with a push in each; each state is written before the next second begins."""
+    world = build(resolved)
+    bus = Bus(lambda function: None)
+    simulation = Simulation(world, Timing("freerun"), SystemTime(), bus, Mailbox())
+    recorder = Recorder(path, world, resolved, rotation)
+    with recorder.running(simulation, bus):
+        for second in range(seconds):
+            push = Command("rov/thrusters", ((0.1 * second,) * 8,), "me")
+            recorder.requested(push, world.tick, second)
+            world.submit(push)
+            for _ in range(240):
+                output = world.advance()
+                recorder.ticked(world)
+                recorder.put_samples(output.samples)
+    assert recorder.is_complete
+    return recorder
+
+
+def test_a_recording_goes_on_in_parts_of_which_each_is_whole(path: Path, resolved: Resolved) -> None:
+    recorder = in_parts(path, resolved, Rotation(most_s=2.0), 5)
+    parts = [path, path.with_name("run.0002.mcap"), path.with_name("run.0003.mcap")]
+    assert sorted(path.parent.iterdir()) == sorted(parts)
+    assert recorder.status()["parts"] == 3
+    assert recorder.status()["bytes"] == sum(part.stat().st_size for part in parts)
+    for part, ticks in zip(parts, (480, 480, 240), strict=True):
+        with part.open("rb") as file:
+            summary = make_reader(file, validate_crcs=True).get_summary()
+            assert summary is not None
+            assert summary.statistics is not None
+        alone = replay(part) if part != path else None
+        assert alone is None or (alone.difference, alone.ticks, alone.truncated) == (None, ticks, False)
+    together = replay(path)
+    assert (together.difference, together.ticks, together.hashes, together.requests) == (None, 1200, 6, 5)
+    with Reading(path) as reading:
+        indices = [entry.index for entry in reading.entries()]
+    assert indices == list(range(11))
+
+
+def test_parts_grow_to_their_size(path: Path, resolved: Resolved) -> None:
+    in_parts(path, resolved, Rotation(most_bytes=1), 4)
+    assert len(list(path.parent.iterdir())) == 5, "a new one each second, the smallest there can be"
+    assert replay(path).difference is None
+
+
+def test_a_part_that_is_missing_is_told_and_one_of_another_run_is_not_taken(path: Path, resolved: Resolved) -> None:
+    in_parts(path, resolved, Rotation(most_s=1.0), 3)
+    second, third = path.with_name("run.0002.mcap"), path.with_name("run.0003.mcap")
+    kept = second.read_bytes()
+    second.unlink()
+    with pytest.raises(NotReplayable, match=r"its part run\.0002\.mcap is missing, run\.0003\.mcap is there"):
+        replay(path)
+    assert replay(third).difference is None
+    second.write_bytes(kept)
+    other = path.with_name("other.mcap")
+    in_parts(other, resolved, Rotation(most_s=1.0), 1)
+    (path.parent / "run.0004.mcap").unlink()
+    (path.parent / "other.0002.mcap").rename(path.parent / "run.0004.mcap")
+    assert parts_of(path) == (path, second, third)
+
+
+def test_files_of_an_older_run_in_parts_are_not_overwritten(path: Path, resolved: Resolved) -> None:
+    path.with_name("run.0007.mcap").write_text("dive")
+    with pytest.raises(FileExistsError, match=r"run\.0007\.mcap: it exists already"):
+        in_parts(path, resolved, Rotation(most_s=1.0), 1)
+    assert not path.exists()
+
+
+def test_a_disk_that_is_full_at_the_next_part_ends_the_recording(
+    path: Path, resolved: Resolved, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> Path:
+        return path.parent / "gone" / "run.0002.mcap"
+
+    monkeypatch.setattr(recorder_module, "part_path", full)
+    with pytest.raises(AssertionError):
+        in_parts(path, resolved, Rotation(most_s=1.0), 2)
+    done = replay(path)
+    assert (done.difference, done.truncated, done.hashes) == (None, True, 1)
+
+
+def test_a_world_that_is_stepped_is_recorded_without_a_thread(path: Path, resolved: Resolved) -> None:
+    world = build(resolved, 1)
+    recorder = Recorder(path, world, resolved)
+    call = Call(
+        "world/set_fault", {"name": "f", "kind": "thruster_dead", "target": "rov/thrusters", "parameters": {}}, "me"
+    )
+    push = Command("rov/thrusters", ((0.5,) * 8,), "me")
+    threads = threading.active_count()
+    with recorder.stepped(Timing("freerun"), {"replay_of": "x.mcap"}):
+        for tick in range(241):
+            for item in (call, push) if tick == 3 else ():
+                recorder.requested(item, tick, 0)
+                world.submit(item)
+            output = world.advance()
+            recorder.ticked(world)
+            for event in output.events:
+                recorder.put_event(event)
+            recorder.put_samples(output.samples)
+            recorder.drain()
+            assert threading.active_count() == threads
+    assert recorder.is_complete
+    assert [(r["index"], r["tick"]) for r in bodies(path, REQUESTS)] == [(0, 3), (1, 3)]
+    assert [(h["index"], h["tick"]) for h in bodies(path, HASHES)] == [(2, 240), (3, 241)]
+    assert [e["event"] for e in bodies(path, EVENTS)] == ["fault"]
+    assert len(bodies(path, "rov/imu")) == 120
+    assert head_record(path)["replay_of"] == "x.mcap"
+    assert replay(path).difference is None

@@ -294,7 +294,7 @@ def test_a_recording_is_replayed_bit_for_bit_with_the_file(beside: Path, scenari
     command = [sys.executable, "-m", "uwserver", "run", f"{scenario}.toml", "--mode", "freerun", "--until", "1.5"]
     done = subprocess.run([*command, "--record", "x.mcap"], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    with pytest.raises(NotReplayable, match=rf"its components come from {extension}\.py: give the file by --extension"):
+    with pytest.raises(NotReplayable, match=rf"its components come from {extension}\.py: give --trust-files"):
         replay(Path("x.mcap"))
     replayed = replay(Path("x.mcap"), [beside / f"{extension}.py"])
     assert replayed.difference is None

@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from uwserver.cli.replay import replay as replay_command
 from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
@@ -232,8 +234,32 @@ def test_a_recording_wants_the_file_again(tank, tmp_path):
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    with pytest.raises(NotReplayable, match=r"turbidity\.py: give the file by --extension"):
+    with pytest.raises(NotReplayable, match=r"turbidity\.py: give --trust-files"):
         replay(recording)
     done = replay(recording, [tank.parent / "turbidity.py"])
     assert done.difference is None
     assert done.hashes > 0
+
+
+def test_replay_opens_files_that_a_recording_names_only_when_it_is_told_to(tank, tmp_path, monkeypatch):
+    """And then beside the recording or in the working folder, nowhere else."""
+    recording = tmp_path / "x.mcap"
+    command = [sys.executable, "-m", "uwserver", "run", str(tank), "--mode", "freerun", "--until", "0.5", "--record"]
+    done = subprocess.run([*command, str(recording)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+    def told(*options: str) -> tuple[int, str]:
+        outcome = CliRunner().invoke(replay_command, [str(recording), *options])
+        return outcome.exit_code, outcome.output
+
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    file = tank.parent / "turbidity.py"
+    hidden = file.rename(tmp_path / "hidden.py")
+    code, text = told("--trust-files")
+    assert (code, "put it there, or go to its folder" in text) == (1, True)
+    hidden.rename(tmp_path / "elsewhere" / "turbidity.py")
+    code, text = told()
+    assert (code, "give --trust-files" in text) == (1, True)
+    code, text = told("--trust-files")
+    assert (code, "hashes equal" in text) == (0, True)

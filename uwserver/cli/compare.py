@@ -1,0 +1,237 @@
+"""`uwserver compare`: how far two recordings are apart, for people and for tests of controllers."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from uwserver.ports.checks import suggestion
+from uwserver.ports.values import matching
+from uwserver.units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from uwserver.recording.compare import Compared
+    from uwserver.recording.differences import Distance
+
+_FILE = click.Path(path_type=Path)
+_SECONDS = click.FloatRange(0.0, 1e9)
+_SAME, _APART, _BAD = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a field may be apart at most.
+
+    Attributes:
+        measure: rms or max.
+        port, field: which; the port may be a pattern.
+        most: in the unit of the field, of an attitude rad.
+    """
+
+    measure: str
+    port: str
+    field: str
+    most: float
+
+    def __str__(self) -> str:
+        return f"--{self.measure} {self.port}.{self.field}={self.most:g}"
+
+
+@click.command(short_help="Compare two recordings, port by port.")
+@click.argument("a", type=_FILE)
+@click.argument("b", type=_FILE)
+@click.option("--ports", default="**", show_default=True, help="Ports to look at: * is one level, ** any.")
+@click.option("--from", "from_s", type=_SECONDS, default=0.0, help="First simulation time, s.")
+@click.option("--to", "to_s", type=_SECONDS, help="Last simulation time, s.")
+@click.option("--rms", multiple=True, metavar="PORT.FIELD=LIMIT", help="Largest RMS; may be given several times.")
+@click.option("--max", "largest", multiple=True, metavar="PORT.FIELD=LIMIT", help="Likewise the largest difference.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+def compare(
+    a: Path,
+    b: Path,
+    ports: str,
+    from_s: float,
+    to_s: float | None,
+    rms: tuple[str, ...],
+    largest: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Compare recordings A and B: RMS and largest difference of each field, what only one of them has, and where they first part.
+
+    Samples are paired by their times, or interpolated where these differ; angles are wrapped, attitudes compared by their angle.
+
+    uwserver compare before.mcap after.mcap --rms rov/truth/pose.p_NB=0.05 --max rov/truth/pose.q_NB=0.1
+
+    Exits with 0 if all limits are kept (without a limit: if nothing differs), with 1 if not, with 2 if the files or limits are no good.
+    """
+    from uwserver.recording.compare import compare as compare_files
+    from uwserver.recording.reading import NotReplayable
+
+    try:
+        limits = [*(_limit("rms", text) for text in rms), *(_limit("max", text) for text in largest)]
+        end_ns = None if to_s is None else round(to_s * NANOSECONDS)
+        wanted = _Wanted(ports)
+        found = compare_files(a, b, wanted, round(from_s * NANOSECONDS), end_ns)
+        verdicts = [verdict for limit in limits for verdict in _verdicts(limit, found)]
+    except (NotReplayable, ValueError) as error:
+        _refuse(str(error))
+    except OSError as error:
+        _refuse(f"{error.filename or a}: {error.strerror or error}")
+    beyond = [verdict for verdict in verdicts if not verdict["kept"]]
+    is_fine = not beyond if limits else found.is_same
+    lines = _json(a, b, found, verdicts, is_fine) if as_json else "\n".join(_text(a, b, found, verdicts))
+    click.echo(lines)
+    raise SystemExit(_SAME if is_fine else _APART)
+
+
+class _Wanted:
+    """Whether a port fits a pattern; each is asked once."""
+
+    def __init__(self, pattern: str) -> None:
+        self._pattern = pattern
+
+    def __call__(self, port: str) -> bool:
+        return bool(matching(self._pattern, [port]))
+
+
+def _refuse(text: str) -> Any:
+    click.echo(f"Error: {text}", err=True)
+    raise SystemExit(_BAD)
+
+
+def _limit(measure: str, text: str) -> Limit:
+    name, equals, number = text.rpartition("=")
+    port, dot, field = name.rpartition(".")
+    try:
+        most = float(number)
+    except ValueError:
+        most = math.nan
+    if not (equals and dot and port and field and most >= 0.0):
+        raise ValueError(f'"{text}" is no PORT.FIELD=LIMIT, as rov/truth/pose.p_NB=0.05')
+    return Limit(measure, port, field, most)
+
+
+def _verdicts(limit: Limit, found: Compared) -> Iterator[dict[str, Any]]:
+    """Whether each field that a limit names keeps it. Raises ValueError where it names none."""
+    for port in matching(limit.port, sorted({*found.only[0], *found.only[1]})):
+        yield _verdict(limit, port, None, "only one of them has it")
+    ports = matching(limit.port, list(found.ports))
+    fields = [
+        (port, found.ports[port].fields[limit.field]) for port in ports if limit.field in found.ports[port].fields
+    ]
+    if not fields and not matching(limit.port, [*found.only[0], *found.only[1]]):
+        if not ports:
+            raise ValueError(f'{limit}: no port "{limit.port}"{suggestion(limit.port, list(found.ports))}')
+        names = sorted({name for port in ports for name in found.ports[port].fields})
+        raise ValueError(
+            f'{limit}: no field "{limit.field}"{suggestion(limit.field, names)}; there are: {", ".join(names)}'
+        )
+    for port, distance in fields:
+        if distance.unequal:
+            yield _verdict(limit, port, None, f"{distance.unequal} times one has a value and the other not the same")
+        elif not distance.count and not distance.column.is_word:
+            yield _verdict(limit, port, None, "no two samples can be compared")
+        else:
+            value = distance.rms if limit.measure == "rms" else distance.largest
+            yield _verdict(limit, port, value, "")
+
+
+def _verdict(limit: Limit, port: str, value: float | None, why: str) -> dict[str, Any]:
+    kept = value is not None and value <= limit.most
+    return {
+        "port": port, "field": limit.field, "measure": limit.measure, "limit": limit.most, "value": value, "kept": kept, "why": why,
+    }  # fmt: skip
+
+
+def _unit(distance: Distance) -> str:
+    return "rad" if distance.column.is_quaternion else distance.column.unit
+
+
+def _json(a: Path, b: Path, found: Compared, verdicts: list[dict[str, Any]], is_fine: bool) -> str:
+    ports = {
+        port: {
+            "samples": pair.samples,
+            "paired": pair.pairs[0],
+            "interpolated": pair.pairs[1],
+            "alone": pair.alone,
+            "valid_differs": pair.valid.unequal,
+            "fields": {
+                name: {
+                    "unit": _unit(each), "count": each.count, "rms": each.rms, "max": each.largest, "max_ns": each.largest_ns,
+                    "unequal": each.unequal, "first_ns": each.first_ns,
+                }
+                for name, each in pair.fields.items()
+            },
+        }
+        for port, pair in found.ports.items()
+    }  # fmt: skip
+    states, first = found.states, found.first
+    whole = {
+        "a": str(a), "b": str(b), "within": is_fine, "same": found.is_same, "ports": ports,
+        "only_in_a": found.only[0], "only_in_b": found.only[1],
+        "states": {"equal": states.equal, "last_equal_ns": states.last_equal_ns, "first_difference_ns": states.first_ns},
+        "first_difference": None if first is None else {"port": first[0], "field": first[1], "t_ns": first[2]},
+        "limits": verdicts, "remarks": found.remarks,
+    }  # fmt: skip
+    return json.dumps(whole, indent=2)
+
+
+def _text(a: Path, b: Path, found: Compared, verdicts: list[dict[str, Any]]) -> Iterator[str]:
+    count = sum(pair.samples[0] for pair in found.ports.values()), sum(pair.samples[1] for pair in found.ports.values())
+    yield f"{a} and {b}: {len(found.ports)} ports of both, with {count[0]} and {count[1]} samples"
+    yield _state_line(found)
+    if found.first is not None:
+        port, field, t_ns = found.first
+        yield f"first sample that differs: {port}.{field} at {t_ns / 1e9:.9g} s"
+    for path, ports in zip((a, b), found.only, strict=True):
+        if ports:
+            yield f"only in {path}: {', '.join(ports)}"
+    yield from found.remarks
+    rows = list(_rows(found))
+    if rows:
+        header = ("port", "samples", "field", "RMS", "largest", "unit", "at", "")
+        widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
+        yield ""
+        for row in (header, *rows):
+            yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    for verdict in verdicts:
+        value = verdict["why"] if verdict["value"] is None else f"{verdict['value']:.6g}"
+        what = f"{verdict['measure']} of {verdict['port']}.{verdict['field']}: {value}"
+        yield f"{'within' if verdict['kept'] else 'BEYOND'} {verdict['limit']:g}: {what}"
+
+
+def _state_line(found: Compared) -> str:
+    states = found.states
+    if states.first_ns is None:
+        return f"states: {states.equal} hashes equal" if states.equal else "states: no hashes to compare"
+    last = states.last_equal_ns
+    since = "from the first on" if last is None else f"the last equal one at {last / 1e9:g} s"
+    return f"states: {states.equal} hashes equal, the first that differs at {states.first_ns / 1e9:g} s, {since}"
+
+
+def _rows(found: Compared) -> Iterator[tuple[str, ...]]:
+    """Fields that differ."""
+    for port, pair in found.ports.items():
+        told = f"{pair.samples[0]}" if pair.samples[0] == pair.samples[1] else f"{pair.samples[0]}/{pair.samples[1]}"
+        notes = [f"{pair.pairs[1]} interpolated"] if pair.pairs[1] else []
+        notes += [f"{pair.alone} alone"] if pair.alone else []
+        notes += ["not as many"] if pair.samples[0] != pair.samples[1] and not notes else []
+        if pair.valid.unequal:
+            notes.append(f"{pair.valid.unequal} valid in one only")
+        for name, each in pair.fields.items():
+            if each.is_same and not notes:
+                continue
+            more = [f"{each.unequal} unequal"] if each.unequal else []
+            at = "" if each.largest_ns is None else f"{each.largest_ns / 1e9:.9g} s"
+            numbers = (f"{each.rms:.4g}", f"{each.largest:.4g}") if each.count else ("", "")
+            yield port, told, name, *numbers, _unit(each), at, ", ".join([*notes, *more])
+            notes = []
+
+
+COMMANDS = (compare,)

@@ -1,0 +1,346 @@
+"""What a replay changes of a recorded run: keys of its scenario, and calls of services.
+
+A key is written as in the scenario file: ``environment.current.velocity_ned_mps``, ``vehicles.rov.sensors.dvl.rate_hz``; below a vehicle stand the
+tables of its vehicle file too. Before the first tick any key can change that leads to no file; while a world runs, what a service of it can do.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import UNSET
+
+from uwserver.ports import Call, Json, Refused
+from uwserver.ports.checks import checked_args, find
+from uwserver.scenario.files.convert import Converter, More, fields
+from uwserver.scenario.files.errors import KeyPath, dotted, suggestion
+from uwserver.scenario.load.checks import check_scenario
+from uwserver.scenario.load.fault_checks import check_faults
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.solids.archive import pack, unpack
+from uwserver.scenario.solids.shapes import Materials, seabed_solid
+from uwserver.scenario.solids.tables import FlatSeabed
+from uwserver.scenario.vehicle.assembly import drafted
+from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
+from uwserver.scenario.vehicle.checks import check_vehicle
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+from uwserver.scenario.water.sea import water_of
+from uwserver.world.world import World
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SOURCE = "replay"
+"""Who makes the calls of changes, as a recording names it."""
+_ENTRY = {info.encode_name for info in fields(VehicleEntry)} - {"model", "copies", "override", "sensors"}
+_OWN = {info.encode_name for info in fields(VehicleFile)}
+_AS_BUILT = ("collision", "contact", "looks")
+_PLACE = ("position", "attitude", "velocity", "angular_velocity")
+_AT_ANY_TIME = (
+    "environment.current, uniform currents, faults.NAME, gains and mode of an autopilot, what the service `set` of a sensor takes, "
+    "timeout_s of an actuator, and by --call whatever a service does"
+)
+_UNITS = {"m": "_m", "m/s": "_mps", "m^2": "_m2", "dB": "_db", "Hz": "_hz", "s": "_s"}
+
+
+class BadChange(ValueError):
+    """A change that cannot be; the text names the key or service, why, and what can."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A key of the scenario and its new value, as TOML has it."""
+
+    path: tuple[str, ...]
+    value: Any
+
+    def __str__(self) -> str:
+        return dotted(self.path)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A service and its arguments, before they are checked."""
+
+    service: str
+    args: Mapping[str, Json]
+
+
+@dataclass(frozen=True)
+class Changes:
+    """All that a replay changes.
+
+    Attributes:
+        settings: keys of the scenario.
+        calls: services that are called besides.
+        from_s: simulation time, s; 0: the world is built so.
+    """
+
+    settings: tuple[Setting, ...] = ()
+    calls: tuple[Asked, ...] = ()
+    from_s: float = 0.0
+
+    def __bool__(self) -> bool:
+        return bool(self.settings or self.calls)
+
+
+def setting(text: str) -> Setting:
+    """``KEY=VALUE`` of a command line: VALUE as in TOML; a bare word is a text."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise BadChange(f'"{text}" is no KEY=VALUE, as environment.current.velocity_ned_mps=[0.3,0,0]')
+    try:
+        node: Any = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:
+        raise BadChange(f'"{key}" is no key of a scenario: write it as in TOML, its levels apart by dots') from None
+    path: list[str] = []
+    while isinstance(node, dict):
+        ((name, node),) = node.items()
+        path.append(name)
+    return Setting(tuple(path), _value(key, value.strip()))
+
+
+def _value(key: str, text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        if text and all(c.isalnum() or c in "_-./:" for c in text):
+            return text
+        raise BadChange(f"{key}: {text!r} is no value of TOML, as 0.5, true, [0.3, 0, 0] or {{kind = ...}}") from None
+
+
+def asked(text: str) -> Asked:
+    """``SERVICE`` or ``SERVICE={...}`` of a command line, the arguments as in JSON."""
+    service, _, given = text.partition("=")
+    try:
+        args = msgspec.json.decode(given or "{}")
+    except msgspec.DecodeError as error:
+        raise BadChange(f"{service}: its arguments are no JSON: {error}") from None
+    if not isinstance(args, dict):
+        raise BadChange(f'{service}: its arguments are an object, as {{"name": "a"}}')
+    return Asked(service, args)
+
+
+# -- before the first tick ------------------------------------------------------------------------------------------------------------------
+
+
+def changed_record(record: Mapping[str, str], settings: Iterable[Setting], more: More) -> dict[str, str]:
+    """The metadata record of a recording with other keys.
+
+    Args:
+        record: of the recording, which `head_of` can read.
+        settings: of the scenario.
+        more: kinds of its extensions.
+
+    Raises:
+        BadChange: an unknown key, a wrong value, what is not in the recording, or what the scenario's checks refuse.
+    """
+    before = msgspec.json.decode(record["scenario"])
+    whole, changed = deepcopy(before), dict(record)
+    touches_seabed = False
+    for each in settings:
+        _set(whole, each)
+        touches_seabed |= each.path[0] == "seabed"
+        if each.path == ("seed",):
+            changed["seed"] = str(each.value)
+    known = set(_problems(before, more))
+    new = [text for text in _problems(whole, more) if text not in known]
+    if new:
+        raise BadChange("\n".join(new))
+    for parts in whole["vehicles"].values():
+        for table in ("sensors", "actuators"):  # as the loader takes them out
+            devices = parts["vehicle"].get(table, {})
+            parts["vehicle"][table] = {key: each for key, each in devices.items() if each.get("enabled", True)}
+    if touches_seabed:
+        changed["solids"] = _with_seabed(whole, changed["solids"])
+    changed["scenario"] = msgspec.json.encode(whole).decode()
+    return changed
+
+
+def _set(whole: dict[str, Any], each: Setting) -> None:
+    """Put one value in its place."""
+    top, rest = each.path[0], each.path[1:]
+    known = [info.encode_name for info in fields(Scenario)]
+    if top not in known:
+        raise BadChange(f'{each}: unknown key "{top}"{suggestion(top, known)}')
+    if top in ("adapters", "server", "schema", "extensions") or each.path[:2] == ("world", "clock"):
+        raise BadChange(f"{each}: a replay has no peers and no clock, and its kinds are those of the recording")
+    if top == "structures":
+        raise BadChange(f"{each}: structures are in the recording as they stood: run the scenario with others")
+    if top == "objects" and (len(rest) != 2 or not rest[1].startswith(_PLACE) or rest[0] not in whole["scenario"][top]):
+        raise BadChange(f"{each}: objects are in the recording as they are: where one begins, and how fast, can change")
+    if top != "vehicles":
+        _put(whole["scenario"], each.path, each)
+        return
+    vehicles = whole["vehicles"]
+    if len(rest) < 2 or rest[0] not in vehicles:
+        name = rest[0] if rest else ""
+        if name in vehicles:
+            raise BadChange(f"{each}: a vehicle cannot be replaced as a whole: name the key of it that changes")
+        raise BadChange(f'{each}: no vehicle "{name}"{suggestion(name, list(vehicles), "; there are: ")}')
+    name, key = rest[0], rest[1]
+    if key == "override":
+        rest, key = (name, *rest[2:]), rest[2] if len(rest) > 2 else ""
+    if key in _AS_BUILT:
+        raise BadChange(f"{each}: the vehicle's shape is in the recording, not the files that it came from")
+    if key in _ENTRY:
+        _put(whole["scenario"]["vehicles"][name], rest[1:], each)
+    elif key in _OWN:
+        _check_mount(vehicles[name]["vehicle"], rest, each)
+        _put(vehicles[name]["vehicle"], rest[1:], each)
+    else:
+        names = sorted((_ENTRY | _OWN) - {"schema", *_AS_BUILT})
+        raise BadChange(f'{each}: unknown key "{key}"{suggestion(key, names)}')
+
+
+def _check_mount(vehicle: Mapping[str, Any], path: tuple[str, ...], each: Setting) -> None:
+    """A sensor on a mount sits where that is: its own place would be left aside without a word."""
+    if path[1] == "sensors" and len(path) == 4 and path[3] in ("position_frd_m", "rpy_deg"):
+        mount = vehicle["sensors"].get(path[2], {}).get("mount")
+        if mount:
+            key = dotted(("vehicles", path[0], "mounts", mount, path[3]))
+            raise BadChange(f'{each}: the sensor sits on the mount "{mount}": change {key}')
+
+
+def _put(table: dict[str, Any], path: tuple[str, ...], each: Setting) -> None:
+    for name in path[:-1]:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            raise BadChange(f'{each}: "{name}" is a value, not a table')
+    table[path[-1]] = each.value
+
+
+def _problems(whole: Mapping[str, Any], more: More) -> Iterator[str]:
+    """What is wrong with the tables of a recording, by the checks of a scenario file that need no file."""
+    found: list[str] = []
+
+    def report_below(*prefix: str) -> Any:
+        return lambda path, text, at=None: found.append(f"{dotted((*prefix, *path))}: {text}")
+
+    def nothing(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        """A warning: its author has seen it."""
+
+    report = report_below()
+    tree = Converter(report, more).tree(whole["scenario"], Scenario)
+    world, environment = tree.at("world").value, tree.at("environment").value
+    files: dict[str, VehicleFile] = {}
+    for name, parts in whole["vehicles"].items():
+        told = report_below("vehicles", name)
+        below = Converter(told, more).tree(parts["vehicle"], VehicleFile)
+        devices = msgspec.convert(parts["devices"], dict[str, ThrusterDevice])
+        draft = drafted(below, devices)
+        check_vehicle(draft, world, environment, told, nothing)
+        autopilot = tree.at("vehicles", name, "autopilot").value
+        if autopilot is not None and autopilot is not UNSET:
+            check_autopilot(autopilot, draft, ("vehicles", name, "autopilot"), world, report)
+        if below.value is not None:
+            files[name] = below.value
+    check_scenario(tree, report, nothing)
+    if tree.value is not None and len(files) == len(whole["vehicles"]):
+        check_faults(tree, files, environment, report)
+    return iter(found)
+
+
+def _with_seabed(whole: dict[str, Any], packed: str) -> str:
+    """The solids with the seabed of the changed tables; of one from a file only what needs no reading."""
+    table = msgspec.convert(whole["scenario"]["seabed"], FlatSeabed) if _is_flat(whole) else None
+    if table is None:
+        raise BadChange("seabed: only a flat one can be given here: run the scenario itself with another file")
+    materials = Materials()
+    for name in whole["materials"]:
+        materials.number(name)
+    solids = unpack(packed)
+    solids["static/seabed"] = seabed_solid(table, Path(), None, materials)
+    whole["materials"] = materials.names
+    return pack(solids)
+
+
+def _is_flat(whole: Mapping[str, Any]) -> bool:
+    return bool(whole["scenario"]["seabed"].get("kind") == "flat")
+
+
+# -- while the world runs -------------------------------------------------------------------------------------------------------------------
+
+
+def calls_for(changes: Changes, scenario: Scenario, world: World) -> list[Call]:
+    """The calls that make the changes in a running world.
+
+    Args:
+        changes: what is asked.
+        scenario: with its keys changed.
+        world: that runs.
+
+    Raises:
+        BadChange: nothing that runs can change so, or a service refuses its arguments; the text says what can.
+    """
+    wanted: list[Asked] = []
+    for each in changes.settings:
+        for one in _service_for(each, scenario, world):
+            if one not in wanted:
+                wanted.append(one)
+    return [_checked(one, world) for one in (*wanted, *changes.calls)]
+
+
+def _checked(one: Asked, world: World) -> Call:
+    try:
+        find("service", one.service, world.services)
+        return Call(one.service, checked_args(world.services[one.service], one.args), SOURCE)
+    except Refused as refused:
+        raise BadChange(f"{one.service}: {refused.fault.text}") from None
+
+
+def _service_for(each: Setting, scenario: Scenario, world: World) -> list[Asked]:
+    path = each.path
+    if path[0] == "environment" and _is_current(path, scenario):
+        water = water_of(scenario.environment, float(world.rate_hz), _no_stream)
+        return [Asked("world/set_current", {"velocity_N": list(water.current)})]
+    if path[0] == "faults" and len(path) > 1:
+        fault = msgspec.to_builtins(scenario.faults[path[1]])
+        kind, target = fault.pop("kind"), fault.pop("target")
+        return [Asked("world/set_fault", {"name": path[1], "kind": kind, "target": target, "parameters": fault})]
+    if path[0] == "vehicles" and len(path) > 3:
+        found = _of_vehicle(path, each.value, world)
+        if found is not None:
+            return [found]
+    raise BadChange(f"{each} cannot change while the world runs: it can with --from 0. At any time can: {_AT_ANY_TIME}")
+
+
+def _of_vehicle(path: tuple[str, ...], value: Any, world: World) -> Asked | None:
+    name, table, key = path[1], path[2], path[3:]
+    if table == "autopilot" and key[0] == "gains" and len(key) == 2:
+        return Asked(f"{name}/autopilot/set_gain", {"name": key[1], "value": value})
+    if (table, key) == ("autopilot", ("mode",)):
+        return Asked(f"{name}/autopilot/set_mode", {"mode": value})
+    if table in ("sensors", "actuators") and len(key) == 2:
+        port, what = f"{name}/{key[0]}", key[1]
+        if what == "enabled":
+            return Asked(f"{port}/{'activate' if value else 'deactivate'}", {})
+        service = world.services.get(f"{port}/set")
+        for argument in () if service is None else service.arguments:
+            if what in (argument.name, argument.name + _UNITS.get(argument.unit, "_")):
+                return Asked(f"{port}/set", {argument.name: value})
+    return None
+
+
+def _is_current(path: tuple[str, ...], scenario: Scenario) -> bool:
+    """Whether a key is of the uniform, steady part of the current."""
+    if path[1:2] == ("current",):
+        return True
+    current = scenario.environment.currents.get(path[2]) if path[1:2] == ("currents",) and len(path) > 2 else None
+    return current is not None and current.__struct_config__.tag == "uniform"
+
+
+def _no_stream(path: str) -> Any:
+    """A current that drifts is made and thrown away: its numbers do not matter."""
+    from numpy.random import default_rng
+
+    return default_rng(0)
