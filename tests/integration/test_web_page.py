@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import signal
 import socket
@@ -16,6 +17,8 @@ from chromium_rig import chromium_or_skip
 
 from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
 
+PYTHON, PICTURES = "UWSERVER_PAGE_PYTHON", "UWSERVER_PAGE_PICTURES"
+"""Variables: the Python whose installed server is tested, in place of this tree's; and the folder where a picture of each test's end is kept."""
 PROBES = Path(__file__).parents[1] / "page_probes.js"
 TITLE = '<img src=x onerror=\\"uw.errors.push(1)\\"> & <b>pool</b>'
 SCENARIO = f"""
@@ -68,8 +71,9 @@ metrics_port = 0
 """
 GAMEPAD = """
 window.axes = [0, 0, 0, 0];
+window.pressed = -1;
 Object.defineProperty(navigator, "getGamepads", { value: () => [{ id: "test pad", index: 0, connected: true, mapping: "standard",
-  axes: window.axes, buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0 })), timestamp: performance.now() }] });
+  axes: window.axes, buttons: Array.from({ length: 17 }, (_, k) => ({ pressed: k === window.pressed, value: 0 })), timestamp: performance.now() }] });
 """
 NO_GL = """
 const real = HTMLCanvasElement.prototype.getContext;
@@ -82,8 +86,14 @@ def server(folder: Path, port: int = 0) -> Iterator[str]:
     """A server of the scenario; gives the address of its page."""
     file = folder / "dive.toml"
     file.write_text(SCENARIO.replace("PORT", str(port)))
-    command = [sys.executable, "-m", "uwserver", "run", str(file)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+    python = os.environ.get(PYTHON, sys.executable)
+    there = {
+        key: value for key, value in os.environ.items() if PYTHON not in os.environ or not key.startswith("PYTHON")
+    }
+    command = [python, "-m", "uwserver", "run", str(file)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder, env=there
+    ) as process:
         try:
             assert process.stdout is not None
             found = next((f for line in process.stdout if (f := re.search(r"http://127\.0\.0\.1:\d+/", line))), None)
@@ -117,6 +127,10 @@ def opened(browser: Browser, address: str, request: pytest.FixtureRequest) -> It
     frames = page.ask("uw.frames")
     page.wait(f"uw.frames > {frames + 2}", "what is shown is of the new run")
     yield page
+    kept = os.environ.get(PICTURES)
+    if kept:
+        Path(kept).mkdir(parents=True, exist_ok=True)
+        page.picture(Path(kept) / f"{re.sub(r'[^a-z0-9]+', '_', request.node.name.lower()).strip('_')}.png")
     page.ask("uw.app.link.call('web/stop')")
     assert page.faults == []
     assert page.ask("uw.errors") == []
@@ -188,6 +202,17 @@ def test_a_gamepad_steers_and_is_mapped_anew(opened: Page) -> None:
     opened.wait("uw.pilot.pad.learning === -1")
     assert opened.ask("JSON.parse(localStorage.getItem('uwserver.gamepad.test pad')).axes[0]") == [2, 1]
     opened.ask("axes.fill(0)")
+
+
+@pytest.mark.parametrize("opened", [GAMEPAD], indirect=True)
+def test_a_gamepad_tilts_the_camera_on_board(opened: Page) -> None:
+    opened.wait("uw.pilot.pad.id === 'test pad'")
+    for button, sign in ((12, 1), (13, -1)):
+        before = opened.ask("uw.pilot.tilt")
+        opened.ask(f"void (pressed = {button})")
+        opened.wait(f"{sign} * (uw.pilot.tilt - {before}) > 0.3", "it goes on while the button is held")
+        opened.wait(f"uw.pilot.tilt === {0.9 * sign}", "and ends at its range")
+        opened.ask("void (pressed = -1)")
 
 
 def test_the_autopilot_holds_a_depth_from_the_page(opened: Page) -> None:
