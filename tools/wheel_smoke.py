@@ -61,7 +61,7 @@ class Fault(Exception):
     """What is wrong with a wheel."""
 
 
-def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = None) -> str:
+def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = None, timeout: float = TIMEOUT_S) -> str:
     """Output of a command that must succeed."""
     done = subprocess.run(
         list(map(str, command)),
@@ -69,7 +69,7 @@ def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = No
         env=environment,
         capture_output=True,
         text=True,
-        timeout=TIMEOUT_S,
+        timeout=timeout,
         check=False,
     )
     if done.returncode != 0:
@@ -221,7 +221,9 @@ def use_page(scripts: Path, work: Path, pictures: Path | None) -> None:
     if pictures is not None:
         environment["UWSERVER_PAGE_PICTURES"] = str(pictures.resolve())
     command = (sys.executable, "-m", "pytest", "-q", "-n", "0", "-rs", ROOT / "tests/integration/test_web_page.py")
-    told = run(*command, "-k", PAGE_TESTS, cwd=ROOT, environment=environment).strip().splitlines()
+    told = (
+        run(*command, "-k", PAGE_TESTS, cwd=ROOT, environment=environment, timeout=3.0 * TIMEOUT_S).strip().splitlines()
+    )
     print(f"page of the installed server: {told[-1]}")
 
 

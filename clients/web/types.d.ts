@@ -30,7 +30,7 @@ export interface Water {
 export interface World {
   schema: number; revision: number; scenario: string; title: string; epoch: string; rate_hz: number;
   origin: { latitude: number; longitude: number } | null; water: Water; seabed: Solid | null; structures: Solid[];
-  vehicles: Body[]; objects: Body[]; beacons: Beacon[]; meshes: Record<string, { triangles: number; low: Vec3; high: Vec3 }>;
+  vehicles: Body[]; objects: Body[]; beacons: Beacon[]; meshes: Record<string, { triangles: number; low: Vec3; high: Vec3; coarse?: string | null }>;
   exact_poses: boolean; read_only: boolean;
 }
 

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chromium_rig import chromium_or_skip
 
@@ -75,6 +76,21 @@ window.pressed = -1;
 Object.defineProperty(navigator, "getGamepads", { value: () => [{ id: "test pad", index: 0, connected: true, mapping: "standard",
   axes: window.axes, buttons: Array.from({ length: 17 }, (_, k) => ({ pressed: k === window.pressed, value: 0 })), timestamp: performance.now() }] });
 """
+HELD = """
+const real = window.fetch;
+window.held = 0;
+const go = new Promise((resolve) => { window.release = resolve; });
+window.fetch = async (...given) => {
+  const answer = await real(...given);
+  if (!String(given[0]).startsWith("mesh/")) return answer;
+  const data = await answer.arrayBuffer();
+  if (data.byteLength > 1e6) {
+    window.held += 1;
+    await go;
+  }
+  return new Response(data);
+};
+"""
 NO_GL = """
 const real = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...rest) { return kind.startsWith("webgl") ? null : real.call(this, kind, ...rest); };
@@ -82,10 +98,10 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...rest) { return kind.
 
 
 @contextlib.contextmanager
-def server(folder: Path, port: int = 0) -> Iterator[str]:
-    """A server of the scenario; gives the address of its page."""
+def server(folder: Path, port: int = 0, scenario: str = SCENARIO) -> Iterator[str]:
+    """A server of a scenario; gives the address of its page."""
     file = folder / "dive.toml"
-    file.write_text(SCENARIO.replace("PORT", str(port)))
+    file.write_text(scenario.replace("PORT", str(port)))
     python = os.environ.get(PYTHON, sys.executable)
     there = {
         key: value for key, value in os.environ.items() if PYTHON not in os.environ or not key.startswith("PYTHON")
@@ -387,6 +403,26 @@ def test_everything_can_be_read_and_reached_by_keyboard(
     page.picture(tmp_path / f"{theme}.png")
     assert page.faults == []
     page.close()
+
+
+@pytest.mark.slow
+def test_a_seabed_of_a_million_triangles_is_shown_coarse_first(browser: Browser, tmp_path: Path) -> None:
+    """What is fine is held back here until the coarse seabed was seen and the vehicle steered over it."""
+    depth = 12.0 + np.random.default_rng(1).normal(0.0, 0.05, (720, 720))
+    np.save(tmp_path / "hills.npy", depth)
+    seabed = 'kind = "grid"\nfile = "hills.npy"\nspacing_m = [0.5, 0.5]'
+    scenario = SCENARIO.replace('kind = "flat"\ndepth_m = 8', seabed)
+    with server(tmp_path, scenario=scenario) as address:
+        page = ready(browser.open(f"{address}?fps=4#quality=low", HELD))
+        counted = "uw.drawing.scene.solids.children.reduce((sum, mesh) => sum + (mesh.name === 'seabed' ? mesh.geometry.index.count / 3 : 0), 0)"
+        page.wait(f"window.held > 0 && {counted} > 10000", "the coarse seabed")
+        assert page.ask(counted) < 200_000
+        with page.holding("KeyW"):
+            page.wait("uw.vehicles.rov[0] > 0.3", "it steers meanwhile")
+        page.ask("release()")
+        page.wait(f"{counted} === {2 * 719 * 719}", "all of it, and nothing coarse any more")
+        assert page.ask("uw.errors") == []
+        page.close()
 
 
 def test_without_webgl_there_are_map_and_panels(browser: Browser, address: str) -> None:

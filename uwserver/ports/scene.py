@@ -49,11 +49,13 @@ class MeshView(Struct, frozen=True):
     Attributes:
         triangles: how many.
         low, high: corners of the box around its vertices.
+        coarse: hash of about two thousand triangles to show until it is loaded; None where it is small.
     """
 
     triangles: int
     low: Vec3
     high: Vec3
+    coarse: str | None = None
 
 
 class LooksView(Struct, frozen=True):
