@@ -76,6 +76,15 @@ window.pressed = -1;
 Object.defineProperty(navigator, "getGamepads", { value: () => [{ id: "test pad", index: 0, connected: true, mapping: "standard",
   axes: window.axes, buttons: Array.from({ length: 17 }, (_, k) => ({ pressed: k === window.pressed, value: 0 })), timestamp: performance.now() }] });
 """
+BUSY = """
+const real = window.fetch;
+window.refused = 0;
+window.fetch = async (...given) => {
+  if (!String(given[0]).endsWith("world.json") || window.refused >= 2) return real(...given);
+  window.refused += 1;
+  return new Response("busy", { status: 503 });
+};
+"""
 HELD = """
 const real = window.fetch;
 window.held = 0;
@@ -402,6 +411,13 @@ def test_everything_can_be_read_and_reached_by_keyboard(
     assert page.ask("probe.unreached()") == []
     page.picture(tmp_path / f"{theme}.png")
     assert page.faults == []
+    page.close()
+
+
+def test_a_world_that_is_not_described_at_first_is_asked_for_again(browser: Browser, address: str) -> None:
+    page = ready(browser.open(f"{address}?fps=4#quality=low", BUSY))
+    page.wait("uw.app.bodies.length === 2 && refused === 2", "the world, asked for a third time")
+    page.wait("uw.vehicles.rov", "it is drawn")
     page.close()
 
 
