@@ -53,13 +53,15 @@ SCHEMAS = ("scenario", "vehicle", "device")
 INSTALLED_MB, DOWNLOAD_SLACK = 1000.0, 0.1
 """What all default dependencies may take on the disk, and how far the download may be from the figure in the README."""
 TIMEOUT_S = 300.0
+PAGE_TESTS = "gamepad or keys_steer or contend"
+"""Of the tests of the page, those that are repeated with the installed server."""
 
 
 class Fault(Exception):
     """What is wrong with a wheel."""
 
 
-def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = None) -> str:
+def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = None, timeout: float = TIMEOUT_S) -> str:
     """Output of a command that must succeed."""
     done = subprocess.run(
         list(map(str, command)),
@@ -67,7 +69,7 @@ def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = No
         env=environment,
         capture_output=True,
         text=True,
-        timeout=TIMEOUT_S,
+        timeout=timeout,
         check=False,
     )
     if done.returncode != 0:
@@ -213,6 +215,18 @@ def check_nothing_is_compiled(scripts: Path, work: Path) -> None:
     print("kernels: as they came in the wheel")
 
 
+def use_page(scripts: Path, work: Path, pictures: Path | None) -> None:
+    """Drive the page that the installed server serves, in a browser; this environment brings the tests."""
+    environment = clean_environment(work) | {"UWSERVER_PAGE_PYTHON": str(scripts / "python")}
+    if pictures is not None:
+        environment["UWSERVER_PAGE_PICTURES"] = str(pictures.resolve())
+    command = (sys.executable, "-m", "pytest", "-q", "-n", "0", "-rs", ROOT / "tests/integration/test_web_page.py")
+    told = (
+        run(*command, "-k", PAGE_TESTS, cwd=ROOT, environment=environment, timeout=3.0 * TIMEOUT_S).strip().splitlines()
+    )
+    print(f"page of the installed server: {told[-1]}")
+
+
 def taken(dist: Path) -> dict[str, Path]:
     """The wheels of a folder for this Python, by distribution: one with kernels before a pure one."""
     tag = f"cp{sys.version_info.major}{sys.version_info.minor}"
@@ -230,6 +244,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dependencies", action="store_true", help="install the dependencies too")
     parser.add_argument("--dist", type=Path, help="take the wheels of this folder")
+    parser.add_argument("--page", action="store_true", help="drive the page of the installed server in Chromium")
+    parser.add_argument("--pictures", type=Path, help="with --page: the folder for a picture of each test's end")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="uwserver-wheels-") as name:
         out = Path(name)
@@ -246,6 +262,8 @@ def main() -> int:
             use(scripts, work)
             if finished:
                 check_nothing_is_compiled(scripts, work)
+            if options.page:
+                use_page(scripts, work, options.pictures)
             use_benchmark(scripts, benchmark, work, options.dependencies)
         except Fault as fault:
             print(f"wheel smoke test: {fault}", file=sys.stderr)

@@ -49,6 +49,8 @@ const store = {
   failed: (/** @type {string} */ why) => toast(why, "bad"),
 };
 
+/** Until the world is asked for again. */
+const AGAIN_MS = 1000;
 let loading = -1;
 /** Get the world again; frames of another revision ask for it. @param {number} revision */
 async function load(revision) {
@@ -62,7 +64,7 @@ async function load(revision) {
     app.emit("world");
     app.emit("chosen");
   } catch (error) {
-    loading = -1;
+    setTimeout(() => { loading = -1; }, AGAIN_MS);
     if (app.connected) toast(/** @type {Error} */ (error).message, "bad");
   }
 }
@@ -116,7 +118,8 @@ app.link = new Link({
     const frame = states(data, performance.now() / 1000);
     app.timeline.add(frame);
     window.uw.arrived = frame.arrived;
-    if (app.world && frame.revision !== app.world.revision) void load(frame.revision);
+    // Without a world: a server that is busy did not describe it in time.
+    if (app.world ? frame.revision !== app.world.revision : loading < 0) void load(frame.revision);
   },
   status(status) {
     app.status = status;

@@ -17,8 +17,9 @@ export interface Beam { direction: Vec3; width?: number; near?: number; far?: nu
 export interface Fan { horizontal: number; vertical: number; step: number; sector: [number, number]; bins: number; near: number; far: number }
 export interface Sensor { path: string; kind: string; p: Vec3; q: Quat; beams?: Beam[]; fan?: Fan | null }
 export interface Looks { sha256: string; size: number; p?: Vec3; q?: Quat; up?: "y" | "z"; scale?: number }
+export interface Lamp { name: string; p: Vec3; q: Quat; cone: number; lumens: number }
 export interface Body {
-  name: string; model: string; like: string; shapes: Shape[]; mass?: number; looks?: Looks | null; actuators?: Actuator[]; sensors?: Sensor[];
+  name: string; model: string; like: string; shapes: Shape[]; mass?: number; looks?: Looks | null; actuators?: Actuator[]; sensors?: Sensor[]; lamps?: Lamp[];
 }
 export interface Beacon { name: string; sensor: string; p: Vec3; body?: string | null; delay?: number }
 export type Wave = [amplitude: number, kx: number, ky: number, omega: number, phase: number, depth: number | null];
@@ -29,7 +30,7 @@ export interface Water {
 export interface World {
   schema: number; revision: number; scenario: string; title: string; epoch: string; rate_hz: number;
   origin: { latitude: number; longitude: number } | null; water: Water; seabed: Solid | null; structures: Solid[];
-  vehicles: Body[]; objects: Body[]; beacons: Beacon[]; meshes: Record<string, { triangles: number; low: Vec3; high: Vec3 }>;
+  vehicles: Body[]; objects: Body[]; beacons: Beacon[]; meshes: Record<string, { triangles: number; low: Vec3; high: Vec3; coarse?: string | null }>;
   exact_poses: boolean; read_only: boolean;
 }
 

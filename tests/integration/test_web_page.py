@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import signal
 import socket
@@ -11,11 +12,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chromium_rig import chromium_or_skip
 
 from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
 
+PYTHON, PICTURES = "UWSERVER_PAGE_PYTHON", "UWSERVER_PAGE_PICTURES"
+"""Variables: the Python whose installed server is tested, in place of this tree's; and the folder where a picture of each test's end is kept."""
 PROBES = Path(__file__).parents[1] / "page_probes.js"
 TITLE = '<img src=x onerror=\\"uw.errors.push(1)\\"> & <b>pool</b>'
 SCENARIO = f"""
@@ -68,8 +72,33 @@ metrics_port = 0
 """
 GAMEPAD = """
 window.axes = [0, 0, 0, 0];
+window.pressed = -1;
 Object.defineProperty(navigator, "getGamepads", { value: () => [{ id: "test pad", index: 0, connected: true, mapping: "standard",
-  axes: window.axes, buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0 })), timestamp: performance.now() }] });
+  axes: window.axes, buttons: Array.from({ length: 17 }, (_, k) => ({ pressed: k === window.pressed, value: 0 })), timestamp: performance.now() }] });
+"""
+BUSY = """
+const real = window.fetch;
+window.refused = 0;
+window.fetch = async (...given) => {
+  if (!String(given[0]).endsWith("world.json") || window.refused >= 2) return real(...given);
+  window.refused += 1;
+  return new Response("busy", { status: 503 });
+};
+"""
+HELD = """
+const real = window.fetch;
+window.held = 0;
+const go = new Promise((resolve) => { window.release = resolve; });
+window.fetch = async (...given) => {
+  const answer = await real(...given);
+  if (!String(given[0]).startsWith("mesh/")) return answer;
+  const data = await answer.arrayBuffer();
+  if (data.byteLength > 1e6) {
+    window.held += 1;
+    await go;
+  }
+  return new Response(data);
+};
 """
 NO_GL = """
 const real = HTMLCanvasElement.prototype.getContext;
@@ -78,12 +107,18 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...rest) { return kind.
 
 
 @contextlib.contextmanager
-def server(folder: Path, port: int = 0) -> Iterator[str]:
-    """A server of the scenario; gives the address of its page."""
+def server(folder: Path, port: int = 0, scenario: str = SCENARIO) -> Iterator[str]:
+    """A server of a scenario; gives the address of its page."""
     file = folder / "dive.toml"
-    file.write_text(SCENARIO.replace("PORT", str(port)))
-    command = [sys.executable, "-m", "uwserver", "run", str(file)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+    file.write_text(scenario.replace("PORT", str(port)))
+    python = os.environ.get(PYTHON, sys.executable)
+    there = {
+        key: value for key, value in os.environ.items() if PYTHON not in os.environ or not key.startswith("PYTHON")
+    }
+    command = [python, "-m", "uwserver", "run", str(file)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder, env=there
+    ) as process:
         try:
             assert process.stdout is not None
             found = next((f for line in process.stdout if (f := re.search(r"http://127\.0\.0\.1:\d+/", line))), None)
@@ -117,6 +152,10 @@ def opened(browser: Browser, address: str, request: pytest.FixtureRequest) -> It
     frames = page.ask("uw.frames")
     page.wait(f"uw.frames > {frames + 2}", "what is shown is of the new run")
     yield page
+    kept = os.environ.get(PICTURES)
+    if kept:
+        Path(kept).mkdir(parents=True, exist_ok=True)
+        page.picture(Path(kept) / f"{re.sub(r'[^a-z0-9]+', '_', request.node.name.lower()).strip('_')}.png")
     page.ask("uw.app.link.call('web/stop')")
     assert page.faults == []
     assert page.ask("uw.errors") == []
@@ -188,6 +227,17 @@ def test_a_gamepad_steers_and_is_mapped_anew(opened: Page) -> None:
     opened.wait("uw.pilot.pad.learning === -1")
     assert opened.ask("JSON.parse(localStorage.getItem('uwserver.gamepad.test pad')).axes[0]") == [2, 1]
     opened.ask("axes.fill(0)")
+
+
+@pytest.mark.parametrize("opened", [GAMEPAD], indirect=True)
+def test_a_gamepad_tilts_the_camera_on_board(opened: Page) -> None:
+    opened.wait("uw.pilot.pad.id === 'test pad'")
+    for button, sign in ((12, 1), (13, -1)):
+        before = opened.ask("uw.pilot.tilt")
+        opened.ask(f"void (pressed = {button})")
+        opened.wait(f"{sign} * (uw.pilot.tilt - {before}) > 0.3", "it goes on while the button is held")
+        opened.wait(f"uw.pilot.tilt === {0.9 * sign}", "and ends at its range")
+        opened.ask("void (pressed = -1)")
 
 
 def test_the_autopilot_holds_a_depth_from_the_page(opened: Page) -> None:
@@ -362,6 +412,33 @@ def test_everything_can_be_read_and_reached_by_keyboard(
     page.picture(tmp_path / f"{theme}.png")
     assert page.faults == []
     page.close()
+
+
+def test_a_world_that_is_not_described_at_first_is_asked_for_again(browser: Browser, address: str) -> None:
+    page = ready(browser.open(f"{address}?fps=4#quality=low", BUSY))
+    page.wait("uw.app.bodies.length === 2 && refused === 2", "the world, asked for a third time")
+    page.wait("uw.vehicles.rov", "it is drawn")
+    page.close()
+
+
+@pytest.mark.slow
+def test_a_seabed_of_a_million_triangles_is_shown_coarse_first(browser: Browser, tmp_path: Path) -> None:
+    """What is fine is held back here until the coarse seabed was seen and the vehicle steered over it."""
+    depth = 12.0 + np.random.default_rng(1).normal(0.0, 0.05, (720, 720))
+    np.save(tmp_path / "hills.npy", depth)
+    seabed = 'kind = "grid"\nfile = "hills.npy"\nspacing_m = [0.5, 0.5]'
+    scenario = SCENARIO.replace('kind = "flat"\ndepth_m = 8', seabed)
+    with server(tmp_path, scenario=scenario) as address:
+        page = ready(browser.open(f"{address}?fps=4#quality=low", HELD))
+        counted = "uw.drawing.scene.solids.children.reduce((sum, mesh) => sum + (mesh.name === 'seabed' ? mesh.geometry.index.count / 3 : 0), 0)"
+        page.wait(f"window.held > 0 && {counted} > 10000", "the coarse seabed")
+        assert page.ask(counted) < 200_000
+        with page.holding("KeyW"):
+            page.wait("uw.vehicles.rov[0] > 0.3", "it steers meanwhile")
+        page.ask("release()")
+        page.wait(f"{counted} === {2 * 719 * 719}", "all of it, and nothing coarse any more")
+        assert page.ask("uw.errors") == []
+        page.close()
 
 
 def test_without_webgl_there_are_map_and_panels(browser: Browser, address: str) -> None:

@@ -11,6 +11,7 @@ from uwserver.ports.scene import (
     BodyView,
     Cast,
     FanView,
+    LampView,
     LooksView,
     MeshView,
     OriginView,
@@ -51,7 +52,7 @@ from uwserver.ports.values import (
 
 __all__ = [
     "ACHIEVED_FULL", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "Cast", "Command",
-    "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "Layout", "LooksView", "MeshView", "OnReply",
+    "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "LampView", "Layout", "LooksView", "MeshView", "OnReply",
     "OriginView", "Port", "Present", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "SceneState", "SceneView",
     "SensorView", "Service", "ShapeView", "SolidView", "Value", "WaterView", "WaveView", "binary_form", "is_stop", "matches", "matching",
 ]  # fmt: skip

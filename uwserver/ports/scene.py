@@ -49,11 +49,13 @@ class MeshView(Struct, frozen=True):
     Attributes:
         triangles: how many.
         low, high: corners of the box around its vertices.
+        coarse: hash of about two thousand triangles to show until it is loaded; None where it is small.
     """
 
     triangles: int
     low: Vec3
     high: Vec3
+    coarse: str | None = None
 
 
 class LooksView(Struct, frozen=True):
@@ -163,6 +165,23 @@ class SensorView(Struct, frozen=True):
     fan: FanView | None = None
 
 
+class LampView(Struct, frozen=True):
+    """A lamp of a vehicle.
+
+    Attributes:
+        name: in the vehicle's file.
+        p, q: pose in B; it shines along its x axis.
+        cone: whole angle of its light.
+        lumens: luminous flux at full brightness.
+    """
+
+    name: str
+    p: Vec3
+    q: Quat
+    cone: float
+    lumens: float
+
+
 class BodyView(Struct, frozen=True):
     """A vehicle or a free object.
 
@@ -181,6 +200,7 @@ class BodyView(Struct, frozen=True):
     looks: LooksView | None = None
     actuators: tuple[ActuatorView, ...] = ()
     sensors: tuple[SensorView, ...] = ()
+    lamps: tuple[LampView, ...] = ()
 
 
 class BeaconView(Struct, frozen=True):
@@ -214,9 +234,9 @@ class WaterView(Struct, frozen=True):
         surface_level: m, up: of the still surface above z = 0.
         current: uniform part at the time of asking, N, m/s.
         profiles: further currents by depth, each a row of (depth, velocity in N), constant above the first and below the last.
-        jerlov: water type.
+        jerlov: water type, I to 9C.
         attenuation: of light along a beam, red, green, blue, 1/m.
-        colour: of the veil, red, green, blue, 0..1.
+        colour: of the veil, red, green, blue, the greatest 1.
     """
 
     density: float

@@ -10,6 +10,9 @@ const KEEP_MS = 500;
 const GRACE_MS = 1200;
 /** How long neutral sticks are still sent to a vehicle without autopilot. */
 const SETTLE = 10;
+/** Of the camera on board, rad and rad/s. */
+const MOST_TILT = 0.9;
+const TILT_RADPS = 0.6;
 export const DIRECT = "direct";
 
 /** The pilot of one page. */
@@ -175,10 +178,15 @@ export class Pilot {
   key(code) {
     if (code === "Space") void this.stop();
     else if (code === "Enter" && !(document.activeElement instanceof HTMLButtonElement) && document.activeElement?.tagName !== "SUMMARY") void this.take();
-    else if (code === "ArrowUp" && document.activeElement?.id === "scene") this.tilt = Math.min(0.9, this.tilt + 0.1);
-    else if (code === "ArrowDown" && document.activeElement?.id === "scene") this.tilt = Math.max(-0.9, this.tilt - 0.1);
+    else if (code === "ArrowUp" && document.activeElement?.id === "scene") this.tiltBy(0.1);
+    else if (code === "ArrowDown" && document.activeElement?.id === "scene") this.tiltBy(-0.1);
     else return false;
     return true;
+  }
+
+  /** Tilt the camera on board. @param {number} angle rad, up */
+  tiltBy(angle) {
+    this.tilt = Math.max(-MOST_TILT, Math.min(MOST_TILT, this.tilt + angle));
   }
 
   /** A button of the gamepad. @param {string} action */
@@ -192,6 +200,8 @@ export class Pilot {
   tick() {
     const keys = this.keyboard.read(PERIOD_MS / 1000);
     const pad = this.pad.read();
+    const up = Number(this.pad.held.has("tilt_up")) - Number(this.pad.held.has("tilt_down"));
+    if (up) this.tiltBy((up * TILT_RADPS * PERIOD_MS) / 1000);
     AXES.forEach((_, k) => { this.sticks[k] = this.gain * Math.max(-1, Math.min(1, keys[k] + pad[k])); });
     const moves = this.sticks.some((value) => value !== 0);
     if (moves && !this.owns && this.app.vehicle && !this.owner && !this.app.world?.read_only) void this.take();

@@ -68,7 +68,7 @@ export class Keyboard {
 
 /** For pads of the standard layout: left stick heave and yaw, right stick surge and sway, as ROV pilots have it. @returns {Mapping} */
 export function usual() {
-  return { axes: [[3, -1], [2, 1], [1, 1], [-1, 1], [-1, 1], [0, 1]], buttons: { 0: "depth_hold", 1: "stop", 2: "stabilise", 3: "position_hold", 9: "take", 8: "give" } };
+  return { axes: [[3, -1], [2, 1], [1, 1], [-1, 1], [-1, 1], [0, 1]], buttons: { 0: "depth_hold", 1: "stop", 2: "stabilise", 3: "position_hold", 9: "take", 8: "give", 12: "tilt_up", 13: "tilt_down" } };
 }
 
 const DEAD = 0.08;
@@ -90,6 +90,8 @@ export class Pad {
     this.onAction = onAction;
     this.values = new Float64Array(6);
     this.pressed = new Set();
+    /** Actions of buttons that are held. @type {Set<string>} */
+    this.held = new Set();
     this.id = "";
     /** @type {Mapping} */
     this.mapping = usual();
@@ -119,6 +121,7 @@ export class Pad {
       this.onChange();
     }
     this.values.fill(0);
+    this.held.clear();
     if (!pad || document.hidden || !document.hasFocus()) return this.values;
     if (this.learning >= 0) this.learn(pad);
     this.mapping.axes.forEach(([axis, way], stick) => {
@@ -126,6 +129,7 @@ export class Pad {
     });
     pad.buttons.forEach((button, k) => {
       const action = this.mapping.buttons[k];
+      if (button.pressed && action) this.held.add(action);
       if (button.pressed && !this.pressed.has(k) && action) this.onAction(action);
       if (button.pressed) this.pressed.add(k);
       else this.pressed.delete(k);

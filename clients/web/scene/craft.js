@@ -5,7 +5,7 @@ import { loadLooks } from "./looks.js";
 import { along, COLOURS, instrument, makeFin, openFrame, pontoon, put, softBox, thruster, torpedo } from "./parts.js";
 import { geometryOf, triangles } from "./solids.js";
 import { turn } from "./stage.js";
-/** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("./materials.js").Paints} Paints */
+/** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("../types").Lamp} Lamp @typedef {import("./materials.js").Paints} Paints */
 
 const SPIN_RADPS = 38;
 
@@ -33,11 +33,11 @@ export class Craft {
     } else {
       this.make(paints, store, known);
     }
-    this.lamp = new THREE.SpotLight("#fff1d0", 0, 30, 0.55, 0.6, 1.2);
-    this.lamp.position.set(0.45 * this.size.x, 0, 0);
-    this.lamp.target.position.set(5, 0, 0.5);
-    this.lamp.visible = false;
-    this.group.add(this.lamp, this.lamp.target);
+    this.lamps = (body.lamps?.length ? body.lamps.map(spot) : [usual(this.size.x)]).map(({ lamp, full }) => {
+      lamp.visible = false;
+      this.group.add(lamp, lamp.target);
+      return { lamp, full };
+    });
   }
 
   /** Like another one of its kind where there is one. @param {Paints} paints @param {Store} store @param {Map<string, THREE.Group>} known */
@@ -157,9 +157,32 @@ export class Craft {
 
   /** @param {boolean} on */
   light(on) {
-    this.lamp.visible = on;
-    this.lamp.intensity = on ? 30 : 0;
+    for (const { lamp, full } of this.lamps) {
+      lamp.visible = on;
+      lamp.intensity = on ? full : 0;
+    }
   }
+}
+
+/** How bright the picture is for a lamp of as many candela. */
+const PICTURE_PER_CANDELA = 0.05;
+
+/** A lamp as the vehicle's file has it. @param {Lamp} given */
+function spot({ p, q, cone, lumens }) {
+  const half = Math.min(0.5 * cone, 0.49 * Math.PI);
+  const candela = lumens / (2 * Math.PI * (1 - Math.cos(half)));
+  const lamp = new THREE.SpotLight("#fff1d0", 0, 30, half, 0.6, 1.2);
+  lamp.position.set(...p);
+  lamp.target.position.set(5, 0, 0).applyQuaternion(turn(q)).add(lamp.position);
+  return { lamp, full: PICTURE_PER_CANDELA * candela };
+}
+
+/** A lamp for a vehicle whose file has none: ahead, a little down. @param {number} length of the vehicle */
+function usual(length) {
+  const lamp = new THREE.SpotLight("#fff1d0", 0, 30, 0.55, 0.6, 1.2);
+  lamp.position.set(0.45 * length, 0, 0);
+  lamp.target.position.set(5, 0, 0.5);
+  return { lamp, full: 30 };
 }
 
 /** @param {string} name of a part */

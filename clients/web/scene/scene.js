@@ -28,7 +28,7 @@ export class WorldScene {
     this.group = new THREE.Group();
     stage.root.add(this.group);
     this.paints = new Paints(stage.fine);
-    this.solids = makeSolids([...(world.seabed ? [world.seabed] : []), ...world.structures], this.paints, store);
+    this.solids = makeSolids([...(world.seabed ? [world.seabed] : []), ...world.structures], world.meshes, this.paints, store);
     this.group.add(this.solids);
     const bodies = [...world.vehicles, ...world.objects];
     /** @type {Map<string, THREE.Group>} */

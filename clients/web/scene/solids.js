@@ -2,7 +2,9 @@
 import * as THREE from "three";
 import { loadLooks } from "./looks.js";
 import { turn } from "./stage.js";
-/** @typedef {import("../types").Shape} Shape @typedef {import("../types").Solid} Solid @typedef {import("./materials.js").Paints} Paints */
+/** @typedef {import("../types").Shape} Shape @typedef {import("../types").Solid} Solid @typedef {import("../types").World["meshes"]} Meshes @typedef {import("./materials.js").Paints} Paints */
+
+/** Of meshes: those that are being loaded, and those that are loaded after them. @typedef {{coarse: Promise<void>[], fine: (() => Promise<void>)[]}} Loads */
 
 const FLAT_M = 1200;
 
@@ -46,26 +48,44 @@ function wrap(geometry, size) {
 }
 
 /**
- * What never moves, in N.
- * @param {Solid[]} solids @param {Paints} paints @param {import("./craft.js").Store} store
+ * What never moves, in N. Large meshes are shown by their coarse forms first; then one after another comes, with a picture between.
+ * @param {Solid[]} solids @param {Meshes} meshes @param {Paints} paints @param {import("./craft.js").Store} store
  */
-export function makeSolids(solids, paints, store) {
+export function makeSolids(solids, meshes, paints, store) {
   const group = new THREE.Group();
+  /** @type {Loads} */
+  const loads = { coarse: [], fine: [] };
   for (const solid of solids) {
     if (solid.looks) {
       loadLooks(solid.looks, store).then((looks) => group.add(looks), (/** @type {Error} */ error) => {
         store.failed(`looks of ${solid.name}: ${error.message}`);
-        addShapes(group, solid, paints, store);
+        /** @type {Loads} */
+        const late = { coarse: [], fine: [] };
+        addShapes(group, solid, meshes, paints, store, late);
+        void refine(late);
       });
     } else {
-      addShapes(group, solid, paints, store);
+      addShapes(group, solid, meshes, paints, store, loads);
     }
   }
+  void refine(loads);
   return group;
 }
 
-/** @param {THREE.Group} group @param {Solid} solid @param {Paints} paints @param {import("./craft.js").Store} store */
-function addShapes(group, solid, paints, store) {
+/** Load what is fine once all that is coarse is there. @param {Loads} loads */
+async function refine({ coarse, fine }) {
+  await Promise.all(coarse);
+  for (const load of fine) {
+    await load();
+    await new Promise((resolve) => setTimeout(resolve, 0));
+  }
+}
+
+/**
+ * @param {THREE.Group} group @param {Solid} solid @param {Meshes} meshes @param {Paints} paints @param {import("./craft.js").Store} store
+ * @param {Loads} loads gets what is under way, and what is to come
+ */
+function addShapes(group, solid, meshes, paints, store, loads) {
   for (const shape of solid.shapes) {
     const look = paints.of(shape.material ?? "default");
     const place = (/** @type {THREE.BufferGeometry} */ geometry) => {
@@ -74,15 +94,28 @@ function addShapes(group, solid, paints, store) {
       mesh.position.set(...(shape.p ?? [0, 0, 0]));
       mesh.quaternion.copy(turn(shape.q ?? [1, 0, 0, 0]));
       group.add(mesh);
+      return mesh;
     };
+    const load = (/** @type {string} */ hash) => store.mesh(hash).then((data) => {
+      const geometry = triangles(data);
+      wrap(geometry, look.size);
+      return place(geometry);
+    });
+    const failed = (/** @type {Error} */ error) => store.failed(`${solid.name}: ${error.message}`);
+    const hash = shape.mesh ?? "";
+    const rough = meshes[hash]?.coarse;
     if (shape.kind === "plane") {
       place(ground(look.size));
+    } else if (shape.kind === "mesh" && rough) {
+      /** @type {THREE.Mesh | null} */
+      let shown = null;
+      loads.coarse.push(load(rough).then((mesh) => { shown = mesh; }, failed));
+      loads.fine.push(() => load(hash).then(() => {
+        shown?.removeFromParent();
+        shown?.geometry.dispose();
+      }, failed));
     } else if (shape.kind === "mesh") {
-      store.mesh(shape.mesh ?? "").then((data) => {
-        const geometry = triangles(data);
-        wrap(geometry, look.size);
-        place(geometry);
-      }, (/** @type {Error} */ error) => store.failed(`${solid.name}: ${error.message}`));
+      loads.coarse.push(load(hash).then(() => undefined, failed));
     } else {
       const geometry = geometryOf(shape, paints.fine);
       if (!geometry) continue;

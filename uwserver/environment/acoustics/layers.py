@@ -16,8 +16,6 @@ from uwserver.physics.kernel.deferred import compiled
 
 _SAME_M = 1e-9
 """Depths this near are one."""
-_TURNING = 1e-14
-"""Relative error of the squared sine where a ray just turns."""
 ENDLESS_M = 1e15
 """A way that is longer than any."""
 _SPREAD = 6
@@ -94,28 +92,6 @@ def sine_at(m: Medium, node: int, q: float) -> float:
 
 
 @compiled
-def advance(m: Medium, p: float, q: float, begin: int, end: int, limit: float) -> tuple[float, float, float, int]:
-    """How far a ray goes from one node towards another.
-
-    Returns:
-        Its way through whole layers, m; the way it needs beyond them to turn, m; what of the first lies in the last layer; and the node that it
-        passed last. At a node where it just turns it counts as passing. Where the way exceeds the limit (m) it ends.
-    """
-    x, last, near, passed = 0.0, 0.0, sine_at(m, begin, q), begin
-    step = 1 if end > begin else -1
-    layer = begin if end > begin else begin - 1
-    while passed != end and x <= limit:
-        node = passed + step
-        square = m.e[node] + q * m.f[node]
-        if square < _TURNING * m.e[node]:
-            return x, near / (p * m.g[layer]), last, passed
-        far = math.sqrt(max(square, 0.0))
-        last = min(p * m.k[layer] / (near + far), ENDLESS_M)
-        x, near, passed, layer = x + last, far, node, layer + step
-    return x, 0.0, last, passed
-
-
-@compiled
 def advance_slope(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float, float]:
     """How far a ray goes from one node towards another, or until it turns (m), and the derivative of that with p."""
     x, slope, near = 0.0, 0.0, sine_at(m, begin, q)
@@ -171,7 +147,7 @@ def leg(m: Medium, p: float, q: float, begin: int, end: int) -> Leg:
         ratio = m.k[layer] / (near + far)
         run = p * ratio
         x, tube = x + run, tube + ratio
-        time += thick * _slowness(p, c0, c1, near, far)
+        time += thick * slowness(p, c0, c1, near, far)
         turn = math.asin(min(abs(near * c1 - far * c0) * p, 1.0))
         length = math.hypot(run, thick) * (1.0 + turn * turn / 24.0 + 7.0 * turn**4 / 5760.0)
         loss += 0.5 * (m.alpha[node] + m.alpha[node - step]) * length
@@ -217,7 +193,7 @@ def widening(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float
 
 
 @compiled
-def _slowness(p: float, c0: float, c1: float, near: float, far: float) -> float:
+def slowness(p: float, c0: float, c1: float, near: float, far: float) -> float:
     """Time over thickness of a layer, s/m: log(c1 (1 + sine) / (c0 (1 + sine'))) / (c1 - c0), which has a limit for equal speeds."""
     flat = p * p * (c0 + c1) / ((near + far) * (1.0 + far))
     rate = 1.0 / c0 + flat + flat * (c1 - c0) / c0

@@ -6,7 +6,8 @@ upper end, D between the ends, B from the lower end to the lower vertex. Then al
 with k = 0, 1, ... and (i, j) = (k, k), (k + 1, k), (k, k + 1), or k + 1 both: one scan of A, D and B over the angle finds them all.
 
 Within an interval of angles the ways through layers shorten as the ray steepens, and those of the arcs that turn lengthen. So the ends of an
-interval bound x, and most are left at once.
+interval bound x, and most are left at once. What is not left waits in a queue, with the time at which it may be there at the earliest: who
+wants the first ray only need not find those that are later.
 """
 
 from __future__ import annotations
@@ -15,18 +16,10 @@ import math
 
 import numpy as np
 
-from uwserver.environment.acoustics.layers import (
-    ENDLESS_M,
-    Medium,
-    advance,
-    advance_slope,
-    leg,
-    medium,
-    sine_at,
-    widening,
-)
+from uwserver.environment.acoustics.fan import Angles, Fan, Nodes, angle_of, angles, delay_of, find_nodes, ways
+from uwserver.environment.acoustics.layers import Medium, advance_slope, leg, medium, sine_at, widening
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled, entry, inlined
 
 TIME, UPPER_DIP, LOWER_DIP, AREA, ABSORPTION, SURFACE, BOTTOM, TURNS, SURFACE_GRAZING, BOTTOM_GRAZING, CAUSTIC = range(
     11
@@ -41,86 +34,19 @@ MOST_TURNS = 16
 _FLATTEST = 1e-30
 _ASIDE = 1e-9
 """Relative distance from an angle at which a ray just passes a node."""
-_WIDEST = 0.02
-"""rad of an interval in which rays turn."""
+_NO_TIME_S = 1e-9
+"""What bounds of times may be wrong by."""
+_AT_ONCE = 8
+"""Intervals that are looked through before it is asked whether the rest may hold anything."""
+EARLIEST, PLACE, BOUNCES, KIND, FIRST, SECOND = range(6)
+"""Columns of the queue of kinds of rays that may lie between two neighbours: s, number of the flatter one, times through both vertices, the
+vertices that are passed once more (1: upper, 2: lower), and how much too far both neighbours go, m."""
 _EXACT_M = 1e-7
 _NEAR_M = 1e-9
 _BESIDE = 0.03
 """Relative distance to the angles that tell how the widening of a tube changes."""
 _AIRY = 0.7955
 """Slope times (frequency / bend^2)^(1/3), in rad/s, of a ray whose level equals that of a wave on a fold caustic: 2 pi / (2 pi Ai(0) 2^(1/3))^2."""
-
-
-@compiled
-def _critical(m: Medium, begin: int, end: int, theta: Array, nodes: Array) -> int:
-    """Angles beyond which a ray passes the nodes of one side that are faster than all before, and these nodes; how many they are."""
-    count, fastest, step = 0, m.fastest, (1 if end > begin else -1)
-    node = begin
-    while node != end:
-        node += step
-        c = m.c[node]
-        if c > fastest:
-            fastest = c
-            theta[count] = math.atan2(math.sqrt((c - m.fastest) * (c + m.fastest)), m.fastest)
-            nodes[count] = node
-            count += 1
-    return count
-
-
-@compiled
-def _angles(m: Medium) -> tuple[Array, Array]:
-    """Ends of the intervals, and for each the nodes above and below that a ray just passes there; -1 where it passes none."""
-    last = len(m.c) - 1
-    above, below = np.empty(last + 1), np.empty(last + 1)
-    upper, lower = np.empty(last + 1, np.int64), np.empty(last + 1, np.int64)
-    highs, lows = _critical(m, m.upper, 0, above, upper), _critical(m, m.lower, last, below, lower)
-    room = highs + lows + 3 + int(0.5 * math.pi / _WIDEST)
-    angles, nodes = np.empty(room), np.full((room, 2), -1)
-    angles[0] = _FLATTEST
-    size, i, j = 1, 0, 0
-    while i < highs or j < lows:
-        theta = min(above[i] if i < highs else math.inf, below[j] if j < lows else math.inf)
-        parts = int((theta - angles[size - 1]) / _WIDEST) + 1
-        start = angles[size - 1]
-        for k in range(1, parts):
-            angles[size] = start + (theta - start) * k / parts
-            size += 1
-        angles[size] = theta
-        if i < highs and above[i] == theta:
-            nodes[size, 0] = upper[i]
-            i += 1
-        if j < lows and below[j] == theta:
-            nodes[size, 1] = lower[j]
-            j += 1
-        size += 1
-    angles[size] = 0.5 * math.pi
-    return angles[: size + 1], nodes[: size + 1]
-
-
-@compiled
-def _ways(
-    m: Medium, theta: float, passes: Array, wanted: tuple[bool, bool], x: float, before: Array, after: Array
-) -> None:
-    """Horizontal ways of a ray (m): A, its turning arc, D, B, its turning arc. Those of rays a little flatter, which turn before they pass
-    two nodes, above and below (-1: none), and of those a little steeper; what is longer than x is not finished, what is not wanted endless."""
-    q, p = math.sin(theta) ** 2, math.cos(theta) / m.fastest
-    before[2], _, _, _ = advance(m, p, q, m.upper, m.lower, x)
-    after[2] = before[2]
-    for side in range(2):
-        begin, end, at = (m.upper, 0, 0) if side == 0 else (m.lower, len(m.c) - 1, 3)
-        node = passes[side]
-        if not wanted[side]:
-            before[at] = after[at] = ENDLESS_M
-            before[at + 1] = after[at + 1] = 0.0
-            continue
-        way, arc, last, passed = advance(m, p, q, begin, end, 0.5 * x)
-        after[at], after[at + 1] = way, arc
-        if node >= 0:
-            if passed != node:
-                way, _, last, passed = advance(m, p, q, begin, node, 0.5 * x)
-            if passed == node:
-                way, arc = way - last, last
-        before[at], before[at + 1] = way, arc
 
 
 @compiled
@@ -272,61 +198,134 @@ def _dip(m: Medium, node: int, p: float, q: float, downward: bool) -> float:
     return dip if downward else -dip
 
 
-@compiled
-def _exists(m: Medium, i: int, d: int, j: int, downward: bool, order: int, up: bool, down: bool) -> bool:
+@inlined
+def _exists(
+    upper: int, lower: int, last: int, closed: bool, i: int, j: int, downward: bool, order: int, up: bool, down: bool
+) -> bool:
     """Whether a ray of this kind is wanted, where its vertices lie at the surface (`up`), and at the bottom or the profile's end (`down`).
 
     At an end that lies on a boundary the ray before and after its reflection there is one.
     """
-    last = len(m.c) - 1
-    if down and not m.closed and j:
+    if down and not closed and j:
         return False
     above, below = i // 2, j // 2
     reflections = above * up + below * down
     if reflections > order or above + below - reflections > MOST_TURNS:
         return False
     arrives = downward == (i == j)
-    if m.upper == 0 and not downward:
+    if upper == 0 and not downward:
         return False
-    if m.lower == last and m.closed and not arrives:
+    if lower == last and closed and not arrives:
         return False
-    if m.lower == 0 and arrives and i:
+    if lower == 0 and arrives and i:
         return False
-    return not (m.upper == last and m.closed and downward and j)
+    return not (upper == last and closed and downward and j)
+
+
+@inlined
+def _bounds(
+    m: Medium,
+    fan: Fan,
+    nodes: Nodes,
+    rays: Angles,
+    k: int,
+    x: float,
+    miss: float,
+    falls: bool,
+    times: tuple[int, int, int],
+) -> tuple[float, float]:
+    """Times (s) between which rays of a kind between two neighbours arrive, whose ways differ from x by `miss` at most, and fall or not.
+
+    With p x + delay, whose derivative with p is x less the ray's way: where that falls it is greatest at the ray. No time is less than p x.
+    """
+    flatter, steeper = rays.turning[k], rays.turning[k + 1]
+    at = k + 1 if rays.row[k + 1] >= 0 else k
+    if rays.row[at] < 0 or len(fan.delay) == 0:
+        return x / steeper, math.inf
+    turning = rays.turning[at]
+    late = delay_of(m, fan.delay, nodes, turning, rays.row[at], rays.vertex[k, 0], rays.vertex[k, 1], times)
+    time, width = x / turning + late, (1.0 / flatter - 1.0 / steeper) * miss + _NO_TIME_S
+    return max(time - (_NO_TIME_S if falls else width), x / steeper), time + width
 
 
 @compiled
-def _in_interval(
-    m: Medium, low: float, high: float, at: Array, x: float, order: int, up: bool, down: bool, omega: float,
-    out: Array, count: int,
-) -> int:  # fmt: skip
-    """Find the rays between two angles; `at` are their ways at both. Where only one is kept, those that are later for sure are left."""
-    quickest = m.c.max()
-    for k in range(MOST_TURNS + order + 1):
-        for kind in range(4):
-            i, j, d = 2 * (k + kind % 2), 2 * (k + kind // 2), 2 * k + 1
-            least = i * (at[1, 0] + at[0, 1]) + d * at[1, 2] + j * (at[1, 3] + at[0, 4])
-            most = i * (at[0, 0] + at[1, 1]) + d * at[0, 2] + j * (at[0, 3] + at[1, 4])
-            if kind == 0 and (least > x or k > MOST_TURNS // 2 + order):
-                return count
-            downward = kind % 2 == 0
-            if least > x or most < x or not _exists(m, i, d, j, downward, order, up, down):
-                continue
-            if count == len(out) and math.hypot(x, _drop(m, i * up, d, j * down)) > quickest * out[count - 1, TIME]:
-                continue
-            first = i * (at[0, 0] + at[0, 1]) + d * at[0, 2] + j * (at[0, 3] + at[0, 4]) - x
-            second = i * (at[1, 0] + at[1, 1]) + d * at[1, 2] + j * (at[1, 3] + at[1, 4]) - x
-            if first * second < 0.0 or (first == 0.0 and second < 0.0):
-                theta = _solve(m, low, high, first, second, x, i, d, j)
-                count = _keep(m, theta, x, i, d, j, downward, omega, out, count)
-            elif up and down:  # x only falls
-                continue
-            else:
-                middle = _turn(m, low, high, first, x, i, d, j)
-                if not math.isnan(middle):
-                    for left, right, start in ((low, middle, first), (middle, high, -first)):
-                        theta = _solve(m, left, right, start, -start, x, i, d, j)
-                        count = _keep(m, theta, x, i, d, j, downward, omega, out, count)
+def _scan(
+    m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, at: Array, x: float, order: int, alone: bool,
+    latest: float, queue: Array, size: int,
+) -> tuple[int, float]:  # fmt: skip
+    """Put into a queue what rays there may be in some intervals, begin to end, but those that are later than `latest` (s) for sure. Their ways
+    are `at` (`ways`). Where the earliest is wanted `alone`, one that is found makes others too late.
+
+    Returns:
+        How many wait there, and a time (s) before which one of them arrives, or `latest`.
+    """
+    upper, lower, last, closed = m.upper, m.lower, len(m.c) - 1, m.closed
+    for k in range(end - 1, begin - 1, -1):
+        up, down, row = k >= rays.to_surface, k >= rays.to_bottom, k - begin
+        a0, a1 = at[row, 0, 0] + at[row, 0, 1], at[row, 1, 0] + at[row, 1, 1]
+        d0, d1 = at[row, 0, 2], at[row, 1, 2]
+        b0, b1 = at[row, 0, 3] + at[row, 0, 4], at[row, 1, 3] + at[row, 1, 4]
+        a_least, b_least = at[row, 1, 0] + at[row, 0, 1], at[row, 1, 3] + at[row, 0, 4]
+        a_most, b_most = at[row, 0, 0] + at[row, 1, 1], at[row, 0, 3] + at[row, 1, 4]
+        for bounces in range(MOST_TURNS // 2 + order + 1):
+            if 2 * bounces * (a_least + b_least) + (2 * bounces + 1) * d1 > x or bounces * (up + down) > order:
+                break
+            for kind in range(4):
+                i, j, d = 2 * (bounces + kind % 2), 2 * (bounces + kind // 2), 2 * bounces + 1
+                least, most = i * a_least + d * d1 + j * b_least, i * a_most + d * d0 + j * b_most
+                if least > x or most < x:
+                    continue
+                if not _exists(upper, lower, last, closed, i, j, kind % 2 == 0, order, up, down):
+                    continue
+                first, second = i * a0 + d * d0 + j * b0 - x, i * a1 + d * d1 + j * b1 - x
+                crosses = first * second < 0.0 or (first == 0.0 and second < 0.0)
+                falls = (up or i == 0) and (down or j == 0)
+                if falls and not crosses:
+                    continue
+                early, late = _bounds(m, fan, nodes, rays, k, x, max(x - least, most - x), falls, (i, d, j))
+                if early > latest:
+                    continue
+                if crosses and alone:
+                    latest = min(latest, late)
+                queue[size, EARLIEST], queue[size, PLACE], queue[size, BOUNCES] = early, k, bounces
+                queue[size, KIND], queue[size, FIRST], queue[size, SECOND] = kind, first, second
+                size += 1
+    return size, latest
+
+
+@compiled
+def _settle(m: Medium, rays: Angles, span: Array, x: float, omega: float, out: Array, count: int) -> int:
+    """Find the rays that a row of the queue stands for, and keep them. Returns how many there are."""
+    k, bounces, kind, first, second = int(span[PLACE]), int(span[BOUNCES]), int(span[KIND]), span[FIRST], span[SECOND]
+    i, j, d, downward = 2 * (bounces + kind % 2), 2 * (bounces + kind // 2), 2 * bounces + 1, kind % 2 == 0
+    low, high = max(angle_of(m.fastest, rays.turning[k]), _FLATTEST), angle_of(m.fastest, rays.turning[k + 1])
+    if first * second < 0.0 or (first == 0.0 and second < 0.0):
+        theta = _solve(m, low, high, first, second, x, i, d, j)
+        kept: int = _keep(m, theta, x, i, d, j, downward, omega, out, count)
+        return kept
+    middle = _turn(m, low, high, first, x, i, d, j)
+    if not math.isnan(middle):
+        for left, right, start in ((low, middle, first), (middle, high, -first)):
+            theta = _solve(m, left, right, start, -start, x, i, d, j)
+            count = _keep(m, theta, x, i, d, j, downward, omega, out, count)
+    return count
+
+
+@compiled
+def _settle_all(
+    m: Medium, rays: Angles, queue: Array, size: int, x: float, omega: float, out: Array, count: int
+) -> int:
+    """Find the rays of a queue, those that may be the earliest first, until the others are too late to be kept. Returns how many there are."""
+    for done in range(size):
+        best = done
+        for other in range(done + 1, size):
+            if queue[other, EARLIEST] < queue[best, EARLIEST]:
+                best = other
+        for column in range(SECOND + 1):
+            queue[done, column], queue[best, column] = queue[best, column], queue[done, column]
+        if count == len(out) and queue[done, EARLIEST] > out[count - 1, TIME]:
+            break
+        count = _settle(m, rays, queue[done], x, omega, out, count)
     return count
 
 
@@ -337,7 +336,7 @@ def _vertical(m: Medium, order: int, omega: float, out: Array) -> int:
     for k in range(order + 1):
         for kind in range(4):
             i, j, d = 2 * (k + kind % 2), 2 * (k + kind // 2), 2 * k + 1
-            if _exists(m, i, d, j, kind % 2 == 0, order, True, True):
+            if _exists(m.upper, m.lower, len(m.c) - 1, m.closed, i, j, kind % 2 == 0, order, True, True):
                 count = _keep(m, 0.5 * math.pi, 0.0, i, d, j, kind % 2 == 0, omega, out, count)
     return count
 
@@ -356,12 +355,14 @@ def _level(m: Medium, x: float, out: Array) -> int:
 
 @entry
 def find_rays(
-    depth: Array, speed: Array, alpha: Array, x: float, a: float, b: float, bottom: float, order: int, omega: float, out: Array
+    depth: Array, speed: Array, alpha: Array, turning: Array, row: Array, way: Array, delays: Array, x: float, a: float, b: float,
+    bottom: float, order: int, omega: float, out: Array
 ) -> int:  # fmt: skip
     """Find all rays from depth a to depth b, the earliest first.
 
     Args:
         depth, speed, alpha: (n) of the profile, m ascending from 0, m/s and dB/m; linear between its points, constant below.
+        turning, row, way, delays: its fan (`make_fan`).
         x: horizontal distance, m.
         a, b: depths, m, 0 <= a <= b.
         bottom: depth of the flat bottom, m; inf for none: sound that gets below the profile is gone.
@@ -376,21 +377,21 @@ def find_rays(
     if x < _NEAR_M:
         vertical: int = _vertical(m, order, omega, out)
         return vertical
-    angles, nodes = _angles(m)
+    fan, nodes = Fan(turning, row, way, delays), find_nodes(m, depth, speed)
+    rays = angles(m, fan, nodes)
     count: int = _level(m, x, out)
-    # Beyond the angle at which a ray passes the fastest node before the surface, or the bottom, it gets there.
-    to_surface, to_bottom, last = 0, 0, len(angles) - 1
-    for k in range(last):
-        to_surface, to_bottom = k if nodes[k, 0] >= 0 else to_surface, k if nodes[k, 1] >= 0 else to_bottom
-    at, flatter = np.zeros((2, 5)), np.zeros(5)
-    for k in range(last, -1, -1):
-        # No time is less than p x: those of flatter rays are later than the one that is kept.
-        if count == len(out) and k < last and math.cos(angles[k + 1]) * x > m.fastest * out[count - 1, TIME]:
+    queue, size, last = np.empty((8 * _AT_ONCE * (MOST_TURNS // 2 + order + 1), SECOND + 1)), 0, len(rays.turning) - 1
+    at, alone = np.empty((_AT_ONCE, 2, 5)), len(out) == 1
+    latest = out[0, TIME] if alone and count else math.inf
+    for end in range(last, 0, -_AT_ONCE):
+        # No time is less than p x: flatter rays are later than the one that is kept.
+        if x > latest * rays.turning[end]:
             break
-        wanted = (order > 0 or k <= to_surface, order > 0 or k <= to_bottom)
-        _ways(m, angles[k], nodes[k], wanted, x, flatter, at[0])
-        if k < last:
-            up, down = k >= to_surface, k >= to_bottom
-            count = _in_interval(m, angles[k], angles[k + 1], at, x, order, up, down, omega, out, count)
-        at[1] = flatter
-    return count
+        begin = max(end - _AT_ONCE, 0)
+        ways(m, fan, nodes, rays, begin, end, order, at)
+        size, latest = _scan(m, fan, nodes, rays, begin, end, at, x, order, alone, latest, queue, size)
+        if size > len(queue) // 2:
+            count, size = _settle_all(m, rays, queue, size, x, omega, out, count), 0
+            latest = out[count - 1, TIME] if count == len(out) else latest
+    found: int = _settle_all(m, rays, queue, size, x, omega, out, count)
+    return found

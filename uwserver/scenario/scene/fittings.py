@@ -1,4 +1,4 @@
-"""Actuators of a vehicle as a viewer gets them: where they sit, what they do, and which port commands them."""
+"""Actuators and lamps of a vehicle as a viewer gets them: where they sit, what they do, and which port commands them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from uwserver.actuators.fin import FinsConfig
 from uwserver.actuators.servo import OneServo
 from uwserver.actuators.thruster import ThrusterConfig, ThrustersConfig
 from uwserver.physics.dynamics.params import BodyParams
-from uwserver.ports import ActuatorView
+from uwserver.ports import ActuatorView, LampView
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.scene.shapes import unit
 from uwserver.scenario.vehicle.appendage_tables import Fin
 from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.sensors import Pose
 from uwserver.units import rad
 from uwserver.world.lookout import full_thrust
 
@@ -31,6 +32,16 @@ def actuator_views(name: str, resolved: ResolvedVehicle, params: BodyParams) -> 
     file = resolved.vehicle
     ports = dict(commanded(name, file))
     return (*_thrusters(resolved, params, ports), *_fins(file, ports), *_others(file, ports))
+
+
+def lamp_views(file: VehicleFile) -> tuple[LampView, ...]:
+    """All lamps of a vehicle."""
+    views = []
+    for name, lamp in file.lamps.items():
+        mount = file.mounts[lamp.mount]
+        pose = Pose.from_degrees(mount.rpy_deg, mount.position_frd_m)
+        views.append(LampView(name, pose.p, pose.q, rad(lamp.cone_deg), lamp.lumens))
+    return tuple(views)
 
 
 Place = tuple[str | None, int | None]

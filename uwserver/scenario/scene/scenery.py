@@ -8,6 +8,7 @@ import math
 from msgspec import UnsetType, structs
 
 from uwserver.environment.currents import ProfileConfig, flow_of
+from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import HalfSpace, Placed
 from uwserver.physics.kernel.layout import (
@@ -31,8 +32,8 @@ from uwserver.ports import (
     WaveView,
 )
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.scene.fittings import actuator_views
-from uwserver.scenario.scene.palette import JERLOV, OBJECT, SEABED, STRUCTURE, VEHICLE, WATERS
+from uwserver.scenario.scene.fittings import actuator_views, lamp_views
+from uwserver.scenario.scene.palette import OBJECT, SEABED, STRUCTURE, VEHICLE
 from uwserver.scenario.scene.senses import beacon_views, sensor_views
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
 from uwserver.scenario.vehicle.body import body_params
@@ -131,6 +132,7 @@ class Scenery:
             looks=self._looks(resolved.looks),
             actuators=actuator_views(body.name, resolved, params),
             sensors=sensor_views(body.name, file),
+            lamps=lamp_views(file),
         )
 
     def _object(self, body: Present) -> BodyView:
@@ -154,7 +156,7 @@ class Scenery:
 
     def _water(self) -> WaterView:
         environment, water = self._resolved.scenario.environment, self._world.water
-        looks = WATERS[JERLOV]
+        light = WATER_TYPES[environment.water_type]
         flows = [flow_of(current) for current in environment.currents.values()]
         return WaterView(
             density=environment.density,
@@ -167,9 +169,9 @@ class Scenery:
                 for flow in flows
                 if isinstance(flow, ProfileConfig)
             ),
-            jerlov=JERLOV,
-            attenuation=looks.attenuation,
-            colour=looks.colour,
+            jerlov=environment.water_type,
+            attenuation=light.attenuation,
+            colour=light.veil(),
         )
 
     def _waves(self) -> tuple[WaveView, ...]:

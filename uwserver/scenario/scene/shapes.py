@@ -26,6 +26,10 @@ from uwserver.ports import MeshView, ShapeView
 from uwserver.scenario.scene.palette import Colour, colour_of
 from uwserver.scenario.vehicle.tables import BoxShape, VehicleFile
 
+_MANY = 20_000
+"""Triangles beyond which a mesh has a coarse form."""
+_CELLS = 32
+"""Of a coarse mesh along its longest edge."""
 _FINENESS = 3.0
 """Length over diameter of the capsule that stands for a vehicle without any shape."""
 
@@ -52,13 +56,37 @@ class Meshes:
             vertices, faces = shape.vertices, shape.faces
         else:
             vertices, faces = _hull(shape.points)
+        name = self._keep(vertices, faces)
+        coarse = self._keep(*coarsened(vertices, faces)) if len(faces) > _MANY else None
+        low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+        self.views[name] = MeshView(len(faces), tuple(low), tuple(high), coarse)
+        self._known[id(shape)] = (shape, name)  # held, so that no other gets its id
+        return name
+
+    def _keep(self, vertices: FloatArray, faces: IntArray) -> str:
         data = packed(vertices, faces)
         name = hashlib.sha256(data).hexdigest()
         self.data[name] = data
-        low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
-        self.views[name] = MeshView(len(faces), tuple(low), tuple(high))
-        self._known[id(shape)] = (shape, name)  # held, so that no other gets its id
         return name
+
+
+def coarsened(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """A mesh with far fewer triangles (Rossignac and Borrel, Multi-resolution 3D approximations, 1993): what of it lies in one cell of a lattice
+    becomes one vertex, in the mean place; triangles that are left with fewer than three go.
+
+    Args:
+        vertices, faces: (n, 3) m, and (m, 3) numbers of vertices.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = max(float((high - low).max()) / _CELLS, 1e-9)
+    x, y, z = ((vertices - low) / cell).astype(np.int64).T
+    _, vertex, count = np.unique(x + (_CELLS + 1) * (y + (_CELLS + 1) * z), return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(vertex, vertices[:, k]) / count for k in range(3)], axis=1)
+    moved = vertex[faces]
+    a, b, c = moved.T
+    moved = moved[(a != b) & (b != c) & (c != a)]
+    _, kept = np.unique(np.sort(moved, axis=1), axis=0, return_index=True)
+    return means, moved[kept]
 
 
 def packed(vertices: FloatArray, faces: IntArray) -> bytes:

@@ -13,7 +13,7 @@ from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath, Problem, Severity
 from uwserver.scenario.files.merge import merged
 from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
-from uwserver.scenario.vehicle.tables import AddedMass, Buoyancy, Damping, RigidBody, Thruster, ThrusterDevice
+from uwserver.scenario.vehicle.tables import AddedMass, Buoyancy, Damping, Lamp, RigidBody, Thruster, ThrusterDevice
 from uwserver.sensors import SensorConfig
 
 
@@ -39,6 +39,7 @@ class Draft:
     propellers: Mapping[str, ShaftPropeller] = field(default_factory=dict)
     ballasts: Mapping[str, Ballast] = field(default_factory=dict)
     moving_masses: Mapping[str, MovingMass] = field(default_factory=dict)
+    lamps: Mapping[str, Lamp] = field(default_factory=dict)
     hull: Hull | None = None
     devices: Mapping[str, ThrusterDevice] = field(default_factory=dict)
 
@@ -108,6 +109,16 @@ def drafted(tree: Node, devices: Mapping[str, ThrusterDevice]) -> Draft:
     parts: dict[str, Any] = {
         table: tree.at(table).value for table in ("rigid_body", "buoyancy", "added_mass", "damping", "hull")
     }
-    for table in ("thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors"):
+    for table in (
+        "thrusters",
+        "fins",
+        "foils",
+        "propellers",
+        "ballasts",
+        "moving_masses",
+        "lamps",
+        "actuators",
+        "sensors",
+    ):
         parts[table] = tree.values(table)
     return Draft(tree, devices=devices, **parts)

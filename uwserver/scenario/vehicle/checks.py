@@ -12,7 +12,7 @@ from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.vehicle.appendage_checks import check_appendages, check_member
 from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.vehicle.body import buoyancy_and_weight, matrices
-from uwserver.scenario.vehicle.sensor_checks import check_sensor
+from uwserver.scenario.vehicle.sensor_checks import check_mount, check_sensor
 from uwserver.scenario.vehicle.tables import Damping, VehicleFile
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
@@ -43,6 +43,8 @@ def check_vehicle(
     _check_members(draft, report)
     check_appendages(draft, report)
     _check_names(draft, report)
+    for name, lamp in draft.lamps.items():
+        check_mount(draft, lamp.mount, ("lamps", name, "mount"), report)
     for name, sensor in draft.sensors.items():
         if sensor.enabled:
             check_sensor(draft, name, sensor, world, report)

@@ -19,6 +19,13 @@ from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Sensor, SensorConf
 from uwserver.world.services import SENSOR_SERVICES
 
 
+def check_mount(draft: Draft, mount: str, path: KeyPath, report: Report) -> None:
+    """Whether the vehicle has a mount that something at this key sits on."""
+    mounts = draft.names("mounts")
+    if mount not in mounts:
+        report(path, f'no mount "{mount}"{suggestion(mount, mounts, "; there are: ")}')
+
+
 def check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTable | None, report: Report) -> None:
     """Rate, mount, parts and errors of a sensor; whether it can be built, where it is of an extension.
 
@@ -35,10 +42,7 @@ def check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTabl
             _check_origin(world, path, report)
     _check_parts(draft, sensor, path, report)
     if isinstance(sensor.mount, str):
-        mounts = draft.names("mounts")
-        if sensor.mount not in mounts:
-            text = f'no mount "{sensor.mount}"{suggestion(sensor.mount, mounts, "; there are: ")}'
-            report((*path, "mount"), text)
+        check_mount(draft, sensor.mount, (*path, "mount"), report)
         for key in ("position_frd_m", "rpy_deg"):
             if key in draft.tree.at("sensors", name).parts:
                 text = f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two'

@@ -126,6 +126,20 @@ class Mount(Table, kw_only=True, frozen=True):
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
 
 
+class Lamp(Sourced, kw_only=True, frozen=True):
+    """A lamp on a mount, which shines along the mount's x axis.
+
+    Attributes:
+        mount: name of one of the vehicle's mounts.
+        cone_deg: whole angle of its light in water.
+        lumens: luminous flux at full brightness.
+    """
+
+    mount: Name
+    cone_deg: Annotated[float, Meta(gt=0, le=175)] = 135.0
+    lumens: Positive
+
+
 class Thruster(Sourced, kw_only=True, frozen=True):
     """Where a propulsor sits and which device it is.
 
@@ -206,6 +220,7 @@ class VehicleFile(Table, kw_only=True, frozen=True):
     added_mass: AddedMass
     damping: Damping
     mounts: dict[str, Mount] = field(default_factory=dict)
+    lamps: dict[str, Lamp] = field(default_factory=dict)
     thrusters: dict[str, Thruster] = field(default_factory=dict)
     fins: dict[str, Fin] = field(default_factory=dict)
     foils: dict[str, Foil] = field(default_factory=dict)

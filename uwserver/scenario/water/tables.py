@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from uwserver.environment.column import ColumnConfig, surface_density
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.earth import GRAVITY_GROWTH, normal_gravity
+from uwserver.environment.light import WaterType
 from uwserver.environment.waves import WavesConfig
 from uwserver.table import NonNegative, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA
@@ -37,6 +38,8 @@ class Environment(Table, kw_only=True, frozen=True):
         surface_level_m: of the still surface above z = 0, as the tide has it.
         water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
             default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
+        water_type: how clear it is, by Jerlov: I, IA, IB, II and III of the open sea, 1C, 3C, 5C, 7C and 9C of coasts. What is seen follows it,
+            and nothing else does.
         current: uniform, steady current.
         currents: more of them, by name; all add up.
         waves: of the surface; default: none.
@@ -48,6 +51,7 @@ class Environment(Table, kw_only=True, frozen=True):
     temperature_degc: Annotated[float, Meta(ge=-5, le=60)] = 10.0
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
     surface_level_m: Annotated[float, Meta(ge=-20, le=20)] = 0.0
+    water_type: WaterType = "II"
     current: Current = Current()
     water: ColumnConfig | UnsetType = UNSET
     currents: dict[str, CurrentConfig] = field(default_factory=dict)

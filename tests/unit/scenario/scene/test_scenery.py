@@ -13,13 +13,15 @@ import pytest
 
 import uwserver
 from uwserver.adapter import installed_adapters
+from uwserver.environment.light import WATER_TYPES
 from uwserver.environment.materials import LAMBERT_DB
 from uwserver.ports import SceneView
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.scene.palette import JERLOV, MATERIALS, WATERS
+from uwserver.scenario.scene.palette import MATERIALS
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.world.lookout import Lookout
 
@@ -115,5 +117,36 @@ def test_what_was_spawned_is_described_under_its_own_name() -> None:
 
 def test_every_material_that_sonars_know_has_a_colour() -> None:
     assert set(MATERIALS) == set(LAMBERT_DB)
-    assert JERLOV in WATERS
     assert all(0.0 <= c <= 1.0 for colour in MATERIALS.values() for c in colour)
+
+
+def test_the_water_is_of_the_type_that_the_scenario_names() -> None:
+    clear, murky = (
+        load(ScenarioBuilder("sea").vehicle("rov", "bluerov2").environment(**keys).build(), adapters={})
+        for keys in ({}, {"water_type": "7C"})
+    )
+    views = []
+    for resolved in (clear, murky):
+        world = build(resolved)
+        views.append(Scenery(resolved, world).scene(Lookout(world).state().cast).water)
+    assert [view.jerlov for view in views] == ["II", "7C"]
+    assert views[1].attenuation == WATER_TYPES["7C"].attenuation > views[0].attenuation
+    assert views[0].colour != views[1].colour
+
+
+def test_lamps_are_where_their_mounts_are() -> None:
+    world = uwserver.load("bluerov2_pool")
+    scene = Scenery(loaded("bluerov2_pool"), world).scene(Lookout(world).state().cast)
+    lamps = scene.vehicles[0].lamps
+    assert [lamp.name for lamp in lamps] == ["left", "right"]
+    assert lamps[0].p == (0.2, -0.13, 0.06)
+    assert lamps[0].cone == pytest.approx(math.radians(135.0))
+    half = math.radians(-5.0)
+    assert lamps[0].q == pytest.approx((math.cos(half), 0.0, math.sin(half), 0.0))
+
+
+def test_a_lamp_on_a_mount_that_is_not_there_is_told() -> None:
+    lamp = {"mount": "lamp_lef", "lumens": 100.0, "source": "test", "status": "guess"}
+    begun = ScenarioBuilder("sea").vehicle("rov", "bluerov2", override={"lamps": {"third": lamp}})
+    with pytest.raises(ScenarioError, match=r'no mount "lamp_lef".*lamp_left'):
+        load(begun.build(), adapters={})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from uwserver.physics.geometry.shapes import (
     TriangleMesh,
 )
 from uwserver.ports import ShapeView
+from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.palette import MATERIALS
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
@@ -93,3 +95,51 @@ def test_a_vehicle_without_collision_shapes_has_those_of_its_volume() -> None:
     assert capsule.length is not None
     volume = math.pi * capsule.radius**2 * (capsule.length + 4.0 / 3.0 * capsule.radius)
     assert volume == pytest.approx(vehicle.buoyancy.volume_m3)
+
+
+def hills(side: int) -> TriangleMesh:
+    """A seabed of side x side points over 100 m, its outside up."""
+    x, y = np.meshgrid(np.linspace(0.0, 100.0, side), np.linspace(0.0, 100.0, side), indexing="ij")
+    depth = 20.0 + 2.0 * np.sin(0.1 * x) * np.cos(0.07 * y)
+    k = np.arange(side * side).reshape(side, side)
+    a, b, c, d = k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]
+    faces = np.concatenate([np.stack([a, d, b], axis=-1).reshape(-1, 3), np.stack([b, d, c], axis=-1).reshape(-1, 3)])
+    return TriangleMesh(np.stack([x, y, depth], axis=-1).reshape(-1, 3), faces)
+
+
+def test_a_large_mesh_has_a_coarse_form_that_lies_where_it_does() -> None:
+    mesh, meshes = hills(280), Meshes()
+    view = meshes.views[meshes.add(mesh)]
+    assert view.triangles == 2 * 279 * 279
+    assert view.coarse is not None
+    data = meshes.data[view.coarse]
+    count, triangles = struct.unpack_from("<II", data)
+    assert 1000 < triangles < 5000
+    points = np.frombuffer(data, "<f4", 3 * count, 8).reshape(-1, 3)
+    faces = np.frombuffer(data, "<u4", 3 * triangles, 8 + 12 * count).reshape(-1, 3)
+    x, y, depth = points.T
+    assert depth == pytest.approx(20.0 + 2.0 * np.sin(0.1 * x) * np.cos(0.07 * y), abs=0.05)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    areas = 0.5 * np.cross(b - a, c - a)
+    assert np.all(areas[:, 2] < 0.0), "each triangle still faces up"
+    assert 0.9 * 100.0**2 < -areas[:, 2].sum() < 100.0**2, "without holes, but for half a cell at the edge"
+
+
+def test_a_small_mesh_has_none() -> None:
+    meshes = Meshes()
+    assert meshes.views[meshes.add(hills(20))].coarse is None
+
+
+def test_a_seabed_of_a_million_triangles_comes_in_tiles_that_each_have_one(tmp_path: Path) -> None:
+    side = 720
+    depth = 20.0 + np.random.default_rng(1).normal(0.0, 0.1, (side, side))
+    np.save(tmp_path / "hills.npy", depth)
+    begun = ScenarioBuilder("hills").vehicle("rov", "bluerov2")
+    begun.seabed("grid", file=str(tmp_path / "hills.npy"), spacing_m=[0.5, 0.5])
+    resolved, meshes = load(begun.build(), adapters=installed_adapters()), Meshes()
+    shapes = shape_views(resolved.static["seabed"], resolved.materials, GREY, meshes)
+    tiles = {str(shape.mesh): meshes.views[str(shape.mesh)] for shape in shapes}
+    assert sum(tile.triangles for tile in tiles.values()) == 2 * (side - 1) ** 2 > 1_000_000
+    first = sum(len(meshes.data[tile.coarse or whole]) for whole, tile in tiles.items())
+    assert first < 0.1 * sum(len(meshes.data[whole]) for whole in tiles), "what is shown first is quickly there"
+    assert all(tile.coarse for tile in tiles.values() if tile.triangles > 20_000)

@@ -1,0 +1,323 @@
+"""A fan of rays through all of a profile, worked out once: how far each gets from node to node. So a ray's way between two depths is a difference.
+
+Its rays are those that just turn at a node, told by their turning speed 1 / p, with others between and above. What rays between them do in a
+sea with two ends in it is bounded by those: `angles` chooses them for two ends, and `ways` tells how far they go.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uwserver.environment.acoustics.layers import ENDLESS_M, Medium, slowness
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry, inlined
+
+WIDEST = 0.02
+"""rad between neighbours that turn."""
+_STEEP = 0.1
+"""rad between those that pass all nodes."""
+_RATIO = 0.5 * WIDEST * WIDEST
+"""What the logarithms of turning speeds differ by at most: a ray that turns at the greater one is as wide above one that turns at the less."""
+MOST_NODES = 1024
+"""Of a profile for which the fan is kept (16 MB); that of a finer one is worked out where it is asked for."""
+_FAR_M = 1e7
+"""No sea is as wide: what a ray along a layer of one speed goes there at most, so that sums stay exact to 1e-9 m."""
+_STRAIGHT_DOWN = 1e30
+"""Turning speed of a vertical ray, m/s."""
+
+
+class Fan(NamedTuple):
+    """Rays (r) and nodes (n) of a profile.
+
+    Attributes:
+        turning: (r) speed at which each ray turns, m/s, ascending.
+        row: (n) the ray that just turns at a node.
+        way: (r, n) how far it goes from the first node to each, m, without the layers that it does not pass; empty of a fine profile.
+        delay: (r, n) the time it needs for that, less what its slowness 1 / turning makes of the way, s.
+    """
+
+    turning: Array
+    row: Array
+    way: Array
+    delay: Array
+
+
+@inlined
+def sine(turning: float, c: float) -> float:
+    """Of a ray's grazing angle where the sound speed is c; exactly 0 where it turns, and beyond."""
+    return math.sqrt(max((turning - c) / turning * (1.0 + c / turning), 0.0))
+
+
+@inlined
+def _layer(
+    turning: float, c0: float, c1: float, thick: float, k: float, near: float, far: float
+) -> tuple[float, float]:
+    """A ray's way through a layer, m, and its delay there, s; k = (c0 + c1) thick."""
+    if near + far <= 0.0:
+        return ENDLESS_M, 0.0
+    p = 1.0 / turning
+    x = min(p * k / (near + far), ENDLESS_M)
+    return x, thick * slowness(p, c0, c1, near, far) - p * x
+
+
+@entry
+def make_fan(depth: Array, speed: Array) -> tuple[Array, Array, Array, Array]:
+    """The fan of a profile: (n) m ascending, and m/s."""
+    n, nodes, steps = len(depth), np.unique(speed), math.ceil(0.5 * math.pi / _STEEP)
+    turning = np.empty(len(nodes) + steps + int(math.log(nodes[-1] / nodes[0]) / _RATIO))
+    size = 0
+    for i in range(len(nodes)):
+        parts = int(math.log(nodes[i] / nodes[i - 1]) / _RATIO) + 1 if i else 1
+        for k in range(1, parts):
+            turning[size] = nodes[i - 1] * (nodes[i] / nodes[i - 1]) ** (k / parts)
+            size += 1
+        turning[size] = nodes[i]
+        size += 1
+    for i in range(1, steps):
+        turning[size] = nodes[-1] / math.cos(0.5 * math.pi * i / steps)
+        size += 1
+    turning[size] = _STRAIGHT_DOWN
+    turning = turning[: size + 1]
+    row = np.searchsorted(turning, speed)
+    kept = (len(turning), n) if n <= MOST_NODES else (0, 0)
+    way, delay = np.zeros(kept), np.zeros(kept)
+    for r in range(len(way)):
+        near = sine(turning[r], speed[0])
+        for i in range(1, n):
+            c0, c1, thick, far = speed[i - 1], speed[i], depth[i] - depth[i - 1], sine(turning[r], speed[i])
+            x, late = 0.0, 0.0
+            if max(c0, c1) <= turning[r]:
+                x, late = _layer(turning[r], c0, c1, thick, (c0 + c1) * thick, near, far)
+            way[r, i] = way[r, i - 1] + min(x, _FAR_M)
+            delay[r, i] = delay[r, i - 1] + late
+            near = far
+    return turning, row, way, delay
+
+
+class Nodes(NamedTuple):
+    """Where nodes of a medium (n) are found in the profile.
+
+    Attributes:
+        own: number in the profile; -1 of one that is none of its own.
+        next, last: the first node at or below each that is one, and the last at or above; n and -1 where there is none.
+    """
+
+    own: Array
+    next: Array
+    last: Array
+
+
+@compiled
+def find_nodes(m: Medium, depth: Array, speed: Array) -> Nodes:
+    """Those of a medium that was made of a profile."""
+    n, j = len(m.z), 0
+    own, after, before = np.full(n, -1), np.empty(n, np.int64), np.empty(n, np.int64)
+    for node in range(n):
+        while j < len(depth) - 1 and depth[j] < m.z[node]:
+            j += 1
+        if depth[j] == m.z[node] and speed[j] == m.c[node]:
+            own[node] = j
+        before[node] = node if own[node] >= 0 else (before[node - 1] if node else -1)
+    for node in range(n - 1, -1, -1):
+        after[node] = node if own[node] >= 0 else (after[node + 1] if node < n - 1 else n)
+    return Nodes(own, after, before)
+
+
+@inlined
+def _direct(z: Array, c: Array, k: Array, turning: float, begin: int, end: int, late: bool) -> float:
+    """A ray's way between two nodes (m), begin above end, or its delay (s) where `late`, layer by layer."""
+    total, near = 0.0, sine(turning, c[begin])
+    for node in range(begin + 1, end + 1):
+        far = sine(turning, c[node])
+        if late:
+            total += _layer(turning, c[node - 1], c[node], z[node] - z[node - 1], k[node - 1], near, far)[1]
+        elif near + far > 0.0:
+            total += min(k[node - 1] / (turning * (near + far)), ENDLESS_M)
+        else:
+            total += ENDLESS_M
+        near = far
+    return total
+
+
+class Angles(NamedTuple):
+    """Rays (n) that bound the intervals of a search, the flattest first.
+
+    Attributes:
+        turning: speed at which each turns, m/s.
+        row: in the fan; -1 when it is none of it.
+        vertex: (n, 2) the node above and the node below that rays a little steeper than it do not pass; -1 where they get to the end.
+        to_surface, to_bottom: the first ray beyond which they all do.
+    """
+
+    turning: Array
+    row: Array
+    vertex: Array
+    to_surface: int
+    to_bottom: int
+
+
+@compiled
+def _critical(m: Medium, begin: int, end: int, out: Array) -> int:
+    """Nodes of one side that are faster than all before, and how many."""
+    count, fastest, step = 0, m.fastest, (1 if end > begin else -1)
+    node = begin
+    while node != end:
+        node += step
+        if m.c[node] > fastest:
+            fastest = m.c[node]
+            out[count] = node
+            count += 1
+    return count
+
+
+@inlined
+def angle_of(fastest: float, turning: float) -> float:
+    """A ray's grazing angle where sound has a speed, rad."""
+    return math.atan2(math.sqrt((turning - fastest) * (turning + fastest)), fastest)
+
+
+@compiled
+def angles(m: Medium, fan: Fan, nodes: Nodes) -> Angles:
+    """Those for the two ends of a medium: rays that just turn at its nodes, with others wherever they lie wide apart."""
+    n = len(m.c)
+    above, below = np.empty(n, np.int64), np.empty(n, np.int64)
+    highs, lows = _critical(m, m.upper, 0, above), _critical(m, m.lower, n - 1, below)
+    room = highs + lows + len(fan.turning) + 1
+    turning, row, passed = np.empty(room), np.full(room, -1), np.full((room, 2), -1)
+    turning[0], size, i, j = m.fastest, 1, 0, 0
+    for node in range(m.upper, m.lower + 1):
+        if m.c[node] == m.fastest and nodes.own[node] >= 0:
+            row[0] = fan.row[nodes.own[node]]
+    while i < highs or j < lows:
+        up = m.c[above[i]] if i < highs else math.inf
+        down = m.c[below[j]] if j < lows else math.inf
+        c, node = min(up, down), above[i] if up <= down else below[j]
+        size = _fill_gap(m.fastest, fan.turning, turning, row, size, c)
+        turning[size] = c
+        if nodes.own[node] >= 0:
+            row[size] = fan.row[nodes.own[node]]
+        if up == c:
+            passed[size, 0] = above[i]
+            i += 1
+        if down == c:
+            passed[size, 1] = below[j]
+            j += 1
+        size += 1
+    size = _fill_gap(m.fastest, fan.turning, turning, row, size, _STRAIGHT_DOWN)
+    turning[size], row[size] = _STRAIGHT_DOWN, len(fan.turning) - 1
+    size += 1
+    vertex = np.full((size, 2), -1)
+    to_surface, to_bottom = 0, 0
+    for k in range(size - 2, -1, -1):
+        for side in range(2):
+            vertex[k, side] = passed[k + 1, side] if passed[k + 1, side] >= 0 else vertex[k + 1, side]
+    for k in range(size):
+        to_surface, to_bottom = k if passed[k, 0] >= 0 else to_surface, k if passed[k, 1] >= 0 else to_bottom
+    return Angles(turning[:size], row[:size], vertex, to_surface, to_bottom)
+
+
+@inlined
+def _fill_gap(fastest: float, fan: Array, turning: Array, row: Array, size: int, c: float) -> int:
+    """Put rays of the fan between the last one and that which turns at c, where they lie wide apart. Returns how many there are then."""
+    if c <= turning[size - 1] * (1.0 + _RATIO):
+        return size
+    start = sine(turning[size - 1], fastest)
+    if sine(c, fastest) - start <= WIDEST * fastest / c:
+        return size
+    before, r = start, np.searchsorted(fan, turning[size - 1], "right")
+    while r < len(fan) and fan[r - 1] < c:
+        # Angles differ by no more than their sines over the less of their cosines.
+        here = sine(fan[r], fastest)
+        if here - start > WIDEST * fastest / fan[r] and before > start:
+            turning[size], row[size] = fan[r - 1], r - 1
+            start, size = before, size + 1
+        before, r = here, r + 1
+    return size
+
+
+@inlined
+def _inside(node: int, side: int, last: int) -> int:
+    """The last node before that where a ray of one side turns, -1 for none: then it gets to the end."""
+    if node < 0:
+        return last if side else 0
+    return node - 1 if side else node + 1
+
+
+@compiled
+def ways(m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, order: int, out: Array) -> None:
+    """How far rays go at both ends of some intervals between neighbours, m: A, its turning arc, D, B, its turning arc.
+
+    A and B are endless of rays that would be reflected, where no reflection is wanted (`order` 0). What is indexed here is unpacked once: each
+    array that is handed to a function costs as much as a layer.
+
+    Args:
+        m, fan, nodes: of the sea.
+        rays: neighbours.
+        begin, end: intervals; the first has its number.
+        order: reflections at most.
+        out: (n >= end - begin, 2, 5) gets the ways, those of the flatter ray first.
+    """
+    z, c, k, g, table, own, after, before = m.z, m.c, m.k, m.g, fan.way, nodes.own, nodes.next, nodes.last
+    turnings, rows, vertex, last, kept = rays.turning, rays.row, rays.vertex, len(m.c) - 1, len(fan.way) > 0
+    for interval in range(begin, end):
+        for one in range(2):
+            ray, turning, row = interval - begin, turnings[interval + one], rows[interval + one]
+            for part in range(3):
+                at, start, stop, known = 2, m.upper, m.lower, one == 0 and ray > 0
+                if part:
+                    side = part - 1
+                    v = vertex[interval, side]
+                    inside, at = _inside(v, side, last), 3 * side
+                    known = known and v == vertex[interval - 1, side]
+                if known:  # as of the steeper ray of the interval before, which is the same
+                    out[ray, one, at] = out[ray - 1, 1, at]
+                    if part:
+                        out[ray, one, at + 1] = out[ray - 1, 1, at + 1]
+                    continue
+                if part:
+                    if order == 0 and interval >= (rays.to_bottom if side else rays.to_surface):
+                        out[ray, one, at], out[ray, one, at + 1] = ENDLESS_M, 0.0
+                        continue
+                    start, stop = (m.lower, inside) if side else (inside, m.upper)
+                    out[ray, one, at + 1] = sine(turning, c[inside]) * turning / g[min(v, inside)] if v >= 0 else 0.0
+                i, j = after[start], before[stop]
+                if row < 0 or not kept or i >= j:
+                    out[ray, one, at] = _direct(z, c, k, turning, start, stop, False)
+                    continue
+                way = table[row, own[j]] - table[row, own[i]]
+                if start < i:
+                    way += _direct(z, c, k, turning, start, i, False)
+                if j < stop:
+                    way += _direct(z, c, k, turning, j, stop, False)
+                out[ray, one, at] = way
+
+
+@inlined
+def delay_of(
+    m: Medium, table: Array, nodes: Nodes, turning: float, row: int, above: int, below: int, times: tuple[int, int, int]
+) -> float:
+    """Time less way times slowness (s) of a ray of the fan that runs so often through A, D and B, and turns before two nodes (-1: none)."""
+    total, last = 0.0, len(m.c) - 1
+    for part in range(3):
+        if times[part] == 0:
+            continue
+        v = above if part == 0 else (below if part == 2 else -1)
+        inside = m.lower if part == 1 else _inside(v, part // 2, last)
+        start, stop = (inside, m.upper) if part == 0 else ((m.upper, inside) if part == 1 else (m.lower, inside))
+        first, final = nodes.next[start], nodes.last[stop]
+        if first >= final:
+            late = _direct(m.z, m.c, m.k, turning, start, stop, True)
+        else:
+            late = table[row, nodes.own[final]] - table[row, nodes.own[first]]
+            if start < first:
+                late += _direct(m.z, m.c, m.k, turning, start, first, True)
+            if final < stop:
+                late += _direct(m.z, m.c, m.k, turning, final, stop, True)
+        if v >= 0:
+            s = sine(turning, m.c[inside])
+            late += (math.atanh(s) - s) / m.g[min(v, inside)]
+        total += times[part] * late
+    return total
