@@ -92,8 +92,11 @@ class Columns:
         if self._wholes:
             whole = row.view(np.int64)
             for i, field, k, size in self._wholes:
-                parts = [None if n == _NO_INT else n for n in whole[k : k + size].tolist()]
-                mixed[i] = tuple(parts) if field.shape else parts[0]
+                if field.shape:
+                    mixed[i] = tuple([None if n == _NO_INT else n for n in whole[k : k + size].tolist()])
+                else:
+                    n = whole.item(k)
+                    mixed[i] = None if n == _NO_INT else n
         for i, value in zip(self.loose, loose, strict=True):
             mixed[i] = value
         return tuple(mixed)

@@ -11,6 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import Protocol
 
 import msgspec
@@ -42,6 +43,8 @@ _LEAST_AHEAD = 2
 
 _NEWEST = 0.25
 """Weight of the newest measurement in the mean time that the loop needs for a tick."""
+
+_port = attrgetter("port")
 
 
 class Sink(Protocol):
@@ -337,8 +340,7 @@ class Bus:
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
         if output.samples:
-            for sample in output.samples:
-                self.last[sample.port] = sample
+            self.last.update(zip(map(_port, output.samples), output.samples, strict=True))
             self._each(lambda sink: sink.put_samples(output.samples))
 
     def _each(self, deliver: Callable[[Sink], None]) -> None:
