@@ -56,10 +56,10 @@ class SampleForm:
             return self.value(sample, binary)
         if not self._nest:
             return self._record(*sample.value)
-        values = list(sample.value)
+        values: list[object] = list(sample.value)
         for i, split in self._nest:
-            if values[i] is not None:
-                values[i] = split(values[i])
+            if sample.value[i] is not None:
+                values[i] = split(sample.value[i])
         return self._record(*values)
 
 
