@@ -208,7 +208,7 @@ class Seeing(Speaker):
     fields = (*Counter.fields, Field("seen", "1", "a picture", type="bytes"))
 
     def values(self) -> list[Any]:
-        return [*Counter.values(self), Buffer(bytes([self.memory.n]))]
+        return [*Counter.values(self), Buffer(data=bytes([self.memory.n]))]
 
 
 def swarm(*kinds: type[Counter]) -> Rig:
