@@ -74,3 +74,7 @@ class Told(Sequence[Sample]):
         """Paths of the ports, of each sample."""
         origins = self._origins
         return [origins[stream].path for stream in self._entries["stream"].tolist()]
+
+    def newest(self, port: str) -> Sample:
+        """The last one of a port that has some."""
+        return self[len(self) - 1 - self.ports[::-1].index(port)]

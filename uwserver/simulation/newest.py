@@ -15,13 +15,12 @@ class Newest(Mapping[str, Sample]):
     """By path of the port."""
 
     def __init__(self) -> None:
-        self._places: dict[str, Sample | tuple[Told, int]] = {}
+        self._places: dict[str, Sample | Told] = {}
 
     def put(self, samples: Sequence[Sample]) -> None:
         """These were delivered, in this order."""
         if isinstance(samples, Told):
-            places = [(samples, i) for i in range(len(samples))]
-            self._places.update(zip(samples.ports, places, strict=True))
+            self._places.update(dict.fromkeys(samples.ports, samples))
         else:
             self._places.update(zip(map(_port, samples), samples, strict=True))
 
@@ -35,7 +34,7 @@ class Newest(Mapping[str, Sample]):
 
     def __getitem__(self, path: str) -> Sample:
         place = self._places[path]
-        return place if isinstance(place, Sample) else place[0][place[1]]
+        return place.newest(path) if isinstance(place, Told) else place
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)

@@ -42,6 +42,7 @@ def test_rows_are_samples():
     assert rows.ports == ["rov/imu", "rov/state", "rov/imu"]
     assert [rows[0], rows[1], rows[-1]] == SAMPLES
     assert rows[1:] == SAMPLES[1:]
+    assert (rows.newest("rov/imu"), rows.newest("rov/state")) == (SAMPLES[2], SAMPLES[1])
     with pytest.raises(IndexError):
         rows[3]
 
