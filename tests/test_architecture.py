@@ -530,7 +530,7 @@ TESTED_WITH = {
     "world": {
         "faults.hull": "world/faults/test_faults", "faults.table": "world/faults/test_faults",
         "faults.targets": "world/faults/test_faults", "faults.timeline": "world/faults/test_faults",
-        "streams": "world/test_delivery",
+        "due": "world/test_sensing", "streams": "world/test_delivery",
     },
 }  # fmt: skip
 """Modules that a file named otherwise tests, most often together with their siblings."""

@@ -98,10 +98,11 @@ def _fleets(effort: dict[str, Any], say: _Say) -> list[Row]:
 
 
 def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Say) -> list[Row]:
-    """Servers of the same, free-running: what a client in another process leaves of their rate, in turns with and without it."""
+    """Servers of the same, free-running: what a client in another process leaves of their rate, in turns with and without it; and what a process
+    leaves that only computes, as cores that share caches, clock or units are slower together whatever the server does."""
     rows, busy = [], []
     for count in counts:
-        alone, crowded, samples = [], [], []
+        alone, crowded, beside, samples = [], [], [], []
         with (
             tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder,
             loading("uwserver_bench.swarm_client") as client,
@@ -116,25 +117,29 @@ def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Sa
                     bystanders = Bystanders(served.pid)
                     alone.append(_rate(served, seconds))
                     busy += [cores] if (cores := bystanders.cores()) is not None else []
-                    with_client, told = _followed(served, client, count, seconds)
+                    with_client, told = _meanwhile(served, client, "follow", count, seconds)
                     crowded.append(with_client)
                     samples.append(told["samples_per_s"])
-        left = tuple(b / a for a, b in zip(alone, crowded, strict=True))
+                    beside.append(_meanwhile(served, client, "compute", count, seconds)[0])
+        left, left_by_others = (
+            tuple(b / a for a, b in zip(alone, with_others, strict=True)) for with_others in (crowded, beside)
+        )
         title = f"server of {_vehicles(count)}"
         rows += [
             Row("swarm", f"{title}, nobody connected, wall time", "x realtime", tuple(alone)),
             Row("swarm", f"{title}, a client takes {len(PORTS)} ports of each at {RATE_HZ:g} Hz", "x realtime", tuple(crowded)),
             Row("swarm", f"{title}: what the client leaves of the rate", "ratio", left, CLIENT_BAR),
+            Row("swarm", f"{title}: what a process that only computes leaves of it", "ratio", left_by_others),
             Row("swarm", f"{title}: samples to the client, a simulated second", "1/s", tuple(samples)),
         ]  # fmt: skip
     title = "other work on this machine meanwhile (none: idle)"
     return [*rows, Row("swarm", title, "cores", tuple(busy), note="" if busy else UNKNOWN)]
 
 
-def _followed(served: Served, client: Load, count: int, seconds: float) -> tuple[float, dict[str, Any]]:
-    """The rate while a client follows, and what that client has got."""
+def _meanwhile(served: Served, client: Load, what: str, count: int, seconds: float) -> tuple[float, dict[str, Any]]:
+    """The rate while the client's process carries out a task, and the result of that."""
     task = {"host": served.host, "port": served.port, "vehicles": count, "seconds": seconds + 1.0}
-    client.begin("follow", **task)
+    client.begin(what, **task)
     SystemTime().wait(0.5, Event())
     rate = _rate(served, seconds)
     return rate, client.result()

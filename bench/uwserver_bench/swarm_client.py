@@ -94,6 +94,14 @@ def follow(task: Mapping[str, Any]) -> dict[str, object]:
     return {"samples_per_s": samples / simulated_s, "points_per_s": points / simulated_s}
 
 
+def compute(task: Mapping[str, Any]) -> dict[str, object]:
+    """Keep a core busy for `seconds` of wall time, and have nothing to do with the server."""
+    end, numbers = _clock.now_ns() + int(task["seconds"] * NANOSECONDS), [k / 7.0 for k in range(100)]
+    while _clock.now_ns() < end:
+        json.dumps(numbers)
+    return {}
+
+
 @contextlib.contextmanager
 def _connection(task: Mapping[str, Any]) -> Iterator[socket.socket]:
     with socket.create_connection((task["host"], task["port"]), timeout=_PATIENCE_S) as connection:
@@ -105,7 +113,11 @@ def _request(number: int, method: str, params: Mapping[str, object]) -> bytes:
     return json.dumps({"jsonrpc": "2.0", "id": number, "method": method, "params": params}).encode() + b"\n"
 
 
-_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"set_out": set_out, "follow": follow}
+_TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {
+    "set_out": set_out,
+    "follow": follow,
+    "compute": compute,
+}
 
 
 def main(lines: Sequence[str] | None = None) -> None:

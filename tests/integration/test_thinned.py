@@ -16,7 +16,7 @@ from uwserver_adapters.native.shares import Subscription
 
 from uwserver.adapter import AdapterStats
 from uwserver.modifiers import ClockDrift, Delay, Dropout, Reorder
-from uwserver.ports import Call, Port, Sample
+from uwserver.ports import Call, Port, Sample, told
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
@@ -28,7 +28,7 @@ from uwserver.simulation import bus as bus_module
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.readers import Readers
 from uwserver.simulation.steering import Steering
-from uwserver.world import World, sensing
+from uwserver.world import World
 
 LATE = 5
 """Ticks after which the loop delivers: so many are under way when somebody leaves, or when the time is set."""
@@ -178,7 +178,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
         ports.append(port)
         return Sample(port, *parts)
 
-    monkeypatch.setattr(sensing, "Sample", counted)
+    monkeypatch.setattr(told, "Sample", counted)
     return ports
 
 

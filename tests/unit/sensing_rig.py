@@ -145,9 +145,14 @@ class Rig:
 
     def samples(self, n: int) -> list[Sample]:
         """Delivered in tick n."""
-        self.n, samples = n, list[Sample]()
-        self.sensing.after(n, 10 * n, samples)
-        return samples
+        self.n = n
+        return self.samples_at(n, 10 * n)
+
+    def samples_at(self, n: int, t_ns: int) -> list[Sample]:
+        """Delivered in tick n, at a time of its own."""
+        samples = list[Sample]()
+        self.sensing.after(n, t_ns, samples)
+        return [*(self.sensing.take_told() or ()), *samples]
 
     def tick(self, n: int) -> list[tuple[str, int]]:
         """Ports and times of them."""

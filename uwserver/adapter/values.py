@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
+from operator import itemgetter
 
 import msgspec
 
@@ -31,6 +33,9 @@ class SampleForm:
         self._deep = [(field.name, field) for _, field in picked if len(field.shape) > 1]
         self._names = [field.name for field in port.fields]
         self._picked = picked
+        self._nest = tuple([(i, _splitter(field)) for i, field in picked if len(field.shape) > 1])
+        is_quick = self._plain and all(map(str.isidentifier, self._names))
+        self._record = _record_of(tuple(self._names)) if is_quick else None
         self.is_long = any(field.size > LONG for _, field in picked)
         self.raw = raw_field(port)
 
@@ -44,6 +49,34 @@ class SampleForm:
             return value
         shaped = {field.name: _nested(field, sample.value[i]) for i, field in self._picked}
         return {name: binary_form(value) for name, value in shaped.items()} if binary else shaped
+
+    def encodable(self, sample: Sample, binary: bool = False) -> object:
+        """What an encoder of msgspec writes as the bytes of `value`: of numbers and texts in half the time of a map."""
+        if self._record is None:
+            return self.value(sample, binary)
+        if not self._nest:
+            return self._record(*sample.value)
+        values: list[object] = list(sample.value)
+        for i, split in self._nest:
+            if sample.value[i] is not None:
+                values[i] = split(sample.value[i])
+        return self._record(*values)
+
+
+@lru_cache(maxsize=1024)
+def _record_of(names: tuple[str, ...]) -> Callable[..., msgspec.Struct]:
+    """Makes records whose fields stand under these names on a wire. It takes 0.1 ms to define one, so ports with the same fields share it."""
+    inside = [f"f{k}" for k in range(len(names))]
+    return msgspec.defstruct("Value", inside, rename=dict(zip(inside, names, strict=True)), gc=False)
+
+
+def _splitter(field: Field) -> Callable[[Value], object]:
+    """Makes rows of the components of a value, which has more than one dimension."""
+    rows, width = field.shape[0], field.size // field.shape[0] if field.shape[0] else 0
+    if len(field.shape) > 2 or rows < 2:
+        return lambda value: _nested(field, value)
+    cut: Callable[[Value], object] = itemgetter(*[slice(k * width, (k + 1) * width) for k in range(rows)])  # type: ignore[assignment]  # tuples
+    return cut
 
 
 def _nested(field: Field, value: Value) -> object:

@@ -32,6 +32,7 @@ class Columns:
         width: of a row.
         first: of each field, the place of its first component; -1 of those that are loose.
         loose: positions of the fields that have no place.
+        is_small: these hold texts alone.
     """
 
     def __init__(self, fields: Sequence[Field]) -> None:
@@ -43,6 +44,7 @@ class Columns:
             width += field.size if fits else 0
         self.first, self.width = tuple(first), width
         self.loose = tuple(k for k, place in enumerate(first) if place < 0)
+        self.is_small = all(self.fields[k].type == "str" for k in self.loose)
         self._kept = [(f, k, f.size) for f, k in zip(self.fields, first, strict=True)]
         self._whole = [k + i for f, k, size in self._kept if f.type == "int" and k >= 0 for i in range(size)]
         self._only_floats = not self.loose and all(field.type == "float" for field in self.fields)
@@ -92,8 +94,11 @@ class Columns:
         if self._wholes:
             whole = row.view(np.int64)
             for i, field, k, size in self._wholes:
-                parts = [None if n == _NO_INT else n for n in whole[k : k + size].tolist()]
-                mixed[i] = tuple(parts) if field.shape else parts[0]
+                if field.shape:
+                    mixed[i] = tuple([None if n == _NO_INT else n for n in whole[k : k + size].tolist()])
+                else:
+                    n = whole.item(k)
+                    mixed[i] = None if n == _NO_INT else n
         for i, value in zip(self.loose, loose, strict=True):
             mixed[i] = value
         return tuple(mixed)

@@ -12,10 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from uwserver.ports.buffer import Buffer, unpacked
 from uwserver.ports.values import Argument, ErrorCode, Field, Item, Items, Json, Port, Refused, Service, Value
+
+_FLOATS = {float}
 
 SHOWN = 80
 COMPARED = 24
@@ -91,7 +92,7 @@ def _checked_item(field: Field, value: object) -> Item:
         item = _checked_packed(field, value)
         size = len(item.data)
     else:
-        return _checked_field(field, value)
+        return _checked_field(field, field.shape, value)
     if size > field.most_bytes:
         text = f'"{field.name}" holds at most {field.most_bytes} bytes, here are {size}: send it in pieces'
         raise Refused("too_large", text, field.name)
@@ -136,10 +137,10 @@ def _checked_packed(field: Field, value: object) -> Buffer:
     return value
 
 
-def _checked_field(field: Field, value: object) -> tuple[float, ...]:
+def _checked_field(field: Field, shape: tuple[int, ...], value: object) -> tuple[float, ...]:
     if hasattr(value, "tolist"):
         value = value.tolist()  # an array, in the same process
-    flat = _flatten(value, field.shape, field.name)
+    flat = _flatten(value, shape, field.name)
     if not all(map(math.isfinite, flat)):
         raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
     _check_range(field, min(flat))
@@ -171,7 +172,7 @@ def _flatten(value: object, shape: Sequence[int], name: str) -> tuple[float, ...
     if not isinstance(value, list | tuple) or len(value) != shape[0]:
         found = f"a list of {len(value)}" if isinstance(value, list | tuple) else _kind(value)
         raise Refused("bad_shape", f'"{name}" must be a list of {shape[0]}, not {found}', name)
-    if len(shape) == 1 and all(type(item) is float for item in value):
+    if len(shape) == 1 and set(map(type, value)) == _FLOATS:
         return tuple(value)
     return tuple(number for item in value for number in _flatten(item, shape[1:], name))
 
@@ -266,7 +267,7 @@ def _checked_argument(argument: Argument, value: object) -> Json:
             hint = suggestion(word, argument.choices)
             raise Refused("bad_argument", f'"{name}" is one of {", ".join(argument.choices)}, not "{word}"{hint}', name)
         return value
-    flat = _checked_field(Field(name, argument.unit, argument.doc, "", argument.shape), value)
+    flat = _checked_field(Field(name, argument.unit, argument.doc, "", argument.shape), argument.shape, value)
     for number in flat:
         if argument.type == "int" and number != int(number):
             raise Refused("bad_argument", f'"{name}" must be a whole number, not {number:.12g}', name)
@@ -318,8 +319,10 @@ def check_given(fields: Sequence[Field], given: Items) -> None:
         numeric = field.type != "str" and not field.is_packed
         if numeric != isinstance(value, tuple):
             raise ValueError(f'"{field.name}" is of another type')
-        # Numbers are flat, and one alone is a tuple too.
-        _checked_item(replace(field, shape=(field.size,)) if numeric else field, value)
+        if numeric:  # flat, and one alone is a tuple too
+            _checked_field(field, field.shape if len(field.shape) == 1 else (field.size,), value)
+        else:
+            _checked_item(field, value)
 
 
 def bind(port: str, fields: Sequence[Field], *names: str) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
+from uwserver.ports.told import Told
 from uwserver.ports.values import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample
 
 Answers = list[tuple[OnReply, Reply | Progress]]
@@ -23,17 +24,33 @@ class TickOutput(Struct):
     """What one tick gives to the outside.
 
     Attributes:
+        made: delivered samples.
+        told: others, before them, which nobody has looked at yet.
         ports: as they are behind it, those of its samples; None where nobody said.
         jumps: how often the time had been set behind it.
     """
 
     tick: int
     t_ns: int
-    samples: list[Sample]
+    made: list[Sample]
     replies: Answers = []
     events: list[Event] = []
     ports: Mapping[str, Port] | None = None
     jumps: int = 0
+    told: Told | None = None
+
+    @property
+    def samples(self) -> list[Sample]:
+        """All delivered samples. Those of `told` are made, and stay."""
+        if self.told is not None:
+            self.made[:0], self.told = self.told, None
+        return self.made
+
+    def drop_samples(self) -> int:
+        """Nobody will look at them. Returns how many there were."""
+        count = len(self.made) + len(self.told or ())
+        self.made, self.told = [], None
+        return count
 
 
 def has_same_fields(path: str, one: Mapping[str, Port], other: Mapping[str, Port]) -> bool:

@@ -27,7 +27,7 @@ Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 """Anything a service takes or gives."""
 
 
-class Field(Struct, frozen=True):
+class Field(Struct, frozen=True, gc=False):
     """One named value of a port.
 
     Attributes:
@@ -96,7 +96,7 @@ class Propulsor(Struct, frozen=True):
     axis_B: tuple[float, float, float]
 
 
-class Port(Struct, frozen=True):
+class Port(Struct, frozen=True, gc=False):
     """A typed place where samples come out or commands go in.
 
     Attributes:
@@ -125,7 +125,7 @@ class Port(Struct, frozen=True):
         return "/truth/" in self.path
 
 
-class Argument(Struct, frozen=True):
+class Argument(Struct, frozen=True, gc=False):
     """One argument of a service; `type` "json" takes anything."""
 
     name: str
@@ -140,7 +140,7 @@ class Argument(Struct, frozen=True):
     choices: tuple[str, ...] = ()
 
 
-class Service(Struct, frozen=True):
+class Service(Struct, frozen=True, gc=False):
     """A request with a reply.
 
     Attributes:

@@ -20,6 +20,7 @@ from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.clock import SystemTime, Time
+from uwserver.simulation.newest import Newest
 from uwserver.simulation.turns import Turns
 from uwserver.simulation.wants import Wanted, thinned_together, together
 from uwserver.units import NANOSECONDS
@@ -162,7 +163,7 @@ class Bus:
         self._jumps = 0
         self.wanted: Wanted | None = Wanted((), ())
         self.dropped = 0
-        self.last: dict[str, Sample] = {}
+        self.last = Newest()
         self.ports: Mapping[str, Port] | None = None
 
     # -- readers --------------------------------------------------------------------------------------------------------------------
@@ -211,24 +212,21 @@ class Bus:
         self._paths, self._thinned = paths, thinned
         self.wanted = None if paths is None else Wanted(paths, self._known, self._jumps, thinned)
         if paths != before or thinned.keys() != less.keys():  # what was not wanted meanwhile is not the newest any more
-            self.last = {
-                path: sample
-                for path, sample in self.last.items()
-                if _is_in(path, paths) and _is_in(path, before) and path not in less and path not in thinned
-            }
+            self.last.keep(
+                lambda path: _is_in(path, paths) and _is_in(path, before) and path not in less and path not in thinned
+            )
 
     # -- the crossing ---------------------------------------------------------------------------------------------------------------
 
     def publish(self, output: TickOutput, wake: bool = True) -> None:
         """Hand a tick over. Simulation thread; never waits for the loop. Samples alone may wait there for the next wake-up, or a `flush`."""
-        if not (output.samples or output.replies or output.events):
+        if not (output.told or output.made or output.replies or output.events):
             if wake and self._crossing:
                 self.flush()
             return
         with self._lock:
             if self._waiting_ticks >= MAX_TICKS:
-                self.dropped += len(output.samples)
-                output.samples = []
+                self.dropped += output.drop_samples()
                 if not (output.replies or output.events):
                     return
             self._waiting_ticks += 1
@@ -322,7 +320,7 @@ class Bus:
     def _follow_ports(self, ports: Mapping[str, Port]) -> None:
         before, self.ports = self.ports, ports
         if before is not None:
-            self.last = {path: sample for path, sample in self.last.items() if has_same_fields(path, before, ports)}
+            self.last.keep(lambda path: has_same_fields(path, before, ports))
 
     def _deliver(self, output: TickOutput) -> None:
         changed = output.ports is not None and output.ports is not self.ports
@@ -336,10 +334,12 @@ class Bus:
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        if output.samples:
-            for sample in output.samples:
-                self.last[sample.port] = sample
-            self._each(lambda sink: sink.put_samples(output.samples))
+        # Who is alone makes of the rows what it needs; for several they are made once.
+        told = None if output.made or len(self._sinks) > 1 else output.told
+        samples: Sequence[Sample] = told or output.samples
+        if samples:
+            self.last.put(samples)
+            self._each(lambda sink: sink.put_samples(samples))
 
     def _each(self, deliver: Callable[[Sink], None]) -> None:
         for sink in tuple(self._sinks):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.physics.dynamics.params import BodyParams
@@ -37,30 +37,33 @@ class Member:
     Attributes:
         vehicle: the body, also of a free object.
         sensors, actuators: its components.
-        services: those of its components, and what they do.
         solid: its collision shapes; None for none.
         others: whatever else lives and goes with it, as an autopilot.
         is_object: it is a free object, not a vehicle, whatever its model is called.
         by_path: all of it; made once, as bodies come and go within a tick.
+
+    Args:
+        services: those of its components, and what they do.
     """
 
     vehicle: Vehicle
     sensors: tuple[SensorSlot, ...] = ()
     actuators: tuple[ActuatorSlot, ...] = ()
-    services: tuple[tuple[Service, Carry], ...] = ()
+    services: InitVar[Iterable[tuple[Service, Carry]]] = ()
     solid: Solid | None = None
     others: tuple[Part, ...] = ()
     is_object: bool = False
     by_path: ByPath = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, services: Iterable[tuple[Service, Carry]]) -> None:
+        offered = tuple(services)
         by_path = ByPath(
             tuple(part for part in self.parts if is_awake(part)),
             {slot.port.path: slot for slot in self.sensors},
             {slot.port.path: slot for slot in self.actuators},
             {part.path: part for part in self.parts},
-            {service.path: service for service, _ in self.services},
-            {service.path: carry for service, carry in self.services},
+            {service.path: service for service, _ in offered},
+            {service.path: carry for service, carry in offered},
         )
         object.__setattr__(self, "by_path", by_path)
 

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Container, Mapping, Sequence, Set
-from typing import Annotated, Any, ClassVar, NamedTuple
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from msgspec import Meta
 
-from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample, Value
 from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
-from uwserver.sensors import Scope
-from uwserver.sensors.bank import Bank, BankSensor
+from uwserver.ports.told import Origin, Told
 from uwserver.world.components import Count, SensorStream
+from uwserver.world.due import Due, due_of
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
-from uwserver.world.profile import Timer, kind_of, untimed
+from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.streams import ENTRY, HEARD, READ
 
@@ -26,6 +26,8 @@ Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
 
 
+_FEW = 4
+"""Samples of a tick that are made at once: to keep their rows costs more."""
 _PERIOD = 4096
 """Ticks after which the same sensors are due again, for which it is noted down who they are."""
 _MOST = 65536
@@ -49,59 +51,6 @@ class OnTheirWay(State, frozen=True):
     entries: Annotated[bytes, Meta(max_length=_MOST * _WAY.itemsize)]
     numbers: bytes
     loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
-
-
-_Reader = Callable[[Bank, IntArray], Callable[[float], None]]
-
-
-class _Due(NamedTuple):
-    """Sensors that read together.
-
-    Attributes:
-        divisor: every so many ticks, of those that repeat others.
-        in_banks: what lets those read whose readings compiled code makes, each called with the time (s): before them who of them also tells what
-            it would read without errors.
-        in_python: the others, and what reads each.
-        ready_made: what makes the errors of those whose errors are written in Python.
-        wordy: those with values that are no numbers.
-        heads: numbers of all.
-        most: samples that can come of them.
-        needs_rates: whether one of them does.
-    """
-
-    divisor: int
-    in_banks: tuple[Callable[[float], None], ...]
-    in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
-    ready_made: tuple[Callable[[int], None], ...]
-    wordy: tuple[SensorSlot, ...]
-    heads: IntArray
-    most: int
-    needs_rates: bool
-
-
-def _due(slots: Sequence[SensorSlot], divisor: int, reader: _Reader, timed: Timer) -> _Due:
-    banks: dict[int, tuple[BankSensor, list[int]]] = {}
-    for slot in slots:
-        if isinstance(slot.sensor, BankSensor):
-            banks.setdefault(id(slot.sensor.bank), (slot.sensor, []))[1].append(slot.head)
-    in_banks = [slot for slot in slots if isinstance(slot.sensor, BankSensor)]
-    in_python = [slot for slot in slots if not isinstance(slot.sensor, BankSensor)]
-    ready_made = [slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)]
-    exactly = [timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact]
-    readers = [
-        timed("sensors", kind_of(first), reader(first.bank, np.array(heads)), len(heads))
-        for first, heads in banks.values()
-    ]
-    return _Due(
-        divisor,
-        (*exactly, *readers),
-        tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
-        tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
-        tuple(slot for slot in slots if slot.is_wordy),
-        np.array([slot.head for slot in slots], np.int64),
-        sum(len(slot.streams) for slot in slots),
-        any(slot.sensor.needs_rates for slot in slots),
-    )
 
 
 class Sensing(Part):
@@ -131,8 +80,8 @@ class Sensing(Part):
         self._slots, self._instruments = slots, instruments
         self._seconds = seconds
         self._groups: list[tuple[int, list[SensorSlot]]] = []
-        self._repeating: list[_Due] = []
-        self._plans: dict[int, _Due] = {}
+        self._repeating: list[Due] = []
+        self._plans: dict[int, Due] = {}
         self._masks: tuple[int, ...] = ()
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
@@ -141,9 +90,12 @@ class Sensing(Part):
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
-        self._unread: Set[int] = frozenset()
         self._streams: dict[int, SensorStream] = {}
         self._wordy: list[SensorStream] = []
+        self._origins: dict[int, Origin] = {}
+        self._is_wordy = self._is_read = self._marked(())
+        self._skips = False
+        self._told: Told | None = None
         self.numbers: dict[str, int] = {}
         self.watch(untimed)
 
@@ -154,8 +106,8 @@ class Sensing(Part):
         self._deliver = timed("delivery", "errors, delays", self._instruments.deliver)
         self._give = timed("samples", "for who reads", self._tell)
 
-    def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> _Due:
-        return _due(slots, divisor, self._instruments.reader, self._timed)
+    def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> Due:
+        return due_of(slots, divisor, self._instruments.reader, self._timed)
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
@@ -177,6 +129,8 @@ class Sensing(Part):
         self._there, self._streams = there, streams
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
+        self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.unpack) for k, s in streams.items()}
+        self._is_wordy = self._marked([k for k, stream in streams.items() if stream.columns.loose])
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
@@ -205,18 +159,25 @@ class Sensing(Part):
     def _mark(self) -> None:
         rows, streams, wanted = self._instruments.streams.rows["wanted"], self._streams, self._wanted
         rows[:] = 0
-        self._unread = set()
+        self._skips = False
         if wanted is None:
             rows[list(streams)] = READ
             self._instruments.thin({})
             return
         read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
-        self._unread = streams.keys() - read
+        self._is_read = self._marked(read)
+        self._skips = any(stream.columns.loose and k not in read for k, stream in streams.items())
         rows[[self.numbers[path] for path in self._overheard]] = HEARD
         # Values that are no numbers wait in Python for the sample that they belong to.
         rows[[k for k, stream in streams.items() if k in read or stream.columns.loose]] = READ
         known = [(self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard]
         self._instruments.thin({k: some for k, some in known if k in read and not streams[k].columns.loose})
+
+    def _marked(self, streams: Collection[int]) -> Any:
+        """By number of a stream: whether it is one of these."""
+        marked = np.zeros(max(self._streams, default=-1) + 1, bool)
+        marked[list(streams)] = True
+        return marked
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
@@ -266,7 +227,7 @@ class Sensing(Part):
         if told and self._instruments.read_count:
             self._give(samples)
 
-    def _plan(self, mask: int) -> _Due:
+    def _plan(self, mask: int) -> Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
         plan = self._plans.get(mask)
         if plan is None:
@@ -274,7 +235,7 @@ class Sensing(Part):
             plan = self._plans[mask] = self._due(slots)
         return plan
 
-    def _measure(self, due: _Due, now: float, t_ns: int, begins: bool) -> int:
+    def _measure(self, due: Due, now: float, t_ns: int, begins: bool) -> int:
         """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
         if due.needs_rates:
             self._look(now)
@@ -292,17 +253,30 @@ class Sensing(Part):
         return told
 
     def _tell(self, samples: list[Sample]) -> None:
-        streams, unread = self._streams, self._unread
-        for (t_sent_ns, _, k, seq, t_ns, valid, _), row in self._instruments.chosen():
-            stream = streams[k]
-            columns = stream.columns
-            if columns.loose:
+        entries, rows = self._instruments.chosen()
+        loose: dict[int, tuple[Value, ...]] = {}
+        is_large = False
+        if self._wordy:
+            streams = entries["stream"]
+            for i in np.flatnonzero(self._is_wordy[streams]).tolist():
+                stream, seq = self._streams[streams.item(i)], entries["seq"].item(i)
                 # A state from outside may have two of one number on their way.
-                stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
-            if k in unread:
-                continue
-            values = columns.unpack(row[: columns.width], stream.newest)
-            samples.append(Sample(stream.port.path, seq, t_ns, t_sent_ns, valid != 0, values))
+                stream.newest = loose[i] = stream.coming.pop(seq, stream.newest or stream.loose)
+                is_large = is_large or not stream.columns.is_small
+            if self._skips:
+                kept = np.flatnonzero(self._is_read[streams])
+                entries, rows = entries[kept], rows[kept]
+                loose = {i: loose[place] for i, place in enumerate(kept.tolist()) if place in loose}
+        told = Told(self._origins, entries, rows, loose)
+        if is_large or len(told) < _FEW:  # the newest sample of a slow port must not keep another's picture
+            samples += told
+        elif len(told):
+            self._told = told
+
+    def take_told(self) -> Told | None:
+        """What was delivered in this tick, but for what `after` has appended."""
+        told, self._told = self._told, None
+        return told
 
     def newest(self, path: str) -> Sample | None:
         """The newest delivered sample of a port; None before the first, or after the time was set."""

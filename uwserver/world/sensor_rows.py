@@ -45,6 +45,11 @@ class SensorRows:
         streams: numbers of its streams.
     """
 
+    __slots__ = (
+        "_bank", "_count", "_first", "_held_at", "_kept", "_kept_at", "_memory_at", "_number_at", "_operations", "_pools", "_remembering",
+        "_sensor", "_streams", "head", "instruments", "streams",
+    )  # fmt: skip
+
     def __init__(
         self, instruments: Instruments, sensor: Sensor, streams: Sequence[SensorStream], body: int, latency_ns: int
     ) -> None:

@@ -360,7 +360,8 @@ class World:
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
             raise Diverged(report(tick, t_ns, lost, self._commands), output)
         for after in self._after:
-            after(tick, t_ns, output.samples)
+            after(tick, t_ns, output.made)
+        output.told = self._sensing.take_told()
         for sample in output.samples if self._ears else ():
             for hear in self._ears.get(sample.port, ()):
                 hear(sample, t_ns)
@@ -375,8 +376,7 @@ class World:
         if self.answers:
             output.replies += self.answers
             self.answers.clear()
-        if self._events:
-            output.events, self._events = self._events, []
+        output.events, self._events = self._events, []
         output.tick, output.t_ns, output.ports, output.jumps = self._tick, self.t_ns, self.ports, self.jumps
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:

@@ -49,13 +49,13 @@ class _Error(Struct, tag_field="jsonrpc", tag="2.0"):
     error: _ErrorBody
 
 
-class _Sample(Struct):
+class _Sample(Struct, gc=False):
     port: str
     seq: int
     t_ns: int
     t_sent_ns: int
     valid: bool
-    value: dict[str, object]
+    value: object
 
 
 class _Progress(Struct):
@@ -64,7 +64,7 @@ class _Progress(Struct):
     t_ns: int
 
 
-class _Notice(Struct, tag_field="jsonrpc", tag="2.0"):
+class _Notice(Struct, tag_field="jsonrpc", tag="2.0", gc=False):
     method: str
     params: _Sample | _Progress | Event
 
@@ -79,6 +79,7 @@ class Encoding:
     def __init__(self, name: str, encode: Callable[[object], bytes]) -> None:
         self.name = name
         self._encode = encode
+        self._is_binary = name == "msgpack"
 
     def reply(self, request: RequestId, result: object) -> bytes:
         """The answer to a request; raises TypeError, ValueError or OverflowError for a result that has no such encoding."""
@@ -92,9 +93,10 @@ class Encoding:
 
     def sample(self, form: SampleForm, sample: Sample) -> bytes:
         """What a sensor said."""
-        value = form.value(sample, binary=self.name == "msgpack")
-        if form.is_long and self.name == "json":
-            value = in_pieces(value, self._encode)
+        if form.is_long and not self._is_binary:
+            value: object = in_pieces(form.value(sample), self._encode)
+        else:
+            value = form.encodable(sample, self._is_binary)
         params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
         return self._encode(_Notice("sample", params))
 

@@ -44,17 +44,28 @@ class Subscriber(Protocol):
 class _Route:
     """All of one client's subscriptions to the same fields of one port: it gets a sample at most once."""
 
-    __slots__ = ("frame", "outbox", "shares")
+    __slots__ = ("_only", "frame", "outbox", "shares")
 
     def __init__(self, outbox: Outgoing, frame: Callable[[bytes], bytes]) -> None:
         self.outbox = outbox
         self.frame = frame
         self.shares: dict[Subscription, Share] = {}
+        self._only: Share | None = None
+
+    def add(self, subscription: Subscription, share: Share) -> None:
+        """One subscription more."""
+        self.shares[subscription] = share
+        self._only = share if len(self.shares) == 1 else None
+
+    def remove(self, subscription: Subscription) -> None:
+        """One less."""
+        self.shares.pop(subscription).end()
+        self._only = next(iter(self.shares.values())) if len(self.shares) == 1 else None
 
     def delivery(self, t_ns: int) -> Delivery | None:
         """The strongest delivery that is due; None when none is."""
-        if len(self.shares) == 1:
-            (share,) = self.shares.values()
+        share = self._only
+        if share is not None:
             return share.subscription.delivery if share.passes(t_ns) else None
         due = [share.subscription.delivery for share in self.shares.values() if share.passes(t_ns)]
         return max(due, key=_STRENGTH.__getitem__, default=None)
@@ -149,7 +160,7 @@ class Fanout:
             taken = self._taken.get(path)
             if taken is None:
                 taken = self._taken[path] = Taken(self._settle)
-            route.shares[subscription] = Share(subscription, taken)
+            route.add(subscription, Share(subscription, taken))
 
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
         """End what `add` began."""
@@ -162,7 +173,7 @@ class Fanout:
             selections = self._ports[path]
             routes = selections[key].routes
             route = routes[session]
-            route.shares.pop(subscription).end()
+            route.remove(subscription)
             if not route.shares:
                 del routes[session]
             if not routes:
@@ -276,7 +287,7 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
         if delivery is None:
             return False
         message = route.frame(selection.encoding.sample(selection.form, sample))
-        route.outbox.put_sample((sample.port, selection), message, delivery)
+        route.outbox.put_sample(selection, message, delivery)
         touched.add(route.outbox)
         return True
     body: bytes | None = None
@@ -291,7 +302,7 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
             if body is None:
                 body = selection.encoding.sample(selection.form, sample)
             framed = messages[route.frame] = route.frame(body)
-        route.outbox.put_sample((sample.port, selection), framed, delivery)
+        route.outbox.put_sample(selection, framed, delivery)
         touched.add(route.outbox)
     return body is not None
 

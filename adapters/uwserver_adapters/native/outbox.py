@@ -113,6 +113,10 @@ class Outbox:
             replaced = self._latest.pop(key, None)
             if replaced is not None:
                 self._drop(replaced)
+            if self._sample_bytes + len(message) <= self._most_bytes:  # as nearly always
+                self._sample_bytes += len(message)
+                self._latest[key] = message
+                return
         queue = self._reliable if delivery == "reliable" else self._ring
         is_full = delivery != "latest" and len(queue) >= self._capacity
         if (is_full or not self._has_room(len(message))) and not self._make_room(len(message), delivery):
@@ -181,6 +185,8 @@ class Outbox:
         self._write(batch)
 
     def _take(self) -> bytes:
+        if not (self._replies or self._reliable or self._ring) and self._sample_bytes < BATCH_BYTES:
+            return self._take_latest()
         parts: list[bytes] = []
         size = 0
         while self._replies and size < BATCH_BYTES:
@@ -198,6 +204,14 @@ class Outbox:
         self._sample_bytes -= size - reply_size
         self._stats.samples_sent += len(parts) - replies
         return b"".join(parts)
+
+    def _take_latest(self) -> bytes:
+        """All of them, in their order, where they are all that waits, and not much."""
+        batch = b"".join(self._latest.values())
+        self._stats.samples_sent += len(self._latest)
+        self._latest.clear()
+        self._sample_bytes = 0
+        return batch
 
     def resume(self) -> None:
         """The transport takes bytes again."""

@@ -96,13 +96,14 @@ class Share:
         """Whether the sample that was true at `t_ns` is sent."""
         if self._rate is None:
             return True
-        if self._thinning is not None:
-            interval = self._thinning.interval(t_ns)
-            if self._newest - self._rate - 1 <= interval <= self._newest:
-                return False
+        thinning = self._thinning
+        if thinning is not None:
+            interval = thinning.interval(t_ns)
             if interval > self._newest:
                 self._newest = interval
                 return True
+            if self._newest - self._rate - 1 <= interval:
+                return False
             # Time was set back by more than a second. Where samples come in such an order it will be again, and none may be missing.
             self._begin(Thinning(self._rate, t_ns), None)
             return True

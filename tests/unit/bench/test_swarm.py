@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from uwserver_bench import swarm, swarm_world
+from uwserver_bench import swarm, swarm_client, swarm_world
 from uwserver_bench.rows import Row
 from uwserver_bench.swarm_client import PORTS
 from uwserver_bench.swarm_scenario import LEG_M, RATE_HZ, SPACING_M, mission, names, place
 
 from uwserver.copies.batch import Batch
+from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver.world.world import World
 
 EFFORT = {"seconds": 0.001, "repeats": 2}
@@ -151,6 +154,40 @@ def test_memory_of_a_vehicle_is_what_ninety_more_take(monkeypatch: pytest.Monkey
     worlds["navigation", 100]["resident_mb"] = None
     row = by_name(swarm._fleets(EFFORT, lambda line: None))["memory of a vehicle with sensors and autopilot"]
     assert (row.verdict, row.note) == ("absent", swarm.UNKNOWN)
+
+
+def test_what_a_client_leaves_stands_beside_what_any_other_work_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    doing = ["nothing"]
+
+    class Client:
+        def do(self, task: str, served: Any, vehicles: int) -> None:
+            assert (task, vehicles) == ("set_out", 10)
+
+        def begin(self, task: str, **arguments: Any) -> None:
+            doing.append(task)
+
+        def result(self) -> dict[str, Any]:
+            return {"samples_per_s": 340.0} if doing.pop() == "follow" else {}
+
+    served = SimpleNamespace(pid=1, host="", port=0)
+    rates = {"nothing": 100.0, "follow": 60.0, "compute": 80.0}
+    monkeypatch.setattr(swarm, "loading", lambda module: contextlib.nullcontext(Client()))
+    monkeypatch.setattr(swarm, "serving", lambda file, options: contextlib.nullcontext(served))
+    monkeypatch.setattr(swarm, "_rate", lambda served, seconds: rates[doing[-1]])
+    monkeypatch.setattr(swarm, "Bystanders", lambda pid: SimpleNamespace(cores=lambda: 0.0))
+    monkeypatch.setattr(swarm.SystemTime, "wait", lambda *_: None)
+    rows = by_name(swarm._with_a_client((10,), 2, 1.0, lambda line: None))
+    left = rows["server of 10 vehicles: what the client leaves of the rate"]
+    others = rows["server of 10 vehicles: what a process that only computes leaves of it"]
+    assert (left.values, left.verdict) == ((0.6, 0.6), "miss")
+    assert (others.values, others.verdict) == ((0.8, 0.8), "info")
+
+
+def test_who_only_computes_does_so_for_as_long_as_asked() -> None:
+    begin, wall = processor_ns(), SystemTime().now_ns()
+    assert swarm_client.compute({"seconds": 0.05}) == {}
+    assert SystemTime().now_ns() - wall >= 50_000_000
+    assert processor_ns() > begin
 
 
 @pytest.mark.parametrize("one_core", [True, False])

@@ -6,10 +6,12 @@ import logging
 
 import pytest
 from msgspec.structs import replace
+from unit.ports.test_told import SAMPLES, told
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
 from uwserver.ports.thinning import Thinning
+from uwserver.ports.told import Told
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.turns import MAX_WAITING
 from uwserver.testing import MockTime
@@ -375,3 +377,32 @@ def test_requests_that_keep_much_are_few():
     assert places(Command("rov/display", (picture, None), "tcp:1")) == 2
     assert places(Call("rov/autopilot/goto", goto, "tcp:1")) == MAX_WAITING
     assert places(Command("rov/thrusters", ((1.0,) * 8,), "tcp:1")) == MAX_WAITING
+
+
+def test_rows_become_samples_once_where_several_read_them_and_not_before_where_one_does():
+    bus = Bus(lambda call: None)
+    seen: list[object] = []
+    sinks = [Notes(), Notes()]
+    for sink in sinks:
+        sink.put_samples = seen.append  # type: ignore[method-assign]
+    first = bus.attach(sinks[0])
+    bus.publish(TickOutput(1, 1, [], told=told()))
+    bus.drain()
+    bus.attach(sinks[1])
+    bus.publish(TickOutput(2, 2, [], told=told()))
+    bus.drain()
+    assert isinstance(seen[0], Told)
+    assert seen[1] is seen[2] == SAMPLES
+    assert bus.last["rov/imu"] == SAMPLES[2]
+    first()
+    bus.publish(TickOutput(3, 3, [SAMPLES[0]], told=told()))
+    bus.drain()
+    assert seen[3] == [*SAMPLES, SAMPLES[0]]
+
+
+def test_rows_for_which_there_is_no_room_are_counted():
+    bus = Bus(lambda call: None)
+    for k in range(MAX_TICKS):
+        bus.publish(tick(k))
+    bus.publish(TickOutput(1, 1, [], told=told()))
+    assert bus.dropped == len(SAMPLES)

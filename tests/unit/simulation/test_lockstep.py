@@ -12,7 +12,11 @@ from simulation_rig import PATIENCE_S, Rig, running
 
 from uwserver.adapter import Order
 from uwserver.ports import Call, Command, Fault, Refused, Reply, Sample
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
+from uwserver.simulation.lockstep import Lockstep
+from uwserver.testing import MockTime
+from uwserver.units import NANOSECONDS
 
 LOCKED = Timing(mode="lockstep", lockstep_clients=("a",), lockstep_timeout_s=0.0)
 
@@ -52,6 +56,17 @@ class Hand:
         """Order, and wait for the answer: its time."""
         self.orders.put(Order(ticks, commands))
         return self.answers.get(timeout=PATIENCE_S)
+
+
+def test_samples_of_a_world_that_nobody_paces_wake_the_loop_a_hundred_times_a_second():
+    for mode, wakes in (("freerun", 100), ("realtime", 1000)):
+        time = MockTime(NANOSECONDS)
+        lockstep = Lockstep(Timing(mode=mode), time, Bus(print), print, print)
+        woken = 0
+        for _ in range(1000):
+            time.pass_time(0.001)
+            woken += lockstep.wakes()
+        assert woken == wakes
 
 
 def seat(rig: Rig, hand: Hand, client: str = "a", replies: queue.Queue | None = None):

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 import pytest
 from simulation_rig import PATIENCE_S, Rig, running
 
-from uwserver.ports import Call, Sample, SceneState
+from uwserver.ports import Call, Sample, SceneState, told
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -58,7 +58,8 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         ports.append(port)
         return Sample(port, *parts)
 
-    monkeypatch.setattr(sensing, "Sample", counted)
+    for maker in (told, sensing):
+        monkeypatch.setattr(maker, "Sample", counted)
     return ports
 
 

@@ -97,8 +97,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
         if thinning.interval(t_ns) > newest:
             newest = thinning.interval(t_ns)
             expected.append(t_ns)
-        rig.sensing.after(0, t_ns, samples := [])
-        taken += [sample.t_ns for sample in samples]
+        taken += [sample.t_ns for sample in rig.samples_at(0, t_ns)]
     assert 100 < len(expected) <= len(times)
     assert taken == expected
     assert rig.instruments.streams.rows["seq"][k] == len(times) - 1, "each was delivered"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
@@ -48,3 +49,14 @@ def test_what_belongs_to_it_is_known_by_path() -> None:
 def test_only_those_that_act_or_hear_are_awake() -> None:
     rov = member()
     assert rov.by_path.awake == rov.others
+
+
+def test_services_are_kept_once() -> None:
+    """A hundred vehicles have thousands: a pair for each, beside the two entries by path, were 3 kB a vehicle."""
+    before = set(map(id, gc.get_objects()))
+    rov = member()
+    pairs = [
+        o for o in gc.get_objects() if id(o) not in before and type(o) is tuple and o[:1] and type(o[0]) is Service
+    ]
+    assert rov.by_path.services
+    assert pairs == []

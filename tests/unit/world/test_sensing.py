@@ -9,6 +9,7 @@ import pytest
 from msgspec import structs
 from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker, slot_of, stream
 
+from uwserver.ports import Buffer, Field, Sample, told
 from uwserver.sensors import Sensor
 from uwserver.world.sensing import _WAY, OnTheirWay
 from uwserver.world.sensor_slot import SensorSlot
@@ -199,3 +200,49 @@ def test_a_kind_in_python_draws_the_same_whoever_reads() -> None:
         return [rig.sensing.newest("a"), noisy.save(), rig.sensing.save()]
 
     assert values(None) == values(()) == values(("b",))
+
+
+class Seeing(Speaker):
+    """Has a picture."""
+
+    fields = (*Counter.fields, Field("seen", "1", "a picture", type="bytes"))
+
+    def values(self) -> list[Any]:
+        return [*Counter.values(self), Buffer(data=bytes([self.memory.n]))]
+
+
+def swarm(*kinds: type[Counter]) -> Rig:
+    return Rig(*(slot(f"s{k}", kind=kind) for k, kind in enumerate((*kinds, *(Counter,) * 6))))
+
+
+def test_many_samples_stay_rows_until_somebody_looks_at_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, other = swarm(Speaker), swarm(Speaker)
+    expected = [sample for n in (1, 2) for sample in other.samples(n)]
+    assert len(expected) == 14
+    made: list[Sample] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(told, "Sample", None)
+        rig.sensing.after(1, 10, made)
+        first = rig.sensing.take_told()
+        rig.sensing.after(2, 20, made)
+        second = rig.sensing.take_told()
+    assert made == []
+    assert rig.sensing.take_told() is None
+    assert first is not None
+    assert second is not None
+    assert [*first, *second] == expected, "the next tick writes where the first one has its rows, or its texts"
+
+
+def test_a_picture_is_not_kept_by_what_was_delivered_with_it() -> None:
+    rig, made = swarm(Seeing), list[Sample]()
+    rig.sensing.after(1, 10, made)
+    assert (len(made), rig.sensing.take_told()) == (7, None)
+
+
+def test_texts_that_nobody_reads_are_no_samples() -> None:
+    rig, other = swarm(Speaker, Counter, Speaker), swarm(Speaker, Counter, Speaker)
+    paths = [path for path in rig.slots if path != "s0"]
+    rig.sensing.want(paths)
+    for n in (1, 2):
+        assert rig.samples(n) == [sample for sample in other.samples(n) if sample.port != "s0"]
+    assert not rig.slots["s0"].streams[0].coming

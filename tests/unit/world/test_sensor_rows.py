@@ -72,3 +72,8 @@ def test_a_sensor_of_a_bank_brings_its_memory() -> None:
         rows.check(memory[1:], held, numbers)
     rows.give_back()
     assert sensor.heads is not arrays.heads  # type: ignore[attr-defined]
+
+
+def test_no_dictionary_is_kept_of_each_sensor() -> None:
+    """A hundred vehicles have a thousand sensors: that was 2 kB a vehicle."""
+    assert not hasattr(rows_in(Rig().instruments)[0], "__dict__")

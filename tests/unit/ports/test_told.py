@@ -1,0 +1,63 @@
+"""Rows become the samples that they stand for, as often as somebody looks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from uwserver.modifiers.columns import columns_of
+from uwserver.ports import Field, Sample
+from uwserver.ports.crossing import TickOutput
+from uwserver.ports.told import Origin, Told
+from uwserver.world.streams import ENTRY
+
+FORCE = columns_of((Field("f", "m/s^2", "Force.", shape=(3,)), Field("n", "1", "Number.", type="int")))
+STATE = columns_of((Field("mode", "1", "Mode.", type="str"), Field("armed", "1", "Armed.", type="bool")))
+SAMPLES = [
+    Sample("rov/imu", 7, 100, 110, True, ((1.0, None, 3.0), 5)),
+    Sample("rov/state", 2, 105, 110, False, ("manual", True)),
+    Sample("rov/imu", 8, 104, 110, True, ((4.0, 5.0, 6.0), 1 << 60)),
+]
+
+
+def told() -> Told:
+    origins = {
+        4: Origin("rov/imu", FORCE.width, FORCE.unpack),
+        9: Origin("rov/state", STATE.width, STATE.unpack),
+    }
+    entries = np.array([(110, 0, 4, 7, 100, 1, 0), (110, 0, 9, 2, 105, 0, 0), (110, 0, 4, 8, 104, 1, 0)], ENTRY)
+    rows = np.full((3, 6), 77.0)  # wider than any of them
+    FORCE.pack(((1.0, math.nan, 3.0), 5), rows[0, : FORCE.width])
+    STATE.pack(("manual", True), rows[1, : STATE.width])
+    FORCE.pack(((4.0, 5.0, 6.0), 1 << 60), rows[2, : FORCE.width])
+    return Told(origins, entries, rows, {1: ("manual",)})
+
+
+def test_rows_are_samples():
+    rows = told()
+    assert list(rows) == list(rows) == SAMPLES
+    assert len(rows) == 3
+    assert rows.ports == ["rov/imu", "rov/state", "rov/imu"]
+    assert [rows[0], rows[1], rows[-1]] == SAMPLES
+    assert rows[1:] == SAMPLES[1:]
+    assert (rows.newest("rov/imu"), rows.newest("rov/state")) == (SAMPLES[2], SAMPLES[1])
+    with pytest.raises(IndexError):
+        rows[3]
+
+
+def test_an_output_makes_them_once_and_before_the_others():
+    output = TickOutput(1, 1, SAMPLES[2:], told=Told({}, np.zeros(0, ENTRY), np.zeros((0, 6)), {}))
+    output.told = told()
+    samples = output.samples
+    assert samples == [*SAMPLES, SAMPLES[2]]
+    assert output.told is None
+    assert output.samples is samples
+
+
+def test_dropped_samples_are_counted_and_gone():
+    output = TickOutput(1, 1, SAMPLES[2:], told=told())
+    assert output.drop_samples() == 4
+    assert output.samples == []
+    assert output.drop_samples() == 0
