@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("simulation",),  # the simulation thread, and the crossing to the loop
     ("copies",),  # a scenario's world many times over, in this process
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
+    ("logfiles",),  # logs of any origin, as poses and samples
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
     ("world",),  # the tick and what lives in it
     ("autopilot",),  # shows its state as a sensor
