@@ -16,6 +16,8 @@ Quat = tuple[float, float, float, float]
 
 ACHIEVED_FULL = 127
 """What an actuator has achieved when it gives all that it can, in `SceneState.achieved`."""
+NOWHERE_M = 1e6
+"""A body that stands this high above the water, or higher, is nowhere now: one that follows poses, and has none. Viewers leave it out."""
 
 
 class ShapeView(Struct, frozen=True):
@@ -171,6 +173,9 @@ class BodyView(Struct, frozen=True):
         model: name of the vehicle's file, or "object".
         like: what of the scenario it is a copy of.
         shapes: in B. Where the vehicle's file has no collision shapes, those of its displaced volume, or a capsule of this volume.
+        external: it follows poses from elsewhere (a log, another server, a robot at sea), and may be nowhere (`NOWHERE_M`).
+        ghost: nothing touches it and no sensor sees it; it is drawn translucent.
+        colour: red, green, blue, 0..1 (linear), of a ghost and of the trail of what is external; None for the usual one.
     """
 
     name: str
@@ -181,6 +186,9 @@ class BodyView(Struct, frozen=True):
     looks: LooksView | None = None
     actuators: tuple[ActuatorView, ...] = ()
     sensors: tuple[SensorView, ...] = ()
+    external: bool = False
+    ghost: bool = False
+    colour: Vec3 | None = None
 
 
 class BeaconView(Struct, frozen=True):
