@@ -19,6 +19,7 @@ export interface Sensor { path: string; kind: string; p: Vec3; q: Quat; beams?: 
 export interface Looks { sha256: string; size: number; p?: Vec3; q?: Quat; up?: "y" | "z"; scale?: number }
 export interface Body {
   name: string; model: string; like: string; shapes: Shape[]; mass?: number; looks?: Looks | null; actuators?: Actuator[]; sensors?: Sensor[];
+  external?: boolean; ghost?: boolean; colour?: Vec3 | null;
 }
 export interface Beacon { name: string; sensor: string; p: Vec3; body?: string | null; delay?: number }
 export type Wave = [amplitude: number, kx: number, ky: number, omega: number, phase: number, depth: number | null];
