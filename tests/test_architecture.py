@@ -399,8 +399,8 @@ def test_degrees_are_converted_only_at_the_border():
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            # Missions are files too, though a client sends them.
-            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
+            # Missions are files too, though a client sends them; so are logs.
+            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services", "uwserver.logfiles.si")
             assert module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions, (
                 f"{module.name} uses {uses}"
             )
@@ -509,6 +509,11 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "logfiles": {
+        "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",
+        "mcap_records": "logfiles/test_mcap_file", "port_rules": "logfiles/test_rules", "ros_messages": "logfiles/test_mcap_file",
+        "si": "logfiles/test_mapping",
+    },
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",

@@ -6,7 +6,7 @@ from uwserver.logfiles import LogError, open_log
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(LogError, match=r"gone\.mcap: No such file"):
+    with pytest.raises(LogError, match=r"gone\.mcap: it cannot be opened as a log: No such file"):
         open_log(tmp_path / "gone.mcap")
 
 
