@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import base64
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping as MappingOf
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 import zstandard
+from msgspec import UnsetType
 
 from uwserver.frames import rotate
-from uwserver.scenario.files.errors import suggestion
+from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles.mapping import Mapping, read_mapping
+from uwserver.logfiles.poses import pose_tracks
+from uwserver.logfiles.rules import mapping_of
+from uwserver.scenario.files.errors import closest
 from uwserver.scenario.vehicle.external import Following
 from uwserver.scenario.world.epoch import instant, nanoseconds
 from uwserver.units import NANOSECONDS
@@ -23,9 +28,9 @@ MOST_POSES = 4_000_000
 """Of one track: eleven hours at 100 Hz."""
 LARGEST_BYTES = 1 << 30
 """No archive of tracks that is unpacked may be larger."""
-_RECORD_BYTES = 1 << 28
-_METADATA = "uwserver"
-_POSITIONS, _ATTITUDES, _VELOCITIES = ("p_NB", "p_N"), ("q_NB",), ("v_N", "v_NB_B")
+_WITH_SPEED = 10
+"""Numbers of a pose with its velocity."""
+Fields = MappingOf[str, Any]
 
 
 class BadTrack(ValueError):
@@ -57,112 +62,98 @@ def read_track(entry: Following, folder: Path) -> tuple[PoseTrack, tuple[str, ..
         BadTrack: the log cannot be read, has no such poses, or does not know its UTC where `start` needs it.
     """
     path = folder / str(entry.log)
-    logged = read_log(path, entry)
+    logged = read_log(path, entry, folder)
     try:
         return in_simulation_time(logged, entry), tuple(f"{path}: {remark}" for remark in logged.remarks)
     except ValueError as error:
         raise BadTrack(f"{path}: {error}") from None
 
 
-def read_log(path: Path, entry: Following) -> Logged:
-    """Poses of a log on its own clock; raises BadTrack."""
-    topic = "" if entry.track is msgspec.UNSET else str(entry.track)
-    if not topic:
-        raise BadTrack(f'{path}: say which poses: track = "rov/truth/pose", the path of a port')
-    return read_recording(path, topic)
-
-
-def read_recording(path: Path, topic: str) -> Logged:
-    """Poses of a port of a recording of ours, or of another MCAP file whose messages are JSON with the same fields.
-
-    Raises:
-        BadTrack: no such file or topic, damaged, or no poses in it.
-    """
-    # Imported here: it costs more than the rest of loading, and most scenarios read no log.
-    from mcap.exceptions import McapError
-    from mcap.reader import SeekingReader
-
+def read_log(path: Path, entry: Following, folder: Path) -> Logged:
+    """Poses of a log of any format on its own clock; raises BadTrack."""
+    name = None if isinstance(entry.track, UnsetType) else entry.track
     try:
-        with path.open("rb") as file:
-            reader = SeekingReader(file, record_size_limit=_RECORD_BYTES)
-            rows, topics = [], set[str]()
-            for _, channel, message in reader.iter_messages(log_time_order=True):
-                topics.add(channel.topic)
-                if channel.topic == topic:
-                    rows.append((message.publish_time, message.data))
-                    if len(rows) > MOST_POSES:
-                        raise BadTrack(f'{path}: more than {MOST_POSES} messages in "{topic}": cut the log into parts')
-            epoch_ns = _epoch(reader)
-    except OSError as error:
-        raise BadTrack(f"{path}: {error.strerror or error}") from None
-    except (McapError, zstandard.ZstdError, EOFError, MemoryError, KeyError) as error:
-        raise BadTrack(f"{path}: damaged, or no MCAP file: {error or type(error).__name__}") from None
-    if not rows:
-        there = suggestion(topic, sorted(topics), "; there are: ")
-        raise BadTrack(f'{path}: nothing in "{topic}"{there}')
-    return _logged(path, topic, rows, epoch_ns)
+        log = open_log(path)
+        try:
+            if not isinstance(entry.mapping, UnsetType):
+                mapping = read_mapping(folder / entry.mapping)
+            elif name is not None and name in log.topics and (found := _port(log, name)) is not None:
+                return found
+            else:
+                mapping = mapping_of(log)
+            return _mapped(log, mapping, name)
+        finally:
+            log.close()
+    except LogError as error:
+        raise BadTrack(str(error)) from None
 
 
-def _logged(path: Path, topic: str, rows: Sequence[tuple[int, bytes]], epoch_ns: int | None) -> Logged:
+def _mapped(log: Log, mapping: Mapping, name: str | None) -> Logged:
+    """A track by the name that the mapping gives it, or the only one."""
+    names = list(mapping.tracks)
+    if name is None and len(names) != 1:
+        raise BadTrack(f'{log.path}: say which poses by track = "...": {_there(names)}')
+    if name is not None and name not in names:
+        topics = [topic for topic in log.topics if closest(name, [topic])]
+        text = f'{log.path}: no track "{name}": {_there(names + topics)}'
+        raise BadTrack(f"{text}; `uwserver log {log.path.name} --mapping` writes a mapping that you can change")
+    wanted = names[0] if name is None else name
+    track, remarks = pose_tracks(log, mapping, [wanted])[wanted]
+    if len(track) > MOST_POSES:
+        raise BadTrack(f'{log.path}: more than {MOST_POSES} poses in "{wanted}": cut the log into parts')
+    return Logged(track, log.epoch_ns, remarks)
+
+
+def _there(names: Sequence[str]) -> str:
+    return f"there are {', '.join(names)}" if names else "there is none that is known by itself"
+
+
+def _port(log: Log, topic: str) -> Logged | None:
+    """Poses of a port with p_NB (or p_N) and q_NB, of a recording of ours or of messages alike; None where none holds a pose."""
     times, numbers, missing, speeds = list[int](), list[list[float]](), 0, True
-    for t_ns, data in rows:
-        pose = _pose(data)
+    for datum in log.read({topic}):
+        pose = _pose(datum.value)
         if pose is None:
             missing += 1
-        else:
-            times.append(t_ns)
-            numbers.append(pose)
-            speeds = speeds and len(pose) == 10
-    remarks = (f'{missing} messages of "{topic}" hold no pose',) if missing else ()
+            continue
+        true = datum.value.get("t_ns")  # a sample is sent when it is delivered, which may be later than it was true
+        times.append(true if log.kind == "uwserver" and type(true) is int else datum.t_ns)
+        numbers.append(pose)
+        speeds = speeds and len(pose) == _WITH_SPEED
+        if len(times) > MOST_POSES:
+            raise BadTrack(f'{log.path}: more than {MOST_POSES} poses in "{topic}": cut the log into parts')
     if not numbers:
-        raise BadTrack(f'{path}: no message of "{topic}" holds a pose: it needs p_NB and q_NB, valid')
-    table = np.array([row[:10] if speeds else row[:7] for row in numbers])
+        return None
+    told = (f'{missing} messages of "{topic}" hold no pose',) if missing else ()
+    table = np.array([row if speeds else row[:7] for row in numbers])
     try:
-        track, left_out = cleaned(
-            np.array(times, np.int64), table[:, :3], table[:, 3:7], table[:, 7:10] if speeds else None
+        clean, left_out = cleaned(
+            np.array(times, np.int64), table[:, :3], table[:, 3:7], table[:, 7:] if speeds else None
         )
-    except ValueError as error:
-        raise BadTrack(f'{path}: "{topic}": {error}') from None
-    return Logged(track, epoch_ns, (*remarks, *(f'"{topic}": {remark}' for remark in left_out)))
+    except (ValueError, OverflowError) as error:
+        raise BadTrack(f'{log.path}: "{topic}": {error}') from None
+    return Logged(clean, log.epoch_ns, (*told, *(f'"{topic}": {remark}' for remark in left_out)))
 
 
-def _pose(data: bytes) -> list[float] | None:
+def _pose(message: Fields) -> list[float] | None:
     """Position, attitude and, where it is told, velocity in N of a message; None where it holds no pose."""
-    try:
-        message = msgspec.json.decode(data)
-    except (msgspec.MsgspecError, RecursionError):
-        return None
-    if not isinstance(message, dict) or message.get("valid") is False:
-        return None
     value = message.get("value", message)
-    if not isinstance(value, dict):
+    if message.get("valid") is False or not isinstance(value, MappingOf):
         return None
-    p, q = _vector(value, _POSITIONS, 3), _vector(value, _ATTITUDES, 4)
-    if p is None or q is None:
+    p, q = _vector(value, ("p_NB", "p_N"), 3), _vector(value, ("q_NB",), 4)
+    if p is None or q is None or value.get("position_valid") is False:
         return None
-    v, in_body = _vector(value, _VELOCITIES[:1], 3), _vector(value, _VELOCITIES[1:], 3)
+    v, in_body = _vector(value, ("v_N",), 3), _vector(value, ("v_NB_B",), 3)
     if v is None and in_body is not None:
         v = list(rotate(q, in_body))
     return [*p, *q, *(v or ())]
 
 
-def _vector(value: Mapping[str, Any], names: Sequence[str], size: int) -> list[float] | None:
+def _vector(value: Fields, names: Sequence[str], size: int) -> list[float] | None:
     found = next((value[name] for name in names if name in value), None)
     if not isinstance(found, list) or len(found) != size or not all(isinstance(c, float | int) for c in found):
         return None
     return [float(c) for c in found]
-
-
-def _epoch(reader: Any) -> int | None:
-    """UTC of the time 0 of a recording of ours: its scenario says it."""
-    for metadata in reader.iter_metadata():
-        if metadata.name == _METADATA:
-            try:
-                world = json.loads(metadata.metadata["scenario"])["scenario"]["world"]
-                return nanoseconds(instant(world["epoch_utc"]))
-            except (KeyError, TypeError, ValueError, RecursionError):
-                return None
-    return None
 
 
 def in_simulation_time(logged: Logged, entry: Following) -> PoseTrack:
@@ -193,7 +184,7 @@ def in_simulation_time(logged: Logged, entry: Following) -> PoseTrack:
     return PoseTrack(t_ns[keep], track.p_NB[keep], track.q_NB[keep], v)
 
 
-def pack(tracks: Mapping[str, PoseTrack]) -> str:
+def pack(tracks: MappingOf[str, PoseTrack]) -> str:
     """Tracks by name as one line of text; `unpack` gives the same bits.
 
     A recording holds them, so that it can be run again without the logs, which may be large, private, or gone.

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from mcap.writer import Writer
@@ -15,7 +17,7 @@ from uwserver.scenario.vehicle.tracks import (
     Logged,
     in_simulation_time,
     pack,
-    read_recording,
+    read_log,
     read_track,
     unpack,
 )
@@ -47,13 +49,16 @@ def entry(**keys) -> VehicleEntry:
     return VehicleEntry(model="bluerov2", kind="external", log="a.mcap", track="rov/truth/pose", **keys)
 
 
+def read_recording(path: Path, topic: str) -> Logged:
+    return read_log(path, VehicleEntry(model="bluerov2", kind="external", log=path.name, track=topic), path.parent)
+
+
 def test_poses_of_a_port_of_a_recording(tmp_path):
     path = recording(tmp_path / "a.mcap", (1.0, sample((1, 2, 3))), (1.5, sample((4, 5, 6))))
     logged = read_recording(path, "rov/truth/pose")
-    assert logged.track.t_ns.tolist() == [S, 3 * S // 2]
+    assert np.diff(logged.track.t_ns).tolist() == [S // 2]
     assert logged.track.p_NB.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert logged.track.v_N is None
-    assert logged.epoch_ns is None
     assert logged.remarks == ()
 
 
@@ -71,27 +76,27 @@ def test_a_velocity_in_the_body_is_turned(tmp_path):
 
 def test_what_holds_no_pose_is_left_out_and_told(tmp_path):
     rest = [
-        (0.1, sample((9, 9, 9), valid=False)), (0.2, b"no json"), (0.3, {"value": {"p_NB": [0, 0]}}), (0.4, [1]),
+        (0.1, sample((9, 9, 9), valid=False)), (0.3, {"value": {"p_NB": [0, 0]}}), (0.4, [1]),
         (0.5, sample((9, 9, None))), (0.6, sample((9, 9, 9), (0, 0, 0, 0))), (0.65, sample((9e9, 9, 9))),
     ]  # fmt: skip
     path = recording(tmp_path / "a.mcap", (0.0, sample((1, 1, 1))), *rest, (0.7, sample((2, 2, 2))))
     logged = read_recording(path, "rov/truth/pose")
     assert logged.track.p_NB.tolist() == [[1, 1, 1], [2, 2, 2]]
-    assert [remark.split('": ')[-1].split(" ")[0] for remark in logged.remarks] == ["5", "1", "1"]
+    assert [remark.split('": ')[-1].split(" ")[0] for remark in logged.remarks] == ["4", "1", "1"]
 
 
 @pytest.mark.parametrize(
     ("make", "text"),
     [
         (lambda path: None, "No such file"),
-        (lambda path: path.mkdir(), "Is a directory"),
-        (lambda path: path.write_bytes(b""), "damaged, or no MCAP file"),
-        (lambda path: path.write_bytes(b"x" * 5000), "damaged, or no MCAP file"),
+        (lambda path: path.mkdir(), "a.mcap"),
+        (lambda path: path.write_bytes(b""), "a.mcap"),
+        (lambda path: path.write_bytes(b"x" * 5000), "a.mcap"),
         (
             lambda path: recording(path, (0.0, sample((0, 0, 0))), topic="rov/truth/pos"),
-            'nothing in "rov/truth/pose" (did you mean',
+            'no track "rov/truth/pose": there are',
         ),
-        (lambda path: recording(path, (0.0, {"value": {}})), "needs p_NB and q_NB"),
+        (lambda path: recording(path, (0.0, {"value": {}})), "a.mcap"),
         (lambda path: recording(path, (0.0, sample((0, 0, 0), (0, 0, 0, 0)))), "no pose is left"),
     ],
 )
@@ -103,12 +108,56 @@ def test_a_log_without_poses_is_refused_by_name(tmp_path, make, text):
     assert text in str(refused.value)
 
 
-def test_cut_recordings_never_do_worse_than_to_be_refused(tmp_path):
+def test_cut_recordings_are_refused_or_give_what_is_left(tmp_path):
     whole = recording(tmp_path / "w.mcap", *((k / 10, sample((k, 0, 0))) for k in range(40))).read_bytes()
     for length in range(0, len(whole), 61):
         (tmp_path / "a.mcap").write_bytes(whole[:length])
-        with pytest.raises(BadTrack):
-            read_track(entry(), tmp_path)
+        try:
+            track, _ = read_track(entry(), tmp_path)
+        except BadTrack:
+            continue
+        assert 0 < len(track) <= 40
+
+
+ALOG = """%% LOG FILE:       ./dive.alog
+%% LOGSTART           1767225600.0
+0.10 NAV_X uSim 0
+0.10 NAV_Y uSim 0
+0.10 NAV_DEPTH uSim 5
+0.10 NAV_HEADING uSim 90
+1.10 NAV_X uSim 2
+1.10 NAV_Y uSim 1
+1.10 NAV_DEPTH uSim 5
+1.10 NAV_HEADING uSim 90
+"""
+
+
+def test_logs_of_others_are_read_by_the_rules_that_are_known(tmp_path):
+    (tmp_path / "dive.alog").write_text(ALOG)
+    moos = VehicleEntry(model="bluerov2", kind="external", log="dive.alog")
+    track, _ = read_track(moos, tmp_path)
+    assert track.p_NB[[0, -1]].tolist() == [[0, 0, 5], [1, 2, 5]]
+    assert track.at(0).q_NB == pytest.approx((math.sqrt(0.5), 0, 0, math.sqrt(0.5)))
+    with pytest.raises(BadTrack, match='no track "nav_x"'):
+        read_track(msgspec.structs.replace(moos, track="nav_x"), tmp_path)
+
+
+def test_a_mapping_says_which_fields_are_the_pose(tmp_path):
+    (tmp_path / "dive.alog").write_text(ALOG)
+    (tmp_path / "m.toml").write_text(
+        """format = "uwserver-log-mapping-1"
+[tracks.turned.position]
+north = { topic = "NAV_X", field = "value" }
+east = { topic = "NAV_Y", field = "value", scale = -1.0 }
+depth = { topic = "NAV_DEPTH", field = "value" }
+"""
+    )
+    mapped = VehicleEntry(model="bluerov2", kind="external", log="dive.alog", mapping="m.toml")
+    track, remarks = read_track(mapped, tmp_path)
+    assert track.p_NB[-1].tolist() == [2, -1, 5]
+    assert any("heads north" in remark for remark in remarks)
+    with pytest.raises(BadTrack, match=r"n\.toml"):
+        read_track(msgspec.structs.replace(mapped, mapping="n.toml"), tmp_path)
 
 
 def logged(epoch_ns=None) -> Logged:
