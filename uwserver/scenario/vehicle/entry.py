@@ -31,7 +31,7 @@ class VehicleEntry(Following, kw_only=True, frozen=True):
     """One vehicle of the scenario, or several alike.
 
     Attributes:
-        kind: "simulated", or "external" for one that follows poses from a log or from elsewhere; the keys of that are those of `Following`.
+        kind: "simulated", or "external" for one that follows poses from a log or from elsewhere; the keys from `log` to `rate_hz` are for that.
         model: name of a shipped vehicle file, or the path of one relative to the scenario file.
         copies: several of them in a grid; default: one, with the name of the table.
         present: False keeps it out at the start; ``world/spawn`` can add vehicles like it.
