@@ -99,7 +99,9 @@ def dive(world: Any, write: Any) -> None:
     world.step(480)  # sensors must have told of it before anybody steers
     world.call("rov/autopilot/set_mode", mode="position_hold")
     world.call("rov/autopilot/arm", force=True)
-    items = [{"kind": "waypoint", "position_ned_m": [n, e, START[2]], "speed_mps": 0.8, "heading_deg": 0.0} for n, e in LINES]
+    items = [
+        {"kind": "waypoint", "position_ned_m": [n, e, START[2]], "speed_mps": 0.8, "heading_deg": 0.0} for n, e in LINES
+    ]
     world.call("rov/autopilot/set_mission", items=items)
     world.call("rov/autopilot/start_mission")
     names = {path: [field.name for field in port.fields] for path, port in world.ports.items()}
@@ -125,7 +127,9 @@ def main() -> None:
         path.write_text(SCENARIO)
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start("", "tools/make_filter_review.py")
-        writer.add_metadata("uwserver", {"scenario": json.dumps({"scenario": {"world": {"epoch_utc": "2026-06-01T10:00:00Z"}}})})
+        writer.add_metadata(
+            "uwserver", {"scenario": json.dumps({"scenario": {"world": {"epoch_utc": "2026-06-01T10:00:00Z"}}})}
+        )
         channels: dict[str, int] = {}
 
         def write(topic: str, t_ns: int, valid: bool, value: dict[str, Any]) -> None:

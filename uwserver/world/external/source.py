@@ -20,6 +20,7 @@ from uwserver.world.external.track import (
     MAX_GAP_S,
     Outside,
     PoseTrack,
+    Stretch,
     TrackPose,
     body_velocity,
     rotation_vector,
@@ -53,9 +54,14 @@ class Recorded:
 
     def __init__(self, track: PoseTrack, outside: Outside = "hide", max_gap_s: float = MAX_GAP_S) -> None:
         self._track, self._outside, self._max_gap_s = track, outside, max_gap_s
+        self._stretch: Stretch | None = None
 
     def at(self, t_ns: int) -> TrackPose | None:
         """See `Source`."""
+        if self._stretch is None or not self._stretch.holds(t_ns):
+            self._stretch = self._track.stretch(t_ns, self._max_gap_s)
+        if self._stretch is not None:
+            return self._stretch.at(t_ns)
         return self._track.at(t_ns, self._outside, self._max_gap_s)
 
     def age_s(self, t_ns: int) -> float | None:
