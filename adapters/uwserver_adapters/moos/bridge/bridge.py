@@ -311,7 +311,7 @@ class Bridge:
             given = value if field.type == "str" else _given(value)
             self._command(port.path, {field.name: given}, source, name)
         elif name in self._reports.names:
-            for path, told in self._reports.commands(str(value)):
+            for path, told in self._reports.commands(name, value):
                 self._command(path, told, source, name)
         elif name == CALL:
             if self._table.services:

@@ -188,7 +188,21 @@ def test_a_recording_holds_the_track_and_runs_again_without_the_log(tmp_path):
     assert is_nowhere(again.vehicles["other"].p_NB)
 
 
-def _write_log(path) -> None:
+def test_a_state_of_a_run_along_another_track_is_refused(tmp_path):
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(
+        'schema = 1\n[adapters]\n[vehicles.other]\nmodel = "bluerov2"\nkind = "external"\nlog = "a.mcap"\ntrack = "x/pose"\n'
+    )
+    worlds = []
+    for step_m in (0.1, 0.2):
+        _write_log(tmp_path / "a.mcap", step_m)
+        worlds.append(build(load(scenario, adapters={})))
+    kept = snapshot.to_bytes(worlds[0], snapshot.take(worlds[0]))
+    with pytest.raises(Refused, match="another scenario"):
+        snapshot.from_bytes(worlds[1], kept)
+
+
+def _write_log(path, step_m: float = 0.1) -> None:
     import json
 
     from mcap.writer import Writer
@@ -198,7 +212,7 @@ def _write_log(path) -> None:
         writer.start()
         channel = writer.register_channel("x/pose", "json", writer.register_schema("x", "jsonschema", b"{}"))
         for k in range(31):
-            data = {"value": {"p_NB": [-2.0 + 0.1 * k, 0.0, 5.0], "q_NB": [1, 0, 0, 0]}}
+            data = {"value": {"p_NB": [-2.0 + step_m * k, 0.0, 5.0], "q_NB": [1, 0, 0, 0]}}
             writer.add_message(channel, k * 10**8, json.dumps(data).encode(), k * 10**8)
         writer.finish()
 

@@ -84,3 +84,20 @@ def test_a_fault_is_told():
     bench.bridge.attend()
     assert any(name == ERROR and "has no Y" in str(text) for name, text in bench.posts)
     assert bench.poses == []
+
+
+async def test_variables_lead_when_both_halves_of_a_place_are_new():
+    bench = Bench(externals={"boat": "NAV_*"})
+    assert "NODE_REPORT" not in bench.bridge.listens_to
+    for name, value in (("NAV_HEADING", 90.0), ("NAV_DEPTH", 5.0), ("NAV_X", 1.0), ("NAV_X", 2.0)):
+        bench.write(name, value)
+    assert bench.poses == []
+    bench.write("NAV_Y", 3.0)
+    (value,) = bench.poses
+    assert value["p_NB"] == (3.0, 2.0, 5.0)
+    assert value["q_NB"] == pytest.approx(quat_from_rpy(0.0, 0.0, math.pi / 2))
+    bench.write("NAV_Y", 4.0)
+    assert len(bench.poses) == 1
+    bench.write("NAV_X", "here")
+    bench.bridge.attend()
+    assert any(name == ERROR and "is no number" in str(text) for name, text in bench.posts)
