@@ -511,8 +511,9 @@ TESTED_WITH = {
     ),
     "logfiles": {
         "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",
-        "mcap_records": "logfiles/test_mcap_file", "port_rules": "logfiles/test_rules", "ros_messages": "logfiles/test_mcap_file",
+        "mcap_records": "logfiles/test_mcap_file", "port_rules": "logfiles/test_rules", "ros_messages": "logfiles/test_bags",
         "si": "logfiles/test_mapping",
+        **dict.fromkeys(("export.alog", "export.rosbag2", "export.tlog"), "logfiles/export/test_there_and_back"),
     },
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {

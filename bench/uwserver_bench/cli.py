@@ -29,6 +29,7 @@ PARTS = (
     "mavlink",
     "sil",
     "web",
+    "logs",
     "hostile",
 )
 
@@ -62,7 +63,7 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web and hostile (or one PART) on an idle machine.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web, logs and hostile (or one PART); best idle.
 
     All of it takes half an hour.
 

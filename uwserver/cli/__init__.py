@@ -19,6 +19,8 @@ _WHERE = {
     "show": "authoring",
     "copy": "authoring",
     "replay": "replay",
+    "log": "log",
+    "export": "export",
     "plot": "plot",
     "shot": "shot",
     "validate": "validate",

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from uwserver.logfiles.log import Log, Topic
 from uwserver.logfiles.mapping import Entry, PortSource, Value
+from uwserver.logfiles.si import is_known
 
 
 class _Rule(NamedTuple):
@@ -110,5 +111,21 @@ def _rule(kind: str, topic: Topic) -> tuple[str, _Rule | None]:
         rule = _PX4.get(topic.schema)
         which = topic.name.partition("[")[2].rstrip("]")
         return f"vehicle/{rule.port}{which}" if rule else "", rule
+    if kind == "uwserver":
+        return topic.name, _ours(topic)
     rule = _MOOS.get(topic.name) if kind == "alog" else None
     return f"vehicle/{rule.port}" if rule else "", rule
+
+
+def _ours(topic: Topic) -> _Rule | None:
+    """A sensor of ours as it is: only numbers, and no truth."""
+    fields: dict[str, Entry | list[Entry]] = {}
+    for field in topic.fields:
+        outer, _, name = field.name.partition(".")
+        size = re.fullmatch(r"(?:number|integer)\[(\d{1,3})\]", field.type)
+        if outer == "value" and size and is_known(field.unit):
+            fields[name] = [Value(f"{field.name}.{k}", "", field.unit) for k in range(int(size[1]))]
+        elif outer == "value" and field.type in ("number", "integer", "boolean") and is_known(field.unit):
+            fields[name] = Value(field.name, "", field.unit)
+    is_sensor = any(field.name == "valid" for field in topic.fields)
+    return _Rule(topic.name, "", fields) if is_sensor and "/truth/" not in topic.name else None
