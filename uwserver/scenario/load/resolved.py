@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec import UnsetType
+
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.scenario.files.errors import Problem
@@ -39,6 +41,14 @@ class ResolvedVehicle:
     looks: bytes = field(default=b"", repr=False)
     ghost: Solid | None = None
     track: PoseTrack | None = field(default=None, repr=False)
+
+    @property
+    def external_ports(self) -> tuple[str, ...]:
+        """Names of the ports of an external vehicle, beside its truth."""
+        if not self.entry.is_external:
+            return ()
+        compared = () if isinstance(self.entry.compare_with, UnsetType) else ("difference",)
+        return ("state", *compared, *(() if self.track is not None else ("pose",)))
 
 
 @dataclass(frozen=True)

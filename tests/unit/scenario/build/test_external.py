@@ -217,6 +217,16 @@ def _write_log(path, step_m: float = 0.1) -> None:
         writer.finish()
 
 
+def test_its_ports_are_known_before_a_world_is_built():
+    resolved = resolved_of(rov=ROV, a=external(), b=external(compare_with="rov"))
+    ports = build(resolved).ports
+    for name in ("a", "b"):
+        assert {f"{name}/{port}" for port in resolved.vehicles[name].external_ports} == {
+            path for path in ports if path.startswith(f"{name}/")
+        }
+    assert resolved.vehicles["rov"].external_ports == ()
+
+
 def test_viewers_are_told_of_it():
     resolved = resolved_of(rov=ROV, a=external(), b=external(solid=True, colour=(0.1, 0.2, 0.3)), c=external())
     world = build(resolved)
