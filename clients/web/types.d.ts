@@ -20,6 +20,7 @@ export interface Looks { sha256: string; size: number; p?: Vec3; q?: Quat; up?: 
 export interface Lamp { name: string; p: Vec3; q: Quat; cone: number; lumens: number }
 export interface Body {
   name: string; model: string; like: string; shapes: Shape[]; mass?: number; looks?: Looks | null; actuators?: Actuator[]; sensors?: Sensor[]; lamps?: Lamp[];
+  external?: boolean; ghost?: boolean; colour?: Vec3 | null;
 }
 export interface Beacon { name: string; sensor: string; p: Vec3; body?: string | null; delay?: number }
 export type Wave = [amplitude: number, kx: number, ky: number, omega: number, phase: number, depth: number | null];

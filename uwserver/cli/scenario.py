@@ -64,6 +64,7 @@ def summary(file: str, resolved: Resolved) -> str:
             *((name, f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
             *((f"{name}/{key}", "") for name, sensor in v.vehicle.sensors.items() for key in sensor.streams),
             *((name, "") for name in v.vehicle.actuators),
+            *((name, "") for name in v.external_ports),
         ]
     ]
     adapters = [

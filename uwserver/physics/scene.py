@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
-from uwserver.physics.collision.contacts import Contacts
+import numpy as np
+
+from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts
 from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import Solid
@@ -28,6 +31,7 @@ class Scene:
         self._state = state
         self._solids = Solids(engine=engine)
         self._rays = Rays()
+        self._led: dict[int, int] = {}
 
     def add_static(self, solid: Solid) -> int:
         """Add something that never moves, placed in N; returns its id. Raises shapes.BadSolid."""
@@ -35,20 +39,36 @@ class Scene:
         self._rays.add_static(body, solid)
         return body
 
-    def add_moving(self, solid: Solid, row: int) -> int:
-        """Add what the body in `row` carries, placed in B; returns its id. Raises shapes.BadSolid."""
+    def add_moving(self, solid: Solid, row: int, led: bool = False) -> int:
+        """Add what the body in `row` carries, placed in B; returns its id. Raises shapes.BadSolid.
+
+        A body that is `led` from outside pushes others and yields to nothing: it has no contacts with what does not move, nor with its like.
+        """
         body = self._solids.add_moving(solid, row)
         self._rays.add_moving(body, solid, row)
+        if led:
+            self._led[body] = row
         return body
 
     def remove(self, body: int) -> None:
         """Take a solid away; KeyError if there is none of this id."""
         self._solids.remove(body)
         self._rays.remove(body)
+        self._led.pop(body, None)
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
         """As `contact.Collider`."""
-        return self._solids.find_contacts(state, dt)
+        contacts = self._solids.find_contacts(state, dt)
+        if not self._led or contacts is NO_CONTACTS:
+            return contacts
+        unyielding = [-1, *self._led.values()]
+        felt = ~(np.isin(contacts.body_a, unyielding) & np.isin(contacts.body_b, unyielding))
+        if felt.all():
+            return contacts
+        if not felt.any():
+            return NO_CONTACTS
+        columns: tuple[Any, ...] = tuple(np.ascontiguousarray(column[felt]) for column in contacts)
+        return Contacts(*columns)  # contiguous: the solver is compiled for that
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """As `geometry.Geometry`, where the bodies are now."""

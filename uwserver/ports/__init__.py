@@ -5,6 +5,7 @@ from __future__ import annotations
 from uwserver.ports.buffer import Buffer, Layout, binary_form
 from uwserver.ports.scene import (
     ACHIEVED_FULL,
+    NOWHERE_M,
     ActuatorView,
     BeaconView,
     BeamView,
@@ -51,8 +52,8 @@ from uwserver.ports.values import (
 )
 
 __all__ = [
-    "ACHIEVED_FULL", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "Cast", "Command",
-    "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "LampView", "Layout", "LooksView", "MeshView", "OnReply",
-    "OriginView", "Port", "Present", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "SceneState", "SceneView",
+    "ACHIEVED_FULL", "NOWHERE_M", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "Cast", "Command",
+    "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "LampView", "Layout", "LooksView", "MeshView",
+    "OnReply", "OriginView", "Port", "Present", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "SceneState", "SceneView",
     "SensorView", "Service", "ShapeView", "SolidView", "Value", "WaterView", "WaveView", "binary_form", "is_stop", "matches", "matching",
 ]  # fmt: skip

@@ -16,6 +16,8 @@ Quat = tuple[float, float, float, float]
 
 ACHIEVED_FULL = 127
 """What an actuator has achieved when it gives all that it can, in `SceneState.achieved`."""
+NOWHERE_M = 1e6
+"""A body that stands this high above the water, or higher, is nowhere now: one that follows poses, and has none. Viewers leave it out."""
 
 
 class ShapeView(Struct, frozen=True):
@@ -190,6 +192,10 @@ class BodyView(Struct, frozen=True):
         model: name of the vehicle's file, or "object".
         like: what of the scenario it is a copy of.
         shapes: in B. Where the vehicle's file has no collision shapes, those of its displaced volume, or a capsule of this volume.
+        lamps: what it can light.
+        external: it follows poses from elsewhere (a log, another server, a robot at sea), and may be nowhere (`NOWHERE_M`).
+        ghost: nothing touches it and no sensor sees it; it is drawn translucent.
+        colour: red, green, blue, 0..1 (linear), of a ghost and of the trail of what is external; None for the usual one.
     """
 
     name: str
@@ -201,6 +207,9 @@ class BodyView(Struct, frozen=True):
     actuators: tuple[ActuatorView, ...] = ()
     sensors: tuple[SensorView, ...] = ()
     lamps: tuple[LampView, ...] = ()
+    external: bool = False
+    ghost: bool = False
+    colour: Vec3 | None = None
 
 
 class BeaconView(Struct, frozen=True):

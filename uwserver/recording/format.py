@@ -34,6 +34,7 @@ from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVe
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
 from uwserver.scenario.solids.objects import object_params
+from uwserver.scenario.vehicle import tracks
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
@@ -128,14 +129,8 @@ class _Kind:
 
 def versions_here() -> Versions:
     """Those of this process."""
-    return Versions(
-        __version__,
-        platform.python_version(),
-        version("numpy"),
-        version("numba"),
-        platform.platform(),
-        clock.utc_text(),
-    )
+    machine = platform.python_version(), version("numpy"), version("numba"), platform.platform()
+    return Versions(__version__, *machine, clock.utc_text())
 
 
 def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
@@ -152,9 +147,6 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
         },
         "materials": resolved.materials,
     }
-    solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
-    solids |= {f"objects/{name}": body.solid for name, body in resolved.objects.items()}
-    solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
     return {
         "format": FORMAT,
         "physics": str(PHYSICS),
@@ -162,7 +154,8 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
         "seed": str(seed),
         "timing": msgspec.json.encode(timing).decode(),
         "scenario": msgspec.json.encode(whole, enc_hook=str).decode(),
-        "solids": pack(solids),
+        "solids": pack(resolved.solids),
+        "tracks": tracks.pack(resolved.tracks),
     }
 
 
@@ -189,6 +182,7 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
             raise ValueError(f"its components come from {names}: give --trust-files, if you trust it")
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
+        followed = tracks.unpack(record["tracks"]) if "tracks" in record else {}  # none before they were known
         vehicles = {
             name: ResolvedVehicle(
                 name,
@@ -196,6 +190,8 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
                 _typed(parts["vehicle"], VehicleFile, more),
                 msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
                 solids.get(f"vehicles/{name}"),
+                ghost=solids.get(f"ghosts/{name}"),
+                track=followed.get(name),
             )
             for name, parts in whole["vehicles"].items()
         }

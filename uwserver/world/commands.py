@@ -58,6 +58,9 @@ class Commands(Part):
         except ValueError as error:  # a body of another kind came under the name since
             text = f'"{path}" is another actuator than when this was sent ({error}); "describe" lists its fields'
             raise Refused("bad_argument", text, path) from None
+        objection = slot.objection(command.value)
+        if objection:
+            raise Refused("bad_argument", f'"{path}" {objection}', path)
         conflict = False
         if slot.source and slot.source != command.source:
             conflict = tick - slot.last_tick <= self._window

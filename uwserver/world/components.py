@@ -138,6 +138,11 @@ class ActuatorSlot(Part):
         """Of the port."""
         return self.port.path
 
+    def objection(self, value: Items) -> str:
+        """Why the device takes no such value, though its fields allow it; "" where it does. It changes nothing."""
+        object_to = getattr(self.actuator, "objection", None)
+        return "" if object_to is None else str(object_to(value))
+
     def set_timeout(self, ticks: int) -> None:
         """Set the watchdog; 0 ticks for none."""
         self.timeout_ticks = ticks

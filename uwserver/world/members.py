@@ -40,6 +40,7 @@ class Member:
         solid: its collision shapes; None for none.
         others: whatever else lives and goes with it, as an autopilot.
         is_object: it is a free object, not a vehicle, whatever its model is called.
+        led: from outside, as one that follows somebody's poses: it pushes others and yields to nothing.
         by_path: all of it; made once, as bodies come and go within a tick.
 
     Args:
@@ -53,6 +54,7 @@ class Member:
     solid: Solid | None = None
     others: tuple[Part, ...] = ()
     is_object: bool = False
+    led: bool = False
     by_path: ByPath = field(init=False, repr=False)
 
     def __post_init__(self, services: Iterable[tuple[Service, Carry]]) -> None:
@@ -86,7 +88,7 @@ def place_solids(scene: Scene, placed: dict[Member, int], members: Collection[Me
         scene.remove(placed.pop(member))
     for member in members:
         if member.solid is not None and member not in placed:
-            placed[member] = scene.add_moving(member.solid, member.vehicle.row)
+            placed[member] = scene.add_moving(member.solid, member.vehicle.row, member.led)
 
 
 class Population(Part):

@@ -121,6 +121,8 @@ class BridgeTable(Table, kw_only=True, frozen=True):
         pid: an autopilot within the adapter, for missions without pMarinePID.
         hold_depth_m: a depth that is held with DESIRED_ELEVATOR (of `commands`) while somebody drives and nobody writes DESIRED_ELEVATOR: a
             mission in the plane has no depth, and a vehicle with fins would dive or rise for ever.
+        externals: external vehicles of the world by name, and what they follow: a name in NODE_REPORT and NODE_REPORT_LOCAL, or ``NAV_*`` for
+            variables NAV_X, NAV_Y, NAV_DEPTH, NAV_HEADING and NAV_SPEED.
         usm: listen to USM_RESET, USM_SIM_PAUSED, DRIFT_X and the like, as uSimMarine does.
         services: carry out calls that come as the variable UWSERVER_CALL.
         alog: file (.alog) for all that goes through; an earlier one of this name is kept under a number.
@@ -135,6 +137,7 @@ class BridgeTable(Table, kw_only=True, frozen=True):
     commands: dict[Name, tuple[Target, ...]] = field(default_factory=dict)
     pid: PidTable | None = None
     hold_depth_m: NonNegative | None = None
+    externals: dict[Name, Name] = field(default_factory=dict)
     usm: bool = True
     services: bool = True
     alog: Name | None = None

@@ -5,6 +5,20 @@
 const JUMP_M = 1;
 const JUMP_COS = Math.cos((30 * Math.PI) / 360);
 
+/** A body as high above the water is nowhere now: one that follows poses, and has none. */
+const NOWHERE_M = 1e6;
+
+/** @param {ArrayLike<number>} poses @param {number} i of a pose */
+export function isNowhere(poses, i) {
+  return poses[i + 2] <= -NOWHERE_M;
+}
+
+/** Linear colour of a body's own as CSS has it; null where it has none. @param {import("../types").Body | undefined} body */
+export function ownColour(body) {
+  const channel = (/** @type {number} */ c) => Math.round(255 * (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055));
+  return body?.colour ? `#${body.colour.map((c) => channel(c).toString(16).padStart(2, "0")).join("")}` : null;
+}
+
 /**
  * States: `u8 kind=1, u8 flags, u16 count, u32 revision, i64 t_ns, count x {f32 x y z qw qx qy qz}, u16 n, n x i8`, little endian.
  * @param {ArrayBuffer} data @param {number} arrived wall time, s

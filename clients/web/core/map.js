@@ -1,6 +1,6 @@
 // The map: north up, with a scale; a click tells a place. It is all there is where the browser has no WebGL.
 import { byId, h, symbol } from "./dom.js";
-import { euler } from "./frames.js";
+import { euler, isNowhere, ownColour } from "./frames.js";
 /** @typedef {import("../types").World} World @typedef {import("../types").Shape} Shape @typedef {import("./frames.js").Timeline} Timeline */
 
 const COLOURS = ["#5fe3f5", "#ffc24d", "#8cf09a", "#e0a6ff", "#ff9d7d", "#a3c1ff"];
@@ -32,6 +32,8 @@ export class Chart {
     this.route = [];
     /** @type {number[][]} */
     this.trails = [];
+    /** @type {string[]} */
+    this.colours = [];
     this.breaks = -1;
     this.listen();
   }
@@ -78,7 +80,9 @@ export class Chart {
   /** @param {World} world */
   show(world) {
     this.world = world;
-    this.trails = [...world.vehicles, ...world.objects].map(() => []);
+    const bodies = [...world.vehicles, ...world.objects];
+    this.trails = bodies.map(() => []);
+    this.colours = bodies.map((body, k) => ownColour(body) ?? COLOURS[k % COLOURS.length]);
     this.free = false;
   }
 
@@ -95,7 +99,7 @@ export class Chart {
     const pen = canvas.getContext("2d");
     if (!pen) return;
     const { poses } = timeline;
-    if (!this.free && poses.length > 7 * chosen && chosen >= 0 && Number.isFinite(poses[7 * chosen])) this.centre = [poses[7 * chosen], poses[7 * chosen + 1]];
+    if (!this.free && poses.length > 7 * chosen && chosen >= 0 && Number.isFinite(poses[7 * chosen]) && !isNowhere(poses, 7 * chosen)) this.centre = [poses[7 * chosen], poses[7 * chosen + 1]];
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.fillStyle = "#0a2533";
     pen.fillRect(0, 0, width, height);
@@ -104,7 +108,7 @@ export class Chart {
     for (const structure of world.structures) for (const shape of structure.shapes) this.footprint(pen, shape, "rgb(176 190 200 / 55%)");
     for (const beacon of world.beacons) if (!beacon.body) this.dot(pen, beacon.p, "#ffe27a", 3);
     this.history(timeline);
-    this.trails.forEach((trail, k) => this.line(pen, trail, COLOURS[k % COLOURS.length]));
+    this.trails.forEach((trail, k) => this.line(pen, trail, this.colours[k]));
     this.line(pen, this.route.flat(), "#ffffff");
     for (const place of this.route) this.dot(pen, place, "#ffffff", 3);
     if (this.goal) this.cross(pen, this.goal);
@@ -124,7 +128,7 @@ export class Chart {
     this.trails.forEach((trail, k) => {
       const [x, y] = [poses[7 * k], poses[7 * k + 1]];
       const n = trail.length;
-      if (!Number.isFinite(x + y) || (n >= 2 && Math.hypot(x - trail[n - 2], y - trail[n - 1]) < Math.max(0.05, 1 / this.scale))) return;
+      if (!Number.isFinite(x + y) || isNowhere(poses, 7 * k) || (n >= 2 && Math.hypot(x - trail[n - 2], y - trail[n - 1]) < Math.max(0.05, 1 / this.scale))) return;
       trail.push(x, y);
       if (n > 1200) trail.splice(0, 2);
     });
@@ -205,12 +209,12 @@ export class Chart {
   craft(pen, poses, k, own) {
     const heading = euler(poses, 7 * k + 3).yaw;
     const [x, y] = this.at(poses[7 * k], poses[7 * k + 1]);
-    if (!Number.isFinite(x + y + heading)) return;
+    if (!Number.isFinite(x + y + heading) || isNowhere(poses, 7 * k)) return;
     const size = own ? 8 : 6;
     pen.save();
     pen.translate(x, y);
     pen.rotate(heading);
-    pen.fillStyle = COLOURS[k % COLOURS.length];
+    pen.fillStyle = this.colours[k] ?? COLOURS[k % COLOURS.length];
     pen.strokeStyle = own ? "#ffffff" : "#04121a";
     pen.lineWidth = own ? 1.6 : 1;
     pen.beginPath();

@@ -1,6 +1,6 @@
 // What a pilot reads over the picture: heading, depth, attitude, altitude, battery, leak, autopilot.
 import { byId, figure, h, s, tell } from "../core/dom.js";
-import { euler } from "../core/frames.js";
+import { euler, isNowhere } from "../core/frames.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("./pilot.js").Pilot} Pilot @typedef {import("../types").Sample} Sample */
 
 const DEG = 180 / Math.PI;
@@ -72,7 +72,7 @@ export class Hud {
 
   /** @param {Float32Array} poses @param {number} i of the chosen body's pose */
   update(poses, i) {
-    const there = poses.length > i + 6 && Number.isFinite(poses[i]);
+    const there = poses.length > i + 6 && Number.isFinite(poses[i]) && !isNowhere(poses, i);
     this.place.style.display = there ? "" : "none";
     if (!there) return;
     const { roll, pitch, yaw } = euler(poses, i + 3);

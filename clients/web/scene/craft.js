@@ -1,11 +1,13 @@
 // A vehicle as one sees it: made from the shapes, actuators and sensors that its file names, or from its glTF where it has one.
 import * as THREE from "three";
+import { isNowhere } from "../core/frames.js";
 import { compact, MOVES } from "./compact.js";
 import { loadLooks } from "./looks.js";
+import { GhostPaints } from "./materials.js";
 import { along, COLOURS, instrument, makeFin, openFrame, pontoon, put, softBox, thruster, torpedo } from "./parts.js";
 import { geometryOf, triangles } from "./solids.js";
 import { turn } from "./stage.js";
-/** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("../types").Lamp} Lamp @typedef {import("./materials.js").Paints} Paints */
+/** @typedef {import("../types").Body} Body @typedef {import("../types").Shape} Shape @typedef {import("../types").Actuator} Actuator @typedef {import("../types").Lamp} Lamp @typedef {import("./materials.js").Painter} Paints */
 
 const SPIN_RADPS = 38;
 
@@ -13,7 +15,7 @@ const SPIN_RADPS = 38;
 
 /** One vehicle or free object; `group` is in N. */
 export class Craft {
-  /** @param {Body} body @param {Paints} paints @param {Store} store @param {Map<string, THREE.Group>} known looks of those that were made already */
+  /** @param {Body} body @param {import("./materials.js").Paints} paints @param {Store} store @param {Map<string, THREE.Group>} known looks of those that were made already */
   constructor(body, paints, store, known) {
     this.body = body;
     this.group = new THREE.Group();
@@ -23,15 +25,19 @@ export class Craft {
     /** @type {{turning: THREE.Object3D, hinge: THREE.Vector3, index: number}[]} */
     this.fins = [];
     this.size = extent(body);
+    const paint = body.ghost ? new GhostPaints(paints, body.colour ?? [0.5, 0.5, 0.5]) : paints;
     this.looks = new THREE.Group();
     this.group.add(this.looks);
     if (body.looks) {
-      loadLooks(body.looks, store).then((looks) => this.looks.add(looks), (/** @type {Error} */ error) => {
+      loadLooks(body.looks, store).then((looks) => {
+        if (body.ghost) looks.traverse((part) => { if (part instanceof THREE.Mesh) part.material = paint.plain(""); });
+        this.looks.add(looks);
+      }, (/** @type {Error} */ error) => {
         store.failed(`looks of ${body.name}: ${error.message}`);
-        this.make(paints, store, known);
+        this.make(paint, store, known);
       });
     } else {
-      this.make(paints, store, known);
+      this.make(paint, store, known);
     }
     this.lamps = (body.lamps?.length ? body.lamps.map(spot) : [usual(this.size.x)]).map(({ lamp, full }) => {
       lamp.visible = false;
@@ -44,7 +50,7 @@ export class Craft {
   make(paints, store, known) {
     const { body } = this;
     const fittings = (body.actuators ?? []).map(({ port: _, ...rest }) => rest);
-    const kind = JSON.stringify([body.model === "object", body.shapes, fittings, (body.sensors ?? []).map((sensor) => [sensor.kind, sensor.p, sensor.q])]);
+    const kind = JSON.stringify([body.model === "object", body.ghost && body.colour, body.shapes, fittings, (body.sensors ?? []).map((sensor) => [sensor.kind, sensor.p, sensor.q])]);
     const later = body.shapes.some((shape) => shape.kind === "mesh");
     let whole = known.get(kind);
     if (!whole) {
@@ -140,6 +146,7 @@ export class Craft {
 
   /** Place it, and turn what turns. @param {Float32Array} poses @param {number} i of its pose @param {Int8Array} achieved @param {number} first of its actuators @param {number} dt s */
   update(poses, i, achieved, first, dt) {
+    this.group.visible = !isNowhere(poses, i);
     this.group.position.set(poses[i], poses[i + 1], poses[i + 2]);
     this.group.quaternion.set(poses[i + 4], poses[i + 5], poses[i + 6], poses[i + 3]);
     for (const { rotor, index, hand } of this.rotors) {

@@ -1,17 +1,26 @@
 // Names of bodies and beacons, as elements over the picture.
 import * as THREE from "three";
 import { byId, h } from "../core/dom.js";
+import { ownColour } from "../core/frames.js";
 import { shown } from "./stage.js";
 
 const MOST = 40;
 
+/** What is external says so, in its own colour. @param {import("../types").Body} body */
+function label(body) {
+  if (!body.external) return h("div", { class: "label" }, body.name);
+  const element = h("div", { class: "label external" }, body.name, h("i", {}, body.ghost ? "ghost" : "external"));
+  element.style.borderColor = ownColour(body) ?? "";
+  return element;
+}
+
 /** One element a name, moved where the thing is seen. */
 export class Labels {
-  /** @param {string[]} bodies @param {string[]} beacons */
+  /** @param {import("../types").Body[]} bodies @param {string[]} beacons */
   constructor(bodies, beacons) {
     const place = byId("labels");
     place.replaceChildren();
-    this.bodies = bodies.slice(0, MOST).map((name) => place.appendChild(h("div", { class: "label" }, name)));
+    this.bodies = bodies.slice(0, MOST).map((body) => place.appendChild(label(body)));
     this.beacons = beacons.slice(0, MOST).map((name) => place.appendChild(h("div", { class: "label beacon" }, name)));
     this.at = new THREE.Vector3();
   }
@@ -26,7 +35,7 @@ export class Labels {
       const own = k === scene.chosen;
       label.classList.toggle("chosen", own);
       const p = craft.group.position;
-      const show = layers.has("labels") && !(own && scene.views.view !== "top" && scene.crafts.length === 1) && !(own && scene.views.view === "board");
+      const show = craft.group.visible && layers.has("labels") && !(own && scene.views.view !== "top" && scene.crafts.length === 1) && !(own && scene.views.view === "board");
       this.place(label, [p.x, p.y, p.z - 0.6 * craft.size.z - 0.12], camera, size, show);
     });
     this.beacons.forEach((label, k) => {

@@ -23,6 +23,8 @@ const LOOKS = {
   plastic: { colour: "#d7dde2", rough: 0.5 },
 };
 
+/** What paints the parts of a body. @typedef {Pick<Paints, "fine" | "plain">} Painter */
+
 /** Makes materials in one quality, each of them once. */
 export class Paints {
   /** @param {boolean} fine */
@@ -80,6 +82,19 @@ export class Paints {
   dispose() {
     for (const material of this.made.values()) material.dispose();
     for (const texture of this.textures.values()) texture.dispose();
+  }
+}
+
+/** Paints of a ghost: one, translucent, for all its parts. */
+export class GhostPaints {
+  /** @param {Paints} paints @param {import("../types").Vec3} colour linear */
+  constructor(paints, colour) {
+    this.fine = paints.fine;
+    this.material = paints.plain(new THREE.Color(...colour), { rough: 0.9, opacity: 0.42, glow: `#${new THREE.Color(...colour).multiplyScalar(0.25).getHexString()}`, caustics: false });
+  }
+
+  plain() {
+    return this.material;
   }
 }
 

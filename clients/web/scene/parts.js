@@ -1,6 +1,6 @@
 // Parts that vehicles are made of: ducts with propellers, fins, torpedo hulls, open frames, pontoons, instruments. Axes of B: x ahead, y right, z down.
 import * as THREE from "three";
-/** @typedef {import("./materials.js").Paints} Paints @typedef {import("../types").Sensor} Sensor @typedef {import("../types").Actuator} Actuator @typedef {import("../types").Vec3} Vec3 */
+/** @typedef {import("./materials.js").Painter} Paints @typedef {import("../types").Sensor} Sensor @typedef {import("../types").Actuator} Actuator @typedef {import("../types").Vec3} Vec3 */
 
 export const COLOURS = { float: "#1f66d1", frame: "#20262c", hull: "#f2c21b", dark: "#14181c", tube: "#e9eef2", glass: "#a9d8ea", metal: "#aab4bb", lamp: "#fff3c4", blade: "#39434b", ring: "#2a3138", orange: "#f07d1c", white: "#f2f5f7" };
 

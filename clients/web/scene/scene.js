@@ -1,5 +1,6 @@
 // The world in three dimensions: built from what the server tells once, moved by frames.
 import * as THREE from "three";
+import { isNowhere, ownColour } from "../core/frames.js";
 import { Acoustics, Beams } from "./beams.js";
 import { Craft } from "./craft.js";
 import { Flow, Touches } from "./flow.js";
@@ -35,7 +36,7 @@ export class WorldScene {
     const known = new Map();
     this.crafts = bodies.map((body) => new Craft(body, this.paints, store, known));
     this.first = bodies.map((_, i) => world.vehicles.slice(0, i).reduce((sum, vehicle) => sum + (vehicle.actuators?.length ?? 0), 0));
-    this.trails = bodies.map((_, i) => new Trail(i));
+    this.trails = bodies.map((body, i) => new Trail(i, ownColour(body)));
     for (const craft of this.crafts) this.group.add(craft.group);
     for (const trail of this.trails) this.group.add(trail.line);
     this.surface = new Surface(world.water, stage.fine);
@@ -43,7 +44,7 @@ export class WorldScene {
     this.flow = new Flow();
     this.acoustics = new Acoustics(world.beacons, world.water.sound_speed);
     this.touches = new Touches();
-    this.labels = new Labels(bodies.map((body) => body.name), world.beacons.map((beacon) => beacon.name));
+    this.labels = new Labels(bodies, world.beacons.map((beacon) => beacon.name));
     this.group.add(this.flow.group, this.acoustics.group);
     /** @type {Beams[]} */
     this.beams = [];
@@ -124,11 +125,11 @@ export class WorldScene {
       this.crafts[k].update(poses, 7 * k, achieved, this.first[k], passed > 0 ? dt : 0);
       this.crafts[k].light(layers.has("lamps") && k === this.chosen);
       this.trails[k].line.visible = layers.has("trails");
-      if (Number.isFinite(poses[7 * k])) this.trails[k].add(poses, 7 * k);
+      if (Number.isFinite(poses[7 * k]) && !isNowhere(poses, 7 * k)) this.trails[k].add(poses, 7 * k);
     }
     const { camera } = this.stage;
     const craft = this.crafts[this.chosen];
-    if (craft && bodies > this.chosen) {
+    if (craft && bodies > this.chosen && craft.group.visible) {
       const level = this.world.water.surface_level;
       const room = { ceiling: level - 0.25, floor: Number.isFinite(this.floor) ? -this.floor + 0.2 : -Infinity };
       if (poses[7 * this.chosen + 2] < 0.3) room.ceiling = Infinity;

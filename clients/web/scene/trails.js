@@ -8,9 +8,9 @@ export const TRAIL_COLOURS = ["#5fe3f5", "#ffc24d", "#8cf09a", "#e0a6ff", "#ff9d
 
 /** A trail in N. */
 export class Trail {
-  /** @param {number} index of the body, for its colour */
-  constructor(index) {
-    this.colour = TRAIL_COLOURS[index % TRAIL_COLOURS.length];
+  /** @param {number} index of the body, for its colour @param {string | null} [own] colour of its own */
+  constructor(index, own = null) {
+    this.colour = own ?? TRAIL_COLOURS[index % TRAIL_COLOURS.length];
     this.base = new THREE.Color(this.colour);
     /** Places, the oldest first; also for the map. @type {number[]} */
     this.places = [];

@@ -62,3 +62,28 @@ def test_a_refused_solid_is_in_neither(state: FloatArray) -> None:
             scene.add_moving(bad, 0)
     assert len(scene.find_contacts(state, 0.01).gap) == 0
     assert scene.raycast(np.zeros((1, 3)), DOWN, 100.0).body[0] == -1
+
+
+def test_what_is_led_yields_to_nothing_and_pushes_what_can_move() -> None:
+    """Three balls in one place above the ground, which all of them touch: only the free one feels anything."""
+    rows = np.zeros((3, 13))
+    rows[:, 3] = 1.0
+    rows[:, 2] = 9.5
+    scene = Scene(lambda: rows)
+    scene.add_static(GROUND)
+    scene.add_moving(BALL, 0, led=True)
+    other = scene.add_moving(BALL, 1, led=True)
+    assert len(scene.find_contacts(rows, 0.01).gap) == 0
+    scene.add_moving(BALL, 2)
+    contacts = scene.find_contacts(rows, 0.01)
+    pairs = {frozenset(pair) for pair in zip(contacts.body_a.tolist(), contacts.body_b.tolist(), strict=True)}
+    assert pairs == {frozenset((2, -1)), frozenset((2, 0)), frozenset((2, 1))}
+    assert contacts.normal.flags.c_contiguous
+    scene.remove(other)
+    scene.add_moving(BALL, 1)
+    pairs = {
+        frozenset(pair)
+        for pair in zip(*(column.tolist() for column in scene.find_contacts(rows, 0.01)[:2]), strict=True)
+    }
+    assert frozenset((1, -1)) in pairs
+    assert frozenset((0, -1)) not in pairs

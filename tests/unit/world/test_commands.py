@@ -122,3 +122,18 @@ def test_the_newest_commands_of_a_vehicle_in_words() -> None:
     rig.commands.apply(3)
     assert rig.commands.newest("rov") == [f"last command to {PATH} in tick 3 by sockets:1: ((0.5,),)"]
     assert rig.commands.newest("ro") == []
+
+
+def test_what_the_device_objects_to_is_refused_and_nothing_is_taken_over() -> None:
+    class Choosy(Lights):
+        def objection(self, value: tuple[Any, ...]) -> str:
+            return "is choosy" if value[0] == (2.0,) else ""
+
+    rig = Rig()
+    rig.slot.actuator = Choosy()
+    with pytest.raises(Refused, match=f'"{PATH}" is choosy'):
+        rig.commands.accept(Command(PATH, ((2.0,),), "one"), 5)
+    assert rig.slot.source == ""
+    rig.commands.accept(Command(PATH, ((1.0,),), "one"), 5)
+    rig.commands.apply(5)
+    assert rig.slot.actuator.got == [(1.0,)]

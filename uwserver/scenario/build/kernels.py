@@ -16,7 +16,8 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         sea: whether its water is more than a uniform, steady current.
     """
     vehicles, environment = resolved.vehicles.values(), resolved.scenario.environment
-    params = [body_params(vehicle.vehicle, vehicle.devices, environment) for vehicle in vehicles]
+    simulated = [vehicle for vehicle in vehicles if not vehicle.entry.is_external]
+    params = [body_params(vehicle.vehicle, vehicle.devices, environment) for vehicle in simulated]
     params += [body.params for body in resolved.objects.values()]
     fins = any(body.appendages != Appendages() for body in params)
     sensors = [config for vehicle in vehicles for config in vehicle.vehicle.sensors.values()]

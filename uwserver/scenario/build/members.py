@@ -57,7 +57,7 @@ def build_scene(world: World, resolved: Resolved) -> None:
 def object_member(world: World, resolved: ResolvedObject, row: int, name: str) -> Member:
     """A free object, whose body is in a row of the world, with its components."""
     truth = resolved.entry.truth
-    sensors = () if isinstance(truth, UnsetType) else tuple(_truth(world, name, truth.rate_hz, row))
+    sensors = () if isinstance(truth, UnsetType) else tuple(truth_slots(world, name, truth.rate_hz, row))
     services = tuple(component_services(world, sensors, ()))
     return Member(Vehicle(name, "object", row, world.hydro), sensors, (), services, resolved.solid, is_object=True)
 
@@ -77,7 +77,7 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
         slot.wiring = wiring
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
-        sensors += _truth(world, name, entry.truth.rate_hz, row)
+        sensors += truth_slots(world, name, entry.truth.rate_hz, row)
     actuators = {
         key: _actuator(world, f"{name}/{key}", config, bodies.get(key, body)) for key, config in file.actuators.items()
     }
@@ -154,7 +154,8 @@ def stream_of(seed: int, path: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=tuple(path.encode()))))
 
 
-def _truth(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
+def truth_slots(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
+    """Sensors of the ground truth of the body in a row."""
     divisor = round(world.rate_hz / physics_rate(rate_hz))
     for name, kind in TRUTH.items():
         sensor = kind()  # which draws nothing: a random stream of its own would cost more than all else here

@@ -14,6 +14,7 @@ from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
+from uwserver.scenario.build.external import external_member
 from uwserver.scenario.build.members import build_scene, object_member, vehicle_member
 from uwserver.scenario.files.convert import NAME
 from uwserver.scenario.load.counts import MOST_BODIES
@@ -24,6 +25,7 @@ from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import Pose
 from uwserver.units import rad
+from uwserver.world.external.body import External, led_params
 from uwserver.world.members import Member, Population
 from uwserver.world.part import State
 from uwserver.world.world import World
@@ -71,7 +73,8 @@ class ScenarioPopulation(Population):
         files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
         alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
         self._params: dict[str, BodyParams] = {
-            name: alike[id(vehicle.vehicle)] for name, vehicle in resolved.vehicles.items()
+            name: led_params() if vehicle.entry.is_external else alike[id(vehicle.vehicle)]
+            for name, vehicle in resolved.vehicles.items()
         } | {name: body.params for name, body in resolved.objects.items()}
 
     def begin(self) -> None:
@@ -256,7 +259,9 @@ class ScenarioPopulation(Population):
     def _build(self, like: str, name: str, row: int) -> Member:
         """The components of a body whose rows are there."""
         if like in self._resolved.vehicles:
-            member = vehicle_member(self._world, self._resolved.vehicles[like], row, name)
+            vehicle = self._resolved.vehicles[like]
+            make = external_member if vehicle.entry.is_external else vehicle_member
+            member = make(self._world, vehicle, row, name)
         else:
             member = object_member(self._world, self._resolved.objects[like], row, name)
         self._parts[like] = tuple(part.path.removeprefix(f"{name}/") for part in member.parts)
@@ -272,11 +277,14 @@ class ScenarioPopulation(Population):
     def _place(self, member: Member, p_NB: Vec3, q_NB: Quat) -> None:
         state = self._world.hydro.state[member.vehicle.row]
         state[P : P + 3], state[Q : Q + 4] = p_NB, q_NB
+        for part in member.others:
+            if isinstance(part, External):  # which stands where its source says
+                part.settle(self._world.t_ns)
 
     def _obstacle(self, member: Member) -> str:
         """What the member is deep inside of; "" for nothing."""
         world, row = self._world, member.vehicle.row
-        if member.solid is None:
+        if member.solid is None or member.led:
             return ""
         if world.scene is None:
             build_scene(world, self._resolved)

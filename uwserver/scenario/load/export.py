@@ -14,6 +14,8 @@ from uwserver.scenario.files.convert import fields
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack
+from uwserver.scenario.vehicle.external import Following
+from uwserver.scenario.vehicle.tracks import pack as pack_tracks
 
 _NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")
 
@@ -73,7 +75,8 @@ def identity(resolved: Resolved) -> str:
     solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
     solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
     _drop_looks(whole)
-    text = msgspec.json.encode(whole, enc_hook=str) + pack(solids).encode()
+    tracks = pack_tracks(resolved.tracks)
+    text = msgspec.json.encode(whole, enc_hook=str) + pack(solids).encode() + tracks.encode()
     return hashlib.sha256(text).hexdigest()
 
 
@@ -106,6 +109,8 @@ def _plain(value: Any, defaults: bool) -> Any:
 def _vehicle(resolved: ResolvedVehicle) -> dict[str, Any]:
     entry = tables(resolved.entry, defaults=True)
     del entry["override"], entry["sensors"]
+    if not resolved.entry.is_external:
+        entry = {key: value for key, value in entry.items() if key not in Following.__struct_fields__}
     used = {resolved.vehicle.thrusters[name].device: device for name, device in resolved.devices.items()}
     devices = {reference: tables(device, defaults=True) for reference, device in used.items()}
     return {**entry, "file": tables(resolved.vehicle, defaults=True), "devices": devices}

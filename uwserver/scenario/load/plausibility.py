@@ -82,7 +82,7 @@ def _vehicle_bodies(scenario: Scenario, vehicles: Mapping[str, Iterable[Resolved
     for key, group in vehicles.items():
         for vehicle in group:
             displaced = vehicle.vehicle.buoyancy.volume_m3
-            if vehicle.entry.present and displaced > 0.0:
+            if vehicle.entry.present and displaced > 0.0 and not vehicle.entry.is_external:
                 floats = density * displaced > FLOATS * vehicle.vehicle.rigid_body.mass_kg
                 position = vehicle.entry.position_ned_m
                 yield _Body(("vehicles", key), vehicle.name, position, _radius(displaced), floats)
@@ -128,7 +128,7 @@ def _check_apart(bodies: Iterable[_Body], warn: Report) -> None:
 
 def _check_sensors(key: str, vehicle: ResolvedVehicle, warn: Report) -> None:
     sensors = vehicle.vehicle.sensors
-    if not sensors and isinstance(vehicle.entry.truth, UnsetType):
+    if not sensors and isinstance(vehicle.entry.truth, UnsetType) and not vehicle.entry.is_external:
         text = "it has no sensor, so nothing can be read of it: `uwserver list sensors` shows what there is"
         warn(("vehicles", key, "sensors"), text)
     autopilot = vehicle.entry.autopilot

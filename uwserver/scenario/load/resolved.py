@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec import UnsetType
+
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.scenario.files.errors import Problem
@@ -13,6 +15,7 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+from uwserver.world.external.track import PoseTrack
 
 
 @dataclass(frozen=True)
@@ -24,8 +27,10 @@ class ResolvedVehicle:
         entry: its table in the scenario.
         vehicle: the vehicle file with `override` and the entry's sensors merged in, disabled components taken out.
         devices: device of each thruster, by the thruster's name.
-        solid: its collision shapes in B; None without any.
+        solid: its collision shapes in B; None without any, and of a ghost.
         looks: a checked .glb file; b"" without one.
+        ghost: collision shapes of a ghost, by which viewers draw it.
+        track: of an external vehicle that follows a log, in simulation time.
     """
 
     name: str
@@ -34,6 +39,16 @@ class ResolvedVehicle:
     devices: Mapping[str, ThrusterDevice]
     solid: Solid | None = None
     looks: bytes = field(default=b"", repr=False)
+    ghost: Solid | None = None
+    track: PoseTrack | None = field(default=None, repr=False)
+
+    @property
+    def external_ports(self) -> tuple[str, ...]:
+        """Names of the ports of an external vehicle, beside its truth."""
+        if not self.entry.is_external:
+            return ()
+        compared = () if isinstance(self.entry.compare_with, UnsetType) else ("difference",)
+        return ("state", *compared, *(() if self.track is not None else ("pose",)))
 
 
 @dataclass(frozen=True)
@@ -80,3 +95,16 @@ class Resolved:
         """Whether anything can touch anything; what is spawned later does not count."""
         moving = [vehicle.solid for vehicle in self.vehicles.values()] + [body.solid for body in self.objects.values()]
         return bool(self.static) or sum(solid is not None for solid in moving) > 1
+
+    @property
+    def solids(self) -> dict[str, Solid]:
+        """All collision shapes, also of ghosts, by table and name."""
+        found = {f"static/{name}": solid for name, solid in self.static.items()}
+        found |= {f"objects/{name}": body.solid for name, body in self.objects.items()}
+        found |= {f"vehicles/{name}": v.solid for name, v in self.vehicles.items() if v.solid is not None}
+        return found | {f"ghosts/{name}": v.ghost for name, v in self.vehicles.items() if v.ghost is not None}
+
+    @property
+    def tracks(self) -> dict[str, PoseTrack]:
+        """What external vehicles follow, by name; of those that follow a log."""
+        return {name: v.track for name, v in self.vehicles.items() if v.track is not None}

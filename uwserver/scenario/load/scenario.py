@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec import UnsetType
 
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.scenario.files.convert import Converter, Known, Node, Report, check_name
@@ -32,12 +33,16 @@ from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.copies import check_names, entries
 from uwserver.scenario.vehicle.device_checks import check_device
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.vehicle.external import check_external
 from uwserver.scenario.vehicle.profiles import check_profile, expanded
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+from uwserver.scenario.vehicle.tracks import read_track
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
 from uwserver.units import rad
+from uwserver.world.external.track import PoseTrack
 
 MOST_PROBLEMS = 200
 """Told at once, warnings too; a file with more is not what it was meant to be."""
@@ -112,6 +117,7 @@ class _Load:
         self._world: WorldTable | None = self._tree.at("world").value
         self._environment: Environment | None = self._tree.at("environment").value
         self._vehicles: dict[str, tuple[VehicleFile | None, Mapping[str, ThrusterDevice]]] = {}
+        self._tracks: dict[str, PoseTrack] = {}
         self._solids = SolidFiles(document, self._tree, self._report(document), self._warn(document))
 
     def result(self) -> Resolved:
@@ -137,12 +143,10 @@ class _Load:
             raise ScenarioError(_in_order(self._problems))
         by_table = {
             key: [
-                ResolvedVehicle(
-                    name, entry, files[key], devices, self._solids.vehicles.get(key), self._looks(("vehicles", key))
-                )
+                self._vehicle_of(key, name, entry, files[key])
                 for name, entry in entries(key, scenario.vehicles[key]).items()
             ]
-            for key, (_, devices) in self._vehicles.items()
+            for key in self._vehicles
         }
         check_plausible(scenario, by_table, self._solids.objects, self._warn(self._document))
         if self._document.path is not None and "adapters" in self._document.raw:
@@ -157,6 +161,14 @@ class _Load:
         looks = {thing: data for (table, thing), data in solids.looks.items() if table == "structures"}
         return Resolved(
             name, scenario, vehicles, path, problems, solids.static, solids.objects, materials, missing, looks
+        )
+
+    def _vehicle_of(self, key: str, name: str, entry: VehicleEntry, file: VehicleFile) -> ResolvedVehicle:
+        """One of the vehicles of a table that has no faults."""
+        solids, looks = self._solids, self._looks(("vehicles", key))
+        track = self._tracks.get(key)
+        return ResolvedVehicle(
+            name, entry, file, self._vehicles[key][1], solids.vehicles.get(key), looks, solids.ghosts.get(key), track
         )
 
     def _looks(self, owner: tuple[str, str]) -> bytes:
@@ -183,10 +195,31 @@ class _Load:
             place: KeyPath = ("vehicles", name, "autopilot")
             check_autopilot(autopilot, draft, place, self._world, self._report(document))
         self._solids.read_vehicle(name, merged, tree, self._report(merged), self._warn(merged))
+        self._follow(name)
         self._vehicles[name] = tree.value, devices
         whole = tree.value is not None and all(key in devices for key in tree.value.thrusters)
         if whole and self._environment is not None and self._errors() == before:
             check_actuators(_without_disabled(tree.value), devices, self._environment, self._report(merged))
+
+    def _follow(self, name: str) -> None:
+        """What an external vehicle follows."""
+        report = self._report(self._document)
+        check_external(name, self._tree, report)
+        entry: VehicleEntry | None = self._tree.at("vehicles", name).value
+        if entry is None or not entry.is_external:
+            return
+        if entry.solid and name not in self._solids.vehicles:
+            text = f'"{entry.model}" has no collision shapes, so nothing of it can be solid: take another model, or solid = false'
+            report(("vehicles", name, "solid"), text)
+        if not isinstance(entry.log, UnsetType):
+            beside = self._document.path.parent if self._document.path else Path.cwd()
+            try:
+                self._tracks[name], remarks = read_track(entry, beside)
+            except ValueError as error:
+                report(("vehicles", name, "log"), str(error))
+                return
+            for remark in remarks:
+                self._warn(self._document)(("vehicles", name, "log"), remark)
 
     def _errors(self) -> int:
         return sum(problem.severity == "error" for problem in self._problems)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from msgspec import UNSET, UnsetType
@@ -52,6 +53,7 @@ class SolidFiles:
         static: seabed and structures, in N, by name.
         objects: free objects by name.
         vehicles: collision shapes of vehicles by name.
+        ghosts: those of external vehicles that nothing touches.
         looks: .glb files of vehicles and structures, by table and name.
         materials: numbers of materials.
     """
@@ -60,6 +62,7 @@ class SolidFiles:
         self.static: dict[str, Solid] = {}
         self.objects: dict[str, ResolvedObject] = {}
         self.vehicles: dict[str, Solid] = {}
+        self.ghosts: dict[str, Solid] = {}
         self.looks: dict[tuple[str, str], bytes] = {}
         self.materials = Materials()
         self._scenario, self._report = scenario, report
@@ -93,9 +96,10 @@ class SolidFiles:
         path: KeyPath = ("collision",)
         if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(path, report):
             return
+        solids = self.ghosts if self._is(name, "external") and not self._is(name, "solid") else self.vehicles
         try:
             told = partial(warn, path)
-            self.vehicles[name] = collision_solid(name, tables, contact, folders, self.materials, told)
+            solids[name] = collision_solid(name, tables, contact, folders, self.materials, told)
         except BadSolid as error:
             report(path, str(error))
 
@@ -103,6 +107,8 @@ class SolidFiles:
         """Vehicles and objects must not begin inside something."""
         for table in ("vehicles", "objects"):
             for key, _, p in starts(self._scenario, table):
+                if self._is(key, "external"):  # whose place is not for us to judge
+                    continue
                 for solid in self.static.values() if p is not None else ():
                     what = _buried(solid, np.array(p))
                     if what is not None:
@@ -112,6 +118,11 @@ class SolidFiles:
         """What can touch something needs the engines; one vehicle alone does not."""
         if sum(key in self.vehicles for key, _, _ in starts(self._scenario, "vehicles")) > 1:
             self._engines(("vehicles",), self._report)
+
+    def _is(self, name: str, what: Literal["external", "solid"]) -> bool:
+        """Whether the table of a vehicle says so."""
+        node = self._scenario.at("vehicles", name)
+        return node.at("kind").value == "external" if what == "external" else node.at("solid").value is True
 
     def _read_seabed(self, world: WorldTable | None) -> None:
         origin = None if world is None else world.origin

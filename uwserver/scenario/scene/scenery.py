@@ -31,12 +31,13 @@ from uwserver.ports import (
     WaterView,
     WaveView,
 )
-from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.scene.fittings import actuator_views, lamp_views
 from uwserver.scenario.scene.palette import OBJECT, SEABED, STRUCTURE, VEHICLE
 from uwserver.scenario.scene.senses import beacon_views, sensor_views
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
 from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.vehicle.external import COLOURS
 from uwserver.units import rad
 from uwserver.world.world import World
 
@@ -116,10 +117,11 @@ class Scenery:
         if params is None:
             params = body_params(file, resolved.devices, self._resolved.scenario.environment)
             self._params[id(file)] = params
-        if resolved.solid is None:
+        solid = resolved.solid or resolved.ghost
+        if solid is None:
             shapes = displaced_shapes(file, VEHICLE)
         else:
-            shapes = shape_views(resolved.solid, self._resolved.materials, VEHICLE, self.meshes)
+            shapes = shape_views(solid, self._resolved.materials, VEHICLE, self.meshes)
             names = tuple(file.collision)
             if len(names) == len(shapes):  # by which a viewer knows a frame from a hull
                 shapes = tuple(structs.replace(shape, name=name) for shape, name in zip(shapes, names, strict=True))
@@ -133,7 +135,19 @@ class Scenery:
             actuators=actuator_views(body.name, resolved, params),
             sensors=sensor_views(body.name, file),
             lamps=lamp_views(file),
+            external=resolved.entry.is_external,
+            ghost=resolved.entry.is_external and not resolved.entry.solid,
+            colour=self._colour(resolved),
         )
+
+    def _colour(self, resolved: ResolvedVehicle) -> tuple[float, float, float] | None:
+        """Of an external vehicle its own, or one after the other, so that they are told apart."""
+        if not resolved.entry.is_external:
+            return None
+        if not isinstance(resolved.entry.colour, UnsetType):
+            return resolved.entry.colour
+        externals = [name for name, each in self._resolved.vehicles.items() if each.entry.is_external]
+        return COLOURS[externals.index(resolved.name) % len(COLOURS)]
 
     def _object(self, body: Present) -> BodyView:
         resolved = self._resolved.objects[body.like]

@@ -13,6 +13,7 @@ from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath, Problem, Severity
 from uwserver.scenario.files.merge import merged
 from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
+from uwserver.scenario.vehicle.external import ACTIVE_TABLES
 from uwserver.scenario.vehicle.tables import AddedMass, Buoyancy, Damping, Lamp, RigidBody, Thruster, ThrusterDevice
 from uwserver.sensors import SensorConfig
 
@@ -94,13 +95,18 @@ class MergedFile:
 
 
 def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: Document) -> MergedFile:
-    """The vehicle file with `override` merged in key by key, then the scenario's sensors, each replacing one of the same name whole."""
+    """The vehicle file with `override` merged in key by key, then the scenario's sensors, each replacing one of the same name whole.
+
+    Of a vehicle without dynamics only what it looks like and what is solid of it is left.
+    """
     override = entry.get("override")
     raw = merged(file.raw, override) if isinstance(override, dict) else dict(file.raw)
     added = entry.get("sensors")
     if isinstance(added, dict):
         present = raw.get("sensors")
         raw["sensors"] = {**(present if isinstance(present, dict) else {}), **added}
+    if entry.get("kind") == "external":
+        raw = {key: table for key, table in raw.items() if key not in ACTIVE_TABLES}
     return MergedFile(scenario, file, name, raw)
 
 

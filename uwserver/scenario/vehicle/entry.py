@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.autopilot.config import AutopilotConfig
+from uwserver.scenario.vehicle.external import Following
 from uwserver.sensors import SensorConfig
 from uwserver.sensors.truth import Truth
 from uwserver.table import Name, Positive, Table, Vector3
@@ -26,10 +27,11 @@ class Copies(Table, kw_only=True, frozen=True):
     spacing_m: tuple[Positive, Positive] = (5.0, 5.0)
 
 
-class VehicleEntry(Table, kw_only=True, frozen=True):
+class VehicleEntry(Following, kw_only=True, frozen=True):
     """One vehicle of the scenario, or several alike.
 
     Attributes:
+        kind: "simulated", or "external" for one that follows poses from a log or from elsewhere; the keys from `log` to `rate_hz` are for that.
         model: name of a shipped vehicle file, or the path of one relative to the scenario file.
         copies: several of them in a grid; default: one, with the name of the table.
         present: False keeps it out at the start; ``world/spawn`` can add vehicles like it.

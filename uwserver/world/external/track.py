@@ -94,32 +94,72 @@ class PoseTrack:
             outside: what holds before the first pose and after the last one.
             max_gap_s: between poses that are farther apart in time the body is nowhere, or held at the earlier one.
         """
+        stretch = self.stretch(t_ns, max_gap_s)
+        if stretch is not None:
+            return stretch.at(t_ns)
         k = int(np.searchsorted(self.t_ns, t_ns, side="right")) - 1
-        last = len(self.t_ns) - 1
-        if 0 <= k < last:
-            span = int(self.t_ns[k + 1] - self.t_ns[k])
-            if t_ns == self.t_ns[k] or span <= round(max_gap_s * _SECOND):
-                return self._between(k, t_ns, span)
-        elif k == last and t_ns == self.t_ns[last]:
-            return self._still(last, t_ns)
+        if k >= 0 and t_ns == self.t_ns[k]:
+            return self._still(k, t_ns)
         return None if outside == "hide" else self._still(max(k, 0), t_ns)
+
+    def stretch(self, t_ns: int, max_gap_s: float = MAX_GAP_S) -> Stretch | None:
+        """The way between the two poses around an instant; None outside, and in a gap. Who asks from tick to tick keeps it."""
+        k = int(np.searchsorted(self.t_ns, t_ns, side="right")) - 1
+        if not 0 <= k < len(self.t_ns) - 1:
+            return None
+        span = int(self.t_ns[k + 1] - self.t_ns[k])
+        return self._between(k, span) if span <= round(max_gap_s * _SECOND) else None
 
     def _still(self, k: int, t_ns: int) -> TrackPose:
         return TrackPose(_vec3(self.p_NB[k]), _quat(self.q_NB[k]), AT_REST, (t_ns - int(self.t_ns[k])) * _NANOSECOND)
 
-    def _between(self, k: int, t_ns: int, span_ns: int) -> TrackPose:
-        dt, ahead_ns = span_ns * _NANOSECOND, t_ns - int(self.t_ns[k])
-        s = ahead_ns / span_ns
-        p0, p1 = self.p_NB[k], self.p_NB[k + 1]
+    def _between(self, k: int, span_ns: int) -> Stretch:
+        dt = span_ns * _NANOSECOND
+        p0, d = self.p_NB[k], self.p_NB[k + 1] - self.p_NB[k]
         if self.v_N is None:
-            p, v = p0 + s * (p1 - p0), (p1 - p0) / dt
+            slope, bend, twist = d, np.zeros(3), np.zeros(3)
         else:
-            p, v = _hermite(p0, p1, self.v_N[k] * dt, self.v_N[k + 1] * dt, s)
-            v = v / dt
+            slope, end = self.v_N[k] * dt, self.v_N[k + 1] * dt
+            bend, twist = 3.0 * d - 2.0 * slope - end, slope + end - 2.0 * d
+        cubic = _vec3(p0), _vec3(slope), _vec3(bend), _vec3(twist)
         turn = rotation_vector(self.q_NB[k].tolist(), self.q_NB[k + 1].tolist())
-        q = turned(_quat(self.q_NB[k]), (s * turn[0], s * turn[1], s * turn[2]))
-        w = (turn[0] / dt, turn[1] / dt, turn[2] / dt)
-        return TrackPose(_vec3(p), q, body_velocity(q, _vec3(v), w), ahead_ns * _NANOSECOND)
+        return Stretch(int(self.t_ns[k]), span_ns, cubic, _quat(self.q_NB[k]), turn)
+
+
+class Stretch(NamedTuple):
+    """The way from one pose to the next.
+
+    Attributes:
+        first_ns, span_ns: time of the first, and from there to the second.
+        cubic: coefficients of the position's powers of s, 0..1 on the way, m.
+        q_NB: first attitude.
+        turn: of the whole way, axis times angle (rad), in B.
+    """
+
+    first_ns: int
+    span_ns: int
+    cubic: tuple[Vec3, Vec3, Vec3, Vec3]
+    q_NB: Quat
+    turn: Vec3
+
+    def holds(self, t_ns: int) -> bool:
+        """Whether an instant lies on it; its end belongs to the next."""
+        return 0 <= t_ns - self.first_ns < self.span_ns
+
+    def at(self, t_ns: int) -> TrackPose:
+        """Where the body is at an instant on it."""
+        s, dt = (t_ns - self.first_ns) / self.span_ns, self.span_ns * _NANOSECOND
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self.cubic
+        p = (ax + s * (bx + s * (cx + s * dx)), ay + s * (by + s * (cy + s * dy)), az + s * (bz + s * (cz + s * dz)))
+        twice, thrice = 2.0 * s, 3.0 * s * s
+        v = (
+            (bx + twice * cx + thrice * dx) / dt,
+            (by + twice * cy + thrice * dy) / dt,
+            (bz + twice * cz + thrice * dz) / dt,
+        )
+        wx, wy, wz = self.turn
+        q = turned(self.q_NB, (s * wx, s * wy, s * wz))
+        return TrackPose(p, q, body_velocity(q, v, (wx / dt, wy / dt, wz / dt)), (t_ns - self.first_ns) * _NANOSECOND)
 
 
 def body_velocity(q_NB: Quat, v_N: Vec3, w_B: Vec3) -> tuple[float, float, float, float, float, float]:
@@ -147,13 +187,6 @@ def turned(q_NB: Quat, turn_B: Vec3) -> Quat:
     q = multiply(q_NB, (math.cos(0.5 * angle), *(factor * c for c in turn_B)))
     norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
-
-
-def _hermite(p0: FloatArray, p1: FloatArray, m0: FloatArray, m1: FloatArray, s: float) -> tuple[Any, Any]:
-    """A cubic from p0 to p1 with the slopes m0 and m1, at s of 0..1, and its slope there."""
-    d = p1 - p0
-    a, b = m0 + m1 - 2.0 * d, 3.0 * d - 2.0 * m0 - m1
-    return p0 + s * (m0 + s * (b + s * a)), m0 + s * (2.0 * b + s * 3.0 * a)
 
 
 def _vec3(row: Any) -> Vec3:

@@ -11,6 +11,7 @@ from uwserver_adapters.mavlink.links.tlog import Tlog
 from uwserver_adapters.mavlink.vehicle.ardusub import ArduSub
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
+from uwserver_adapters.mavlink.vehicle.others import Others
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, Message
 from uwserver_adapters.mavlink.wire.frames import Frame, Malformed, pack
@@ -75,6 +76,7 @@ class Router:
         self._shown_at = 0.0
         self.vehicle = ArduSub(config, context, vehicle, dialect, self.send)
         self._counters = self.vehicle.bridge.counters
+        self._others = Others(config.externals, context, self.vehicle.bridge.home, self._counters)
         self._tlog = Tlog(config.tlog, lambda: int((steady() + self._offset) * 1e6), context) if config.tlog else None
 
     def _stamp(self) -> int:
@@ -172,6 +174,7 @@ class Router:
         if self._tlog is not None:
             self._tlog.write(frame.raw)
         message = layout.decode(frame.payload, frame.system, frame.component)
+        self._others.hear(message, now)
         way = self._routes.way(
             channel.number, (frame.system, frame.component), _target(message, layout), layout.name, self.channels
         )

@@ -20,6 +20,7 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
         connects, "serial:/dev/ttyS1" is a line or pseudo-terminal, "zenoh:tcp/host:port" speaks raw frames as BlueOS does.
     system: number of the vehicle in MAVLink.
     origin_deg: latitude and longitude of the origin of N; without it a ground station may tell it (SET_GPS_GLOBAL_ORIGIN).
+    externals: external vehicles of the world by name, and the systems that they follow: their ODOMETRY in LOCAL_NED, or else GLOBAL_POSITION_INT.
     parameters: values that differ from the defaults, by name.
     passphrase: signs all messages, and only signed ones are taken; the same is given to the ground station.
     tlog: file (.tlog) for all messages of all links; an earlier one of this name is kept under a number.
@@ -30,6 +31,7 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
     links: tuple[Name, ...] = ("udpout:127.0.0.1:14550",)
     system: SystemNumber = 1
     origin_deg: tuple[float, float] | None = None
+    externals: dict[Name, SystemNumber] = field(default_factory=dict)
     parameters: dict[Name, float] = field(default_factory=dict)
     passphrase: Name | None = None
     tlog: Name | None = None

@@ -25,6 +25,7 @@ from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
 from uwserver_adapters.moos.bridge.pilot import Pilot
 from uwserver_adapters.moos.bridge.quota import Faults, Quota
 from uwserver_adapters.moos.bridge.report import APPCAST, APPCAST_REQUEST, AppCasts, Pace
+from uwserver_adapters.moos.bridge.reports import NodeReports
 from uwserver_adapters.moos.bridge.usm import ELSEWHERE, FREE, MOMENTARY, UsmInputs
 from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
@@ -96,6 +97,7 @@ class Bridge:
         self._mixer = Mixer(table.commands, ports, vehicle)
         self._nav = None if table.nav is None else Navigation(table.nav, ports, vehicle)
         self._calls = Calls(context)
+        self._reports = NodeReports(table.externals)
         self._peer = Conversation(context, source)
         fix = self._nav.fix if self._nav is not None else Fix()
         teleport = port_of_kind("teleport", ports, vehicle)
@@ -141,7 +143,9 @@ class Bridge:
     @property
     def listens_to(self) -> tuple[str, ...]:
         """Variables of others that mean something here."""
-        names = dict.fromkeys((*self._mixer.names, *self._direct, *self._pilot.hears, APPCAST_REQUEST))
+        names = dict.fromkeys(
+            (*self._mixer.names, *self._direct, *self._pilot.hears, *self._reports.names, APPCAST_REQUEST)
+        )
         if self._table.usm:
             names.update(dict.fromkeys(self._usm.names))
         if self._table.services:
@@ -306,6 +310,9 @@ class Bridge:
             port, field = self._direct[name]
             given = value if field.type == "str" else _given(value)
             self._command(port.path, {field.name: given}, source, name)
+        elif name in self._reports.names:
+            for path, told in self._reports.commands(name, value):
+                self._command(path, told, source, name)
         elif name == CALL:
             if self._table.services:
                 self._calls.take(str(value), source, self._reply)
@@ -322,7 +329,7 @@ class Bridge:
 
     def _quota_of(self, name: str) -> Quota | None:
         """Which limit a variable falls under; None for one that costs nothing."""
-        if name in self._mixer.names or name in self._direct:
+        if name in self._mixer.names or name in self._direct or name in self._reports.names:
             return self._command_quota
         if name == CALL:
             return self._call_quota

@@ -47,7 +47,7 @@ def below(value: Any, type_: Any, path: KeyPath) -> Iterator[KeyPath]:
         for name, table in value.items():
             yield from below(table, arguments[1], (*path, name))
         return
-    if "kind" in value:
+    if "kind" in value and value["kind"] in kinds_of(type_):  # a vehicle's is a key like others
         type_, arguments = kinds_of(type_)[value["kind"]], ()
     structs = [t for t in (*arguments, type_) if hasattr(t, "__struct_fields__")]
     yield from schema_keys(value, structs[0], path)

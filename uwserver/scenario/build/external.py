@@ -1,0 +1,59 @@
+"""From a resolved external vehicle to a body of a world that follows poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from msgspec import UnsetType
+
+from uwserver.ports import Port
+from uwserver.scenario.build.autopilot import divisor_of
+from uwserver.scenario.build.members import truth_slots
+from uwserver.scenario.load.resolved import ResolvedVehicle
+from uwserver.sensors import Pose
+from uwserver.sensors.base import Sensor
+from uwserver.world.components import ActuatorSlot, SensorStream
+from uwserver.world.external.body import External
+from uwserver.world.external.ports import Difference, ExternalState
+from uwserver.world.external.source import Live, Recorded, Source
+from uwserver.world.external.track import AT_REST, TrackPose
+from uwserver.world.members import Member
+from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.services import component_services
+from uwserver.world.vehicle import Vehicle
+from uwserver.world.world import World
+
+STATE_RATE_HZ = 10
+"""Of `state` and `difference`, or what divides the physics rate and is nearest below."""
+
+
+def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
+    """An external vehicle, whose body is in a row of the world, with its ports."""
+    entry, slots = resolved.entry, list[ActuatorSlot]()
+    source: Source
+    if resolved.track is not None:
+        source = Recorded(resolved.track, entry.outside, entry.max_gap_s)
+    else:
+        q = Pose.from_degrees(entry.attitude_rpy_deg).q
+        start = TrackPose(entry.position_ned_m, q, AT_REST, 0.0)
+        source = live = Live(lambda: world.t_ns, start, entry.outside, entry.max_gap_s, entry.predict_s)
+        port = Port(f"{name}/pose", "actuator", "pose", live.fields, live.doc)
+        slots.append(ActuatorSlot(port, live, world.rate_hz, 0))
+    sensors = list(_shown(world, resolved, row, name, source))
+    if not isinstance(entry.truth, UnsetType):
+        sensors += truth_slots(world, name, entry.truth.rate_hz, row)
+    part = External(name, world.hydro, row, source, ghost=not entry.solid)
+    services = tuple(component_services(world, sensors, slots))
+    vehicle = Vehicle(name, resolved.vehicle.name, row, world.hydro)
+    return Member(vehicle, tuple(sensors), tuple(slots), services, resolved.solid, (part,), led=True)
+
+
+def _shown(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:
+    entry = resolved.entry
+    shown: list[tuple[str, str, Sensor]] = [("state", "external", ExternalState(source))]
+    if not isinstance(entry.compare_with, UnsetType):
+        shown.append(("difference", "external_difference", Difference(entry.compare_with)))
+    divisor = divisor_of(world.rate_hz, entry.rate_hz, STATE_RATE_HZ)
+    for key, kind, sensor in shown:
+        port = Port(f"{name}/{key}", "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+        yield SensorSlot(sensor, (SensorStream(port),), row, world.rate_hz, divisor)

@@ -1,0 +1,212 @@
+"""Where an external body gets its poses from: a track that was read before the run, or commands that come in while it runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from uwserver.frames import IDENTITY, Quat, Vec3, rotate
+from uwserver.ports import Field, Items
+from uwserver.units import NANOSECONDS
+from uwserver.world.external.track import (
+    AT_REST,
+    FARTHEST_M,
+    FASTEST_MPS,
+    FASTEST_RADPS,
+    MAX_GAP_S,
+    Outside,
+    PoseTrack,
+    Stretch,
+    TrackPose,
+    body_velocity,
+    rotation_vector,
+    turned,
+)
+
+PREDICT_S = 0.2
+"""For so long a body goes on as it went when nothing newer comes: the time between two poses of a source of 5 Hz."""
+
+
+class Source(Protocol):
+    """Tells where a body is."""
+
+    def at(self, t_ns: int) -> TrackPose | None:
+        """Where it is at a simulation time; None when nobody knows."""
+
+    def age_s(self, t_ns: int) -> float | None:
+        """Since the newest pose that is known at this time; None before the first."""
+
+    def count(self, t_ns: int) -> int:
+        """Poses until this time."""
+
+
+class Recorded:
+    """A track in simulation time.
+
+    Args:
+        track: whose times are simulation times, ns.
+        outside, max_gap_s: as in `PoseTrack.at`.
+    """
+
+    def __init__(self, track: PoseTrack, outside: Outside = "hide", max_gap_s: float = MAX_GAP_S) -> None:
+        self._track, self._outside, self._max_gap_s = track, outside, max_gap_s
+        self._stretch: Stretch | None = None
+
+    def at(self, t_ns: int) -> TrackPose | None:
+        """See `Source`."""
+        if self._stretch is None or not self._stretch.holds(t_ns):
+            self._stretch = self._track.stretch(t_ns, self._max_gap_s)
+        if self._stretch is not None:
+            return self._stretch.at(t_ns)
+        return self._track.at(t_ns, self._outside, self._max_gap_s)
+
+    def age_s(self, t_ns: int) -> float | None:
+        """See `Source`."""
+        k = self.count(t_ns)
+        return None if k == 0 else (t_ns - int(self._track.t_ns[k - 1])) / NANOSECONDS
+
+    def count(self, t_ns: int) -> int:
+        """See `Source`."""
+        return int(np.searchsorted(self._track.t_ns, t_ns, side="right"))
+
+
+Metres = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
+_Part = Annotated[float, Meta(ge=-1.0 - 1e-9, le=1.0 + 1e-9)]
+_Speed = Annotated[float, Meta(ge=-2 * FASTEST_MPS, le=2 * FASTEST_MPS)]
+
+
+class Heard(Struct, frozen=True):
+    """The newest pose that came.
+
+    Attributes:
+        t_ns: when it came, simulation time; negative before the first.
+        stamp: when it was true, on the clock of its sender, s; None where that does not say.
+        p_NB, q_NB: m, w x y z.
+        nu: v_NB_B (m/s) and w_NB_B (rad/s): as it was given, else from the pose before.
+        count: poses so far.
+    """
+
+    t_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
+    stamp: float | None = None
+    p_NB: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    q_NB: tuple[_Part, _Part, _Part, _Part] = IDENTITY
+    nu: tuple[_Speed, _Speed, _Speed, _Speed, _Speed, _Speed] = AT_REST
+    count: Annotated[int, Meta(ge=0, le=2**62)] = 0
+
+
+def _limited(name: str, unit: str, doc: str, frame: str, limit: float, size: int = 3) -> Field:
+    return Field(name, unit, doc, frame, (size,), minimum=-limit, maximum=limit)
+
+
+class Live:
+    """Poses as commands of an actuator's port.
+
+    Between two of them the body goes on at the velocity that came with the newer one, or that follows from the two, but for no longer than
+    `predict_s`; then it stands.
+
+    Attributes:
+        memory: see `Heard`.
+    """
+
+    doc = "Says where the body is now. It follows, and does not resist."
+    fields = (
+        _limited("p_NB", "m", "position of the body origin; needed", "N", FARTHEST_M),
+        _limited("q_NB", "1", "attitude, w x y z; normalised; left out: as it was", "NB", 1e6, size=4),
+        _limited("v_NB_B", "m/s", "velocity; left out: from the pose before", "B", FASTEST_MPS),
+        _limited("w_NB_B", "rad/s", "angular velocity; left out: from the pose before", "B", FASTEST_RADPS),
+        Field("stamp", "s", "when this was true, on the sender's own clock; an older one than before is refused"),
+    )
+
+    def __init__(
+        self,
+        now_ns: Callable[[], int],
+        start: TrackPose,
+        outside: Outside = "hide",
+        max_gap_s: float = MAX_GAP_S,
+        predict_s: float = PREDICT_S,
+    ) -> None:
+        """Of a body of which nothing is known yet.
+
+        Args:
+            now_ns: simulation time.
+            start: where it stands before the first pose comes, if `outside` is "hold".
+            outside: whether it is nowhere when nothing came for `max_gap_s`, or stays.
+        """
+        self._now_ns, self._start, self._outside = now_ns, start, outside
+        self._max_gap_s, self._predict_s = max_gap_s, predict_s
+        self.memory = Heard()
+
+    def objection(self, value: Items) -> str:
+        """Why it does not take a pose, for the sender."""
+        p, *_, stamp = value
+        if p is None:
+            return "needs p_NB: a pose without a place is none"
+        before = self.memory.stamp
+        if stamp is not None and before is not None and _numbers(stamp)[0] < before:
+            return (
+                f"was told of {before:g} s already, and now of {_numbers(stamp)[0]:g} s: poses must come in the order of their stamps. "
+                "Leave the stamp out once when your clock begins anew"
+            )
+        return ""
+
+    def apply(self, value: Items) -> None:
+        """Take over a pose; what `objection` refuses did not come here."""
+        before, now = self.memory, self._now_ns()
+        p_given, q_given, v, w, stamp_given = value
+        if p_given is None:
+            return
+        p: Vec3 = _numbers(p_given)  # type: ignore[assignment]  # three of them
+        q = before.q_NB
+        if q_given is not None:
+            norm = math.hypot(*_numbers(q_given))
+            q = tuple(c / norm for c in _numbers(q_given))  # type: ignore[assignment]  # four of them
+        stamp = None if stamp_given is None else _numbers(stamp_given)[0]
+        passed = (now - before.t_ns) / NANOSECONDS if before.count else 0.0
+        if stamp is not None and before.stamp is not None:
+            passed = stamp - before.stamp
+        nu = _between(before, p, q, passed) if 0.0 < passed <= self._max_gap_s else AT_REST
+        linear = nu[:3] if v is None else _numbers(v)
+        angular = nu[3:] if w is None else _numbers(w)
+        self.memory = Heard(now, stamp, p, q, (*linear, *angular), before.count + 1)  # type: ignore[arg-type]  # six
+
+    def neutral(self) -> None:
+        """Nothing to undo."""
+
+    def at(self, t_ns: int) -> TrackPose | None:
+        """See `Source`."""
+        heard, age = self.memory, self.age_s(t_ns)
+        if age is None:
+            return None if self._outside == "hide" else self._start
+        if age > self._max_gap_s:
+            held = TrackPose(heard.p_NB, heard.q_NB, AT_REST, age)
+            return None if self._outside == "hide" else held
+        ahead = min(age, self._predict_s)
+        v = rotate(heard.q_NB, heard.nu[:3])
+        p = (heard.p_NB[0] + v[0] * ahead, heard.p_NB[1] + v[1] * ahead, heard.p_NB[2] + v[2] * ahead)
+        wx, wy, wz = heard.nu[3:]
+        q = turned(heard.q_NB, (wx * ahead, wy * ahead, wz * ahead))
+        return TrackPose(p, q, heard.nu if age <= self._predict_s else AT_REST, age)
+
+    def age_s(self, t_ns: int) -> float | None:
+        """See `Source`."""
+        return (t_ns - self.memory.t_ns) / NANOSECONDS if self.memory.count else None
+
+    def count(self, t_ns: int) -> int:
+        """See `Source`."""
+        return self.memory.count
+
+
+def _numbers(item: Any) -> tuple[float, ...]:
+    """Of a checked command's field of numbers."""
+    return tuple(item)
+
+
+def _between(before: Heard, p: Vec3, q: Quat, seconds: float) -> tuple[float, ...]:
+    """nu that leads from one pose to another."""
+    v = [(new - old) / seconds for new, old in zip(p, before.p_NB, strict=True)]
+    turn = rotation_vector(before.q_NB, q)
+    return body_velocity(q, (v[0], v[1], v[2]), (turn[0] / seconds, turn[1] / seconds, turn[2] / seconds))
