@@ -508,12 +508,17 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "recording": {
+        "player_deck": "recording/test_player", "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
+        "player_world": "recording/test_player",
+    },
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.janus": "sensors/acoustic/test_dvl",
         "wiring": "sensors/onboard/test_contact",
     },
+    "simulation": {"source": "server/test_playback"},
     "table": {"": "scenario/files/test_convert"},
     "testing": {
         "adapter_kit": "testing/test_adapters", "call_checks": "testing/test_adapters", "fake_context": "adapter/test_roles",

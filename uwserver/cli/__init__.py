@@ -19,6 +19,7 @@ _WHERE = {
     "show": "authoring",
     "copy": "authoring",
     "replay": "replay",
+    "play": "play",
     "plot": "plot",
     "shot": "shot",
     "validate": "validate",

@@ -191,6 +191,18 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
             raise ValueError(f"its components come from {names}: give the file by --extension, if you trust it")
+    except (KeyError, TypeError, ValueError) as error:
+        raise _misfit(record, error) from error
+    return head_with(record, whole, more)
+
+
+def head_with(record: Mapping[str, str], whole: dict[str, Any], more: More = NO_MORE) -> Head:
+    """The head of a metadata record with this scenario, as it stands there under "scenario" or with parts left out.
+
+    Raises:
+        ValueError: it does not fit this version.
+    """
+    try:
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         vehicles = {
@@ -212,8 +224,12 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         versions = msgspec.convert(dict(record), Versions)
         return Head(versions, int(record["seed"]), msgspec.json.decode(record["timing"]), resolved)
     except (KeyError, TypeError, ValueError) as error:
-        text = f"the scenario in the recording (uwserver {record.get('uwserver')}) does not fit uwserver {__version__}: {error}"
-        raise ValueError(text) from error
+        raise _misfit(record, error) from error
+
+
+def _misfit(record: Mapping[str, str], error: Exception) -> ValueError:
+    made_by = f"uwserver {record.get('uwserver')}"
+    return ValueError(f"the scenario in the recording ({made_by}) does not fit uwserver {__version__}: {error}")
 
 
 def _typed(raw: dict[str, Any], type_: Any, more: More) -> Any:

@@ -26,7 +26,7 @@ A message of states and casts may stand before samples of the same time in the f
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -122,6 +122,18 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
     services: tuple[ServiceRecord, ...] = ()
     services_gone: tuple[str, ...] = ()
     water: WaterView | UnsetType = UNSET
+
+    def renamed(self, rename: Callable[[str], str]) -> CastRecord:
+        """The same with other paths and names."""
+        return structs.replace(
+            self,
+            vehicles=tuple(structs.replace(body, name=rename(body.name)) for body in self.vehicles),
+            objects=tuple(structs.replace(body, name=rename(body.name)) for body in self.objects),
+            ports=tuple(structs.replace(port, path=rename(port.path)) for port in self.ports),
+            ports_gone=tuple(map(rename, self.ports_gone)),
+            services=tuple(structs.replace(service, path=rename(service.path)) for service in self.services),
+            services_gone=tuple(map(rename, self.services_gone)),
+        )
 
     @property
     def cast(self) -> Cast:
