@@ -152,7 +152,7 @@ class Player(Deck):
         """What ``world/status`` says of it. Any thread."""
         run, span = self.track.runs[self.track.run], self.span
         return {
-            "file": str(self.track.path),
+            "file": self.track.path.name,
             "t_s": self.world.t_ns / NANOSECONDS,
             "from_s": run.from_ns / NANOSECONDS,
             "to_s": run.to_ns / NANOSECONDS,
