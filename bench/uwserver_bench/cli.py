@@ -29,6 +29,7 @@ PARTS = (
     "mavlink",
     "sil",
     "web",
+    "logs",
     "hostile",
 )
 
@@ -62,9 +63,9 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web and hostile (or one PART) on an idle machine.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web, logs and hostile, or one PART.
 
-    All of it takes half an hour.
+    On an idle machine; all of it takes half an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install uwserver-bench; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,

@@ -106,6 +106,7 @@ class Track:
             self.runs: list[Run] = []
             self.scenes: list[Scene] = []
             self._casts: dict[int, Cast] = {}
+            self._sensors: set[str] = set()
             self._seen_chunks = 0
             self._jump_places: list[tuple[Place, int]] = []
             self.messages = Messages(self._chunks.channels)
@@ -207,7 +208,7 @@ class Track:
 
     def _is_timed(self, message: Message) -> bool:
         channel = self._chunks.channels.get(message.channel)
-        return channel is not None and not channel.topic.startswith("uwserver/")
+        return channel is not None and channel.topic in self._sensors
 
     def _numbers(self, topic: str) -> list[int]:
         return [number for number, channel in self._chunks.channels.items() if channel.topic == topic]
@@ -237,6 +238,7 @@ class Track:
         except (msgspec.MsgspecError, ValueError):
             self.messages.damaged += 1
             return
+        self._sensors |= {port.path for port in record.ports if port.direction == "sensor"}
         is_same = before is not None and not (record.ports or record.ports_gone)
         kept = before.ports if before is not None and is_same else ports
         bodies = (*record.vehicles, *record.objects)
@@ -339,9 +341,8 @@ class Track:
                     run, now, after_ns = run + 1, message.t_ns, message.t_ns - 1
                     yield Item(now, "jump", message)
                     continue
-                if topic.startswith("uwserver/") and topic != EVENTS:
-                    continue
-                if message.t_ns <= after_ns:
+                # Commands, and what is there for other tools, have not waited for the loop: their times say nothing of the samples.
+                if message.t_ns <= after_ns or not (topic == EVENTS or topic in self._sensors):
                     continue
                 while waiting and (
                     waiting[0][0] < run or (waiting[0][0] == run and waiting[0][1].t_ns <= message.t_ns)
