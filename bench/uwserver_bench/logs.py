@@ -145,7 +145,7 @@ def _enlarged(source: Path, target: Path, size: int) -> int:
             writer.add_metadata(head.name, head.metadata)
         numbers: dict[int, int] = {}
         for schema, channel, _ in found:
-            if channel.id not in numbers:
+            if channel.id not in numbers and schema is not None:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 numbers[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
         k = 0
