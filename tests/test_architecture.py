@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("simulation",),  # the simulation thread, and the crossing to the loop
     ("copies",),  # a scenario's world many times over, in this process
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
+    ("logfiles",),  # logs of any origin, as poses and samples
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
     ("world",),  # the tick and what lives in it
     ("autopilot",),  # shows its state as a sensor
@@ -398,8 +399,8 @@ def test_degrees_are_converted_only_at_the_border():
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            # Missions are files too, though a client sends them.
-            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
+            # Missions are files too, though a client sends them; so are logs.
+            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services", "uwserver.logfiles.si")
             assert module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions, (
                 f"{module.name} uses {uses}"
             )
@@ -511,6 +512,12 @@ TESTED_WITH = {
     "recording": {
         "player_deck": "recording/test_player", "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
         "player_world": "recording/test_player",
+    },
+    "logfiles": {
+        "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",
+        "mcap_records": "logfiles/test_mcap_file", "port_rules": "logfiles/test_rules", "ros_messages": "logfiles/test_bags",
+        "si": "logfiles/test_mapping",
+        **dict.fromkeys(("export.alog", "export.rosbag2", "export.tlog"), "logfiles/export/test_there_and_back"),
     },
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {

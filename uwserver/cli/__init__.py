@@ -20,6 +20,8 @@ _WHERE = {
     "copy": "authoring",
     "replay": "replay",
     "play": "play",
+    "log": "log",
+    "export": "export",
     "plot": "plot",
     "shot": "shot",
     "validate": "validate",

@@ -1,0 +1,136 @@
+"""`uwserver export`: a log of any origin in the format of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import click
+
+from uwserver.cli.log import printable
+from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles.export.alog import write_alog
+from uwserver.logfiles.export.rosbag2 import write_rosbag2
+from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
+from uwserver.logfiles.export.tables import TopicTable, topic_tables
+from uwserver.logfiles.export.tlog import write_tlog
+from uwserver.logfiles.mapping import Mapping, read_mapping
+from uwserver.logfiles.poses import FoundTrack, pose_tracks
+from uwserver.logfiles.rules import mapping_of
+from uwserver.ports import matching
+
+_ENDS = {
+    "parquet": "_parquet",
+    "csv": "_csv",
+    "netcdf": ".nc",
+    "mat": ".mat",
+    "rosbag2": "_rosbag2",
+    "alog": ".alog",
+    "tlog": ".tlog",
+}
+_TABLES: dict[str, Callable[[Log, Iterable[TopicTable], Path], None]] = {
+    "parquet": write_parquet,
+    "csv": write_csv,
+    "netcdf": write_netcdf,
+    "mat": write_mat,
+}
+_EXTRAS = {"pyarrow": "logs", "rosbags": "logs", "h5netcdf": "netcdf", "h5py": "netcdf"}
+
+
+@click.command(short_help="Write a log in the format of others.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--to", "kind", type=click.Choice(list(_ENDS)), required=True, help="Format.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="File or folder; default: the name of FILE with another end.",
+)
+@click.option(
+    "--topics", multiple=True, help='Topics or ports, "*" for a level and "**" for any; may be repeated. Default: all.'
+)
+@click.option(
+    "--mapping",
+    "mapping_file",
+    type=click.Path(path_type=Path),
+    help="Of rosbag2, alog and tlog; default: what `uwserver log --mapping` finds.",
+)
+def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], mapping_file: Path | None) -> None:
+    """Write FILE, a recording of ours or any log that `uwserver log` reads, as Parquet, CSV, NetCDF, MATLAB, ROS 2 bag, MOOS or MAVLink log.
+
+    The first four hold every topic as it is, with units and frames; the last three hold poses and sensors, converted as the mapping says.
+
+    Example: uwserver export run.mcap --to csv --topics "rov/**"
+    """
+    target = output or file.with_name(f"{file.stem}{_ENDS[kind]}")
+    try:
+        if target.exists():
+            raise LogError(f"{target} is there already: give another name by --output")
+        mapping = read_mapping(mapping_file) if mapping_file else None
+        log = open_log(file)
+        try:
+            told = _write(log, kind, target, topics, mapping)
+        finally:
+            log.close()
+    except LogError as error:
+        raise click.ClickException(printable(str(error))) from error
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or target}: {error.strerror or error}") from error
+    except ImportError as error:
+        package = (error.name or str(error)).split(".")[0]
+        raise click.ClickException(
+            f"writing it needs {package}: pip install 'uwserver[{_EXTRAS.get(package, 'logs')}]'"
+        ) from error
+    for line in told:
+        click.echo(printable(line), err=True)
+    click.echo(f"wrote {target}")
+
+
+def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
+    """Write it; sentences about what was left out."""
+    if kind in _TABLES:
+        chosen = _chosen(log, patterns, list(log.topics))
+        _TABLES[kind](log, topic_tables(log, chosen), target)
+        return list(log.remarks)
+    mapping = mapping or mapping_of(log)
+    if patterns:
+        names = _chosen(log, patterns, [*mapping.tracks, *mapping.ports])
+        mapping = Mapping(
+            mapping.format,
+            mapping.origin,
+            {name: track for name, track in mapping.tracks.items() if name in names},
+            {name: port for name, port in mapping.ports.items() if name in names},
+        )
+    if not mapping.tracks and not mapping.ports:
+        raise LogError(
+            f"{log.path}: no poses and no sensors are found in it: give a mapping (uwserver log FILE --mapping prints one)"
+        )
+    told = list(log.remarks)
+    tracks: dict[str, FoundTrack] = {}
+    for name in mapping.tracks:
+        try:
+            tracks |= pose_tracks(log, mapping, [name])
+        except LogError as error:
+            told.append(f"left out: {error}")
+            continue
+        told += [f"track {name}: {remark}" for remark in tracks[name].remarks]
+    if kind == "alog":
+        write_alog(log, mapping, tracks, target)
+        return told
+    left_out = (write_tlog if kind == "tlog" else write_rosbag2)(log, mapping, tracks, target)
+    return told + ([f"no message fits, so left out: {', '.join(left_out)}"] if left_out else [])
+
+
+def _chosen(log: Log, patterns: tuple[str, ...], names: list[str]) -> set[str]:
+    if not patterns:
+        return set(names)
+    found: set[str] = set()
+    for pattern in patterns:
+        fitting = [pattern] if pattern in names else matching(pattern, names)
+        if not fitting:
+            raise LogError(f'{log.path}: no topic "{pattern}"; there are: {", ".join(names[:40])}')
+        found.update(fitting)
+    return found
+
+
+COMMANDS = [export]

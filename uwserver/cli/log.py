@@ -1,0 +1,120 @@
+"""`uwserver log`: what is in a log file of any origin, and the mapping that makes tracks and ports of it."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+from uwserver.logfiles import Log, LogError, LogField, Topic, open_log
+from uwserver.logfiles.mapping import mapping_text
+from uwserver.logfiles.rules import mapping_of
+from uwserver.logfiles.timebase import seconds, utc_text
+from uwserver.units import NANOSECONDS
+
+_KINDS = {
+    "uwserver": "recording of uwserver", "mcap": "MCAP", "tlog": "MAVLink telemetry", "bin": "ArduPilot dataflash", "alog": "MOOS",
+    "bag": "ROS 1 bag", "rosbag2": "ROS 2 bag", "ulg": "PX4", "csv": "table", "parquet": "Parquet table",
+}  # fmt: skip
+_FIELDS_SHOWN = 16
+_MAPPING_HEAD = """\
+# What this log gives. Edit it: names of tracks and ports are yours, as are units, axes and topics.
+# Keys, units and axes: docs/how-to/logs.md.
+"""
+
+
+@click.command(name="log", short_help="Tell what is in a log file of any origin.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.option(
+    "--mapping",
+    "as_mapping",
+    is_flag=True,
+    help="Print a mapping (TOML): which topics are whose pose and which port's samples.",
+)
+def log_command(file: Path, as_json: bool, as_mapping: bool) -> None:
+    """Tell what is in FILE: time span, topics with their numbers, rates, fields and units, gaps and resets of the clock.
+
+    FILE is a recording of ours, any MCAP, a MAVLink .tlog, an ArduPilot .bin, a MOOS .alog, a bag of ROS 1 or ROS 2 (.bag, .db3, or its
+    folder), a PX4 .ulg, or a table (.csv, .parquet).
+
+    Example: uwserver log dive.tlog --mapping > dive.toml
+    """
+    try:
+        log = open_log(file)
+        try:
+            if as_mapping:
+                text = _MAPPING_HEAD + mapping_text(mapping_of(log)).rstrip("\n")
+            elif as_json:
+                text = msgspec.json.format(msgspec.json.encode(_described(log)), indent=2).decode()
+            else:
+                text = _told(log)
+        finally:
+            log.close()
+    except LogError as error:
+        raise click.ClickException(printable(str(error))) from error
+    click.echo(text)
+
+
+def printable(text: str) -> str:
+    """Text of a log without what could command a terminal."""
+    return "".join(c if c.isprintable() else "\ufffd" for c in text)
+
+
+def _rate_hz(log: Log, topic: Topic) -> float | None:
+    """Mean rate; None where it cannot be known."""
+    if topic.count is None or topic.count < 2:
+        return None
+    first = log.start_ns if topic.first_ns is None else topic.first_ns
+    last = log.end_ns if topic.last_ns is None else topic.last_ns
+    return (topic.count - 1) * NANOSECONDS / (last - first) if last > first else None
+
+
+def _described(log: Log) -> dict[str, Any]:
+    topics = [{**msgspec.to_builtins(topic), "rate_hz": _rate_hz(log, topic)} for topic in log.topics.values()]
+    return {
+        "path": str(log.path),
+        "kind": log.kind,
+        "start_ns": log.start_ns,
+        "end_ns": log.end_ns,
+        "epoch_ns": log.epoch_ns,
+        "start_utc": None if log.epoch_ns is None else utc_text(log.epoch_ns + log.start_ns),
+        "remarks": list(log.remarks),
+        "topics": topics,
+    }
+
+
+def _told(log: Log) -> str:
+    lines = [f"{log.path}: {_KINDS[log.kind]}, {seconds(log.end_ns - log.start_ns)}, {len(log.topics)} topics"]
+    if log.epoch_ns is not None:
+        lines.append(f"  from {utc_text(log.epoch_ns + log.start_ns)} to {utc_text(log.epoch_ns + log.end_ns)}")
+    lines += [f"  ! {printable(remark)}" for remark in log.remarks]
+    width = min(48, max((len(name) for name in log.topics), default=0))
+    for topic in log.topics.values():
+        rate = _rate_hz(log, topic)
+        count = "?" if topic.count is None else str(topic.count)
+        hertz = "" if rate is None else f"{rate:.4g} Hz"
+        name = printable(topic.name)
+        of = "" if topic.schema in ("", topic.name, topic.name.rpartition("/")[2]) else printable(topic.schema)
+        lines.append(f"{name:<{width}} {count:>9} {hertz:>10}  {of}".rstrip())
+        lines += textwrap.wrap(_fields(topic.fields), 118, initial_indent="    ", subsequent_indent="    ")
+    mapping = mapping_of(log)
+    if mapping.tracks:
+        lines.append(f"tracks (--mapping): {', '.join(mapping.tracks)}")
+    return "\n".join(lines)
+
+
+def _fields(fields: tuple[LogField, ...]) -> str:
+    shown = [
+        printable(field.name)
+        + (f" [{printable(' '.join(filter(None, (field.unit, field.frame))))}]" if field.unit or field.frame else "")
+        for field in fields[:_FIELDS_SHOWN]
+    ]
+    more = len(fields) - _FIELDS_SHOWN
+    return ", ".join(shown) + (f" and {more} more (--json)" if more > 0 else "")
+
+
+COMMANDS = [log_command]

@@ -1,0 +1,1 @@
+"""Logs written in the formats of others, units and frames in their metadata."""

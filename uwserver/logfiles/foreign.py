@@ -1,0 +1,28 @@
+"""The one place where errors of foreign parsers are caught: on bytes that they did not expect they raise whatever they like."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from uwserver.logfiles.log import LogError
+
+_LONGEST = 300
+
+
+@contextmanager
+def foreign(path: Path, what: str) -> Iterator[None]:
+    """Turn every error inside into a `LogError` that names the file and what could not be done with it."""
+    try:
+        yield
+    except LogError:
+        raise
+    except OSError as error:
+        raise LogError(f"{path}: {what}: {error.strerror or error}") from error
+    except ImportError as error:
+        package = (error.name or str(error)).split(".")[0]
+        raise LogError(f"{path}: {what} needs the package {package}: pip install 'uwserver[logs]'") from error
+    except Exception as error:
+        text = " ".join(str(error).split())[:_LONGEST]
+        raise LogError(f"{path}: {what}: {text or 'damaged'} ({type(error).__name__})") from error

@@ -1,0 +1,131 @@
+"""Which messages of a log are the samples of which port of ours, by the names of their types."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from uwserver.logfiles.log import Log, Topic
+from uwserver.logfiles.mapping import Entry, PortSource, Value
+from uwserver.logfiles.si import is_known
+
+
+class _Rule(NamedTuple):
+    """A message becomes a port of this name and kind; each field of ours is one of theirs, with its unit, or a list of three."""
+
+    port: str
+    kind: str
+    fields: dict[str, Entry | list[Entry]]
+
+
+def _v(field: str, unit: str, scale: float = 1.0) -> Value:
+    return Value(field, "", unit, scale)
+
+
+def _three(
+    pattern: str, unit: str, keys: str = "xyz", signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> list[Entry]:
+    return [Value(pattern.format(key), "", unit, sign) for key, sign in zip(keys, signs, strict=True)]
+
+
+_FLU = (1.0, -1.0, -1.0)
+_MAVLINK = {
+    "SCALED_PRESSURE": _Rule("barometer", "pressure", {"pressure": _v("press_abs", "hPa"), "temperature": _v("temperature", "cdegC")}),
+    "SCALED_PRESSURE2": _Rule("pressure", "pressure", {"pressure": _v("press_abs", "hPa"), "temperature": _v("temperature", "cdegC")}),
+    "SCALED_IMU2": _Rule("imu2", "imu", {"f_S": _three("{}acc", "mG"), "w_S": _three("{}gyro", "mrad/s")}),
+    "SCALED_IMU": _Rule("imu", "imu", {"f_S": _three("{}acc", "mG"), "w_S": _three("{}gyro", "mrad/s")}),
+    "RAW_IMU": _Rule("imu_raw", "imu", {"f_S": _three("{}acc", "mG"), "w_S": _three("{}gyro", "mrad/s")}),
+    "GPS_RAW_INT": _Rule("gps", "gps", {"latitude": _v("lat", "degE7"), "longitude": _v("lon", "degE7"), "height": _v("alt", "mm"),
+                                        "satellites": _v("satellites_visible", "1"), "fix": _v("fix_type", "1")}),
+    "DISTANCE_SENSOR": _Rule("altimeter", "altimeter", {"range": _v("current_distance", "cm")}),
+    "RANGEFINDER": _Rule("rangefinder", "altimeter", {"range": _v("distance", "m")}),
+    "ATTITUDE": _Rule("attitude", "attitude", {"roll": _v("roll", "rad"), "pitch": _v("pitch", "rad"), "heading": _v("yaw", "rad")}),
+    "SYS_STATUS": _Rule("battery", "battery", {"voltage": _v("voltage_battery", "mV"), "current": _v("current_battery", "cA")}),
+}  # fmt: skip
+_ARDUPILOT = {
+    "IMU": _Rule("imu", "imu", {"f_S": _three("Acc{}", "m/s^2", "XYZ"), "w_S": _three("Gyr{}", "rad/s", "XYZ")}),
+    "BARO": _Rule("pressure", "pressure", {"pressure": _v("Press", "Pa"), "temperature": _v("Temp", "degC")}),
+    "ATT": _Rule("attitude", "attitude", {"roll": _v("Roll", "deg"), "pitch": _v("Pitch", "deg"), "heading": _v("Yaw", "deg")}),
+    "GPS": _Rule("gps", "gps", {"latitude": _v("Lat", "deg"), "longitude": _v("Lng", "deg"), "height": _v("Alt", "m"),
+                                "satellites": _v("NSats", "1"), "fix": _v("Status", "1")}),
+    "RFND": _Rule("altimeter", "altimeter", {"range": _v("Dist", "m")}),
+    "BAT": _Rule("battery", "battery", {"voltage": _v("Volt", "V"), "current": _v("Curr", "A")}),
+    "MAG": _Rule("magnetometer", "magnetometer", {"B_S": _three("Mag{}", "mgauss", "XYZ")}),
+}  # fmt: skip
+_ROS = {
+    "Imu": _Rule("imu", "imu", {"f_S": _three("linear_acceleration.{}", "m/s^2", signs=_FLU),
+                                "w_S": _three("angular_velocity.{}", "rad/s", signs=_FLU)}),
+    "FluidPressure": _Rule("pressure", "pressure", {"pressure": _v("fluid_pressure", "Pa")}),
+    "NavSatFix": _Rule("gps", "gps", {"latitude": _v("latitude", "deg"), "longitude": _v("longitude", "deg"), "height": _v("altitude", "m")}),
+    "LocationFix": _Rule("gps", "gps", {"latitude": _v("latitude", "deg"), "longitude": _v("longitude", "deg"), "height": _v("altitude", "m")}),
+    "Range": _Rule("altimeter", "altimeter", {"range": _v("range", "m")}),
+    "BatteryState": _Rule("battery", "battery", {"voltage": _v("voltage", "V"), "current": _v("current", "A", -1.0)}),
+    "MagneticField": _Rule("magnetometer", "magnetometer", {"B_S": _three("magnetic_field.{}", "T", signs=_FLU)}),
+    "TwistWithCovarianceStamped": _Rule("dvl", "dvl", {"v_S": _three("twist.twist.linear.{}", "m/s", signs=_FLU)}),
+}  # fmt: skip
+_PX4 = {
+    "sensor_combined": _Rule("imu", "imu", {"f_S": _three("accelerometer_m_s2.{}", "m/s^2", "012"), "w_S": _three("gyro_rad.{}", "rad/s", "012")}),
+    "vehicle_air_data": _Rule("pressure", "pressure", {"pressure": _v("baro_pressure_pa", "Pa")}),
+    "distance_sensor": _Rule("altimeter", "altimeter", {"range": _v("current_distance", "m")}),
+    "battery_status": _Rule("battery", "battery", {"voltage": _v("voltage_v", "V"), "current": _v("current_a", "A")}),
+}  # fmt: skip
+_MOOS = {
+    "NAV_DEPTH": _Rule("depth", "depth", {"depth": _v("value", "m")}),
+    "NAV_HEADING": _Rule("heading", "compass", {"heading": _v("value", "deg")}),
+    "NAV_ALTITUDE": _Rule("altimeter", "altimeter", {"range": _v("value", "m")}),
+}
+
+
+def ports_of(log: Log) -> Iterator[tuple[str, PortSource]]:
+    """Ports that the topics of a log are samples of, under names that its vehicles and topics give."""
+    for topic in log.topics.values():
+        name, rule = _rule(log.kind, topic)
+        if rule is not None:
+            known = {field.name for field in topic.fields}
+            fields = {key: entry for key, entry in rule.fields.items() if not known or _is_there(entry, known)}
+            if fields:
+                yield name, PortSource(topic.name, fields, rule.kind)
+
+
+def _is_there(entry: Entry | list[Entry], known: set[str]) -> bool:
+    entries = entry if isinstance(entry, list) else [entry]
+    names = [e.field if isinstance(e, Value) else e for e in entries]
+    return all(name in known or name.rpartition(".")[0] in known for name in names)
+
+
+def _rule(kind: str, topic: Topic) -> tuple[str, _Rule | None]:
+    if kind == "tlog":
+        rule = _MAVLINK.get(topic.schema)
+        system, component = topic.name.split("/")[:2]
+        vehicle = f"vehicle_{system}" + ("" if component == "1" else f"_{component}")
+        return f"{vehicle}/{rule.port}" if rule else "", rule
+    if kind == "bin":
+        rule = _ARDUPILOT.get(topic.schema)
+        which = topic.name.partition("[")[2].rstrip("]")
+        return f"vehicle/{rule.port}{'' if which in ('', '0') else which}" if rule else "", rule
+    if kind in ("mcap", "bag", "rosbag2"):
+        rule = _ROS.get(re.split(r"[/.]", topic.schema)[-1])
+        return re.sub(r"[^\w/]+", "_", topic.name).strip("/") or "topic", rule
+    if kind == "ulg":
+        rule = _PX4.get(topic.schema)
+        which = topic.name.partition("[")[2].rstrip("]")
+        return f"vehicle/{rule.port}{which}" if rule else "", rule
+    if kind == "uwserver":
+        return topic.name, _ours(topic)
+    rule = _MOOS.get(topic.name) if kind == "alog" else None
+    return f"vehicle/{rule.port}" if rule else "", rule
+
+
+def _ours(topic: Topic) -> _Rule | None:
+    """A sensor of ours as it is: only numbers, and no truth."""
+    fields: dict[str, Entry | list[Entry]] = {}
+    for field in topic.fields:
+        outer, _, name = field.name.partition(".")
+        size = re.fullmatch(r"(?:number|integer)\[(\d{1,3})\]", field.type)
+        if outer == "value" and size and is_known(field.unit):
+            fields[name] = [Value(f"{field.name}.{k}", "", field.unit) for k in range(int(size[1]))]
+        elif outer == "value" and field.type in ("number", "integer", "boolean") and is_known(field.unit):
+            fields[name] = Value(field.name, "", field.unit)
+    is_sensor = any(field.name == "valid" for field in topic.fields)
+    return _Rule(topic.name, "", fields) if is_sensor and "/truth/" not in topic.name else None

@@ -1,0 +1,111 @@
+"""Logs of PX4 (.ulg), by pyulog, which keeps a file as a whole in memory."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
+from uwserver.logfiles.log import Limits, LogError, LogField
+from uwserver.logfiles.timebase import log_times, seconds
+
+_MEMBER = re.compile(r"(.+)\[(\d{1,4})\]")
+_LAST_NS = 1 << 62
+
+
+def open_file(path: Path, limits: Limits) -> IndexedLog:
+    """The log in a .ulg file. Topics have the names of PX4; ``sensor_baro[1]`` is a second instance.
+
+    Raises:
+        LogError: there is not one datum in it, or it is too large to be kept in memory.
+    """
+    from pyulog import ULog
+
+    size = path.stat().st_size
+    if size > 8 * limits.record_bytes:
+        raise LogError(f"{path}: {size} bytes, of which no more than {8 * limits.record_bytes} are kept in memory")
+    # It prints what it does not like, and leaves a file open that it does not understand.
+    with path.open("rb") as file, redirect_stdout(StringIO()):
+        log: Any = ULog(file)
+    if len(log.data_list) > limits.topics:
+        raise LogError(f"{path}: {len(log.data_list)} topics, more than {limits.topics}")
+    remarks = []
+    if log.file_corruption:
+        remarks.append("the file is damaged: what could be read was read")
+    if log.dropouts:
+        lost = sum(int(dropout.duration) for dropout in log.dropouts)
+        remarks.append(
+            f"{len(log.dropouts)} dropouts of {seconds(lost * 1_000_000)} in all: the logger could not keep up"
+        )
+    sources: list[Source] = []
+    stamps, numbers, places = [], [], []
+    backwards = 0
+    for topic in log.data_list:
+        times = np.minimum(topic.data["timestamp"], np.uint64(_LAST_NS // 1000)).astype(np.int64) * 1000
+        backwards += int((np.diff(times) < 0).sum())
+        stamps.append(times)
+        numbers.append(np.full(len(times), len(sources), np.int32))
+        places.append(np.arange(len(times), dtype=np.int64))
+        name = topic.name + (f"[{topic.multi_id}]" if topic.multi_id else "")
+        if any(source.name == name for source in sources):
+            name = f"{name}({len(sources)})"
+        sources.append(Source(name, topic.name, _fields(topic), _decoder(topic.data)))
+    if not sum(map(len, stamps)):
+        raise LogError(f"{path}: not one datum")
+    if backwards:
+        remarks.append(f"the clock goes back {backwards} times; data are read in the order of their stamps")
+    base = log_times(np.concatenate(stamps))
+    base = base._replace(epoch_ns=_epoch(log, int(np.concatenate(stamps).min())))
+    entries = Entries(np.concatenate(numbers), np.concatenate(places))
+    return IndexedLog(path, "ulg", sources, entries, base, remarks=remarks)
+
+
+def _fields(topic: Any) -> tuple[LogField, ...]:
+    found: dict[str, LogField] = {}
+    for name, column in topic.data.items():
+        is_member = _MEMBER.fullmatch(name)
+        if is_member:
+            length = sum(other.startswith(f"{is_member[1]}[") for other in topic.data)
+            found.setdefault(is_member[1], LogField(is_member[1], f"{column.dtype}[{length}]"))
+        else:
+            found[name] = LogField(name, str(column.dtype), "us" if name in ("timestamp", "timestamp_sample") else "")
+    return tuple(found.values())
+
+
+def _decoder(columns: Mapping[str, Any]) -> Decode:
+    plan = []
+    for name, column in columns.items():
+        is_member = _MEMBER.fullmatch(name)
+        plan.append((is_member[1] if is_member else name, bool(is_member), column))
+
+    def decode(row: int) -> Mapping[str, object]:
+        found: dict[str, Any] = {}
+        for name, is_member, column in plan:
+            at = found
+            *outer, last = name.split(".")
+            for word in outer:
+                at = at.setdefault(word, {})
+            if is_member:
+                at.setdefault(last, []).append(column[row].item())
+            else:
+                at[last] = column[row].item()
+        return found
+
+    return decode
+
+
+def _epoch(log: Any, first_ns: int) -> int | None:
+    """UTC of time 0 by the first fix of a GPS."""
+    for topic in log.data_list:
+        if topic.name in ("vehicle_gps_position", "sensor_gps") and "time_utc_usec" in topic.data:
+            fixed = np.flatnonzero(topic.data["time_utc_usec"] > 946_684_800_000_000)
+            if len(fixed):
+                k = fixed[0]
+                return int(topic.data["time_utc_usec"][k]) * 1000 - (int(topic.data["timestamp"][k]) * 1000 - first_ns)
+    return None
