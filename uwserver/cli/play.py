@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -54,13 +55,14 @@ class _Speed(click.ParamType[float]):
 
 
 @click.command("play", short_help="Serve a recording as if it were live.")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("file", type=click.Path(path_type=Path))
 @click.option("--speed", type=_Speed(), default=1.0, metavar="FACTOR|max", help="Recorded seconds per second.")
 @click.option("--from", "from_s", type=_SECONDS, metavar="SECONDS", help="Begin at this simulation time.")
 @click.option("--to", "to_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
 @click.option("--loop", "loops", is_flag=True, help="Begin anew at the end.")
 @click.option("--paused", is_flag=True, help="Begin paused.")
 @click.option("--map", "names", multiple=True, metavar="OLD=NEW", help="Serve a vehicle under another name.")
+@click.option("--mapping", type=click.Path(path_type=Path), help="Of a log of another origin (see `uwserver log`).")
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the sockets adapter; 0 takes free ones.")
 @click.option("--bind", help="Address that it listens on.")
 @click.option("--open", "opens", is_flag=True, help="Open the web view in a browser.")
@@ -73,40 +75,59 @@ def play(
     loops: bool,
     paused: bool,
     names: tuple[str, ...],
+    mapping: Path | None,
     port: int | None,
     bind: str | None,
     opens: bool,
     log_level: str,
 ) -> None:
-    """Serve FILE, a recording of `uwserver run --record FILE`, with its ports and times, until SIGINT or SIGTERM.
+    """Serve FILE, a recording of `uwserver run --record FILE` or a log of another origin, with its ports and times, until SIGINT or SIGTERM.
 
     Example: uwserver play dive.mcap --from 60 --speed 5 --open
     """
     from uwserver.logs import set_up_logging
     from uwserver.recording.player_file import NotPlayable
-    from uwserver.recording.player_track import Track
     from uwserver.recording.player_world import Range
     from uwserver.server.signals import end_undisturbed
     from uwserver.simulation.clock import Timing
 
     set_up_logging(log_level, False)
-    try:
-        track = Track(file, _renames(names))
-    except NotPlayable as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(f"{file}: {error.strerror or error}") from error
-    span = Range(from_s, to_s, loops)
-    fault = span.fault(track)
-    if fault:
-        track.close()
-        raise click.ClickException(f"{file}: {fault}")
-    for remark in track.remarks:
-        log.warning("%s: %s", file.name, remark)
-    timing = Timing("freerun" if speed == 0.0 else "realtime", speed or 1.0, paused)
-    status = _serve(track, timing, span, (port, bind), opens)
+    with tempfile.TemporaryDirectory(prefix="uwserver-play-") as place:
+        try:
+            track = _opened(file, _renames(names), mapping, Path(place))
+        except NotPlayable as error:
+            raise click.ClickException(str(error)) from error
+        except OSError as error:
+            raise click.ClickException(f"{error.filename or file}: {error.strerror or error}") from error
+        span = Range(from_s, to_s, loops)
+        fault = span.fault(track)
+        if fault:
+            track.close()
+            raise click.ClickException(f"{file}: {fault}")
+        for remark in track.remarks:
+            log.warning("%s: %s", file.name, remark)
+        timing = Timing("freerun" if speed == 0.0 else "realtime", speed or 1.0, paused)
+        status = _serve(track, timing, span, (port, bind), opens)
     end_undisturbed()
     sys.exit(status)
+
+
+def _opened(file: Path, names: dict[str, str], mapping: Path | None, place: Path) -> Track:
+    """A recording of ours; or a log of another origin, written as one into a folder."""
+    from uwserver.recording.player_file import NotOurs
+    from uwserver.recording.player_import import import_log
+    from uwserver.recording.player_track import Track
+
+    try:
+        if mapping is None and file.is_file():
+            return Track(file, names)
+    except NotOurs:
+        click.echo(f"uwserver: {file.name} is no recording of uwserver: it is read as a log, once")
+    target = place / "log.mcap"
+    remarks = import_log(file, mapping, target)
+    track = Track(target, names)
+    track.path, track.remarks = file, (*remarks, *track.remarks)
+    return track
 
 
 def _renames(names: tuple[str, ...]) -> dict[str, str]:

@@ -42,6 +42,10 @@ class NotPlayable(Exception):
     """A file that cannot be played; the text names it, says why and what to do."""
 
 
+class NotOurs(NotPlayable):
+    """A file that is no recording of ours; another reader may know it."""
+
+
 class Channel(NamedTuple):
     """A channel of a file."""
 
@@ -100,7 +104,7 @@ class Chunks:
         self._next = len(MAGIC)
         if self._read(0, len(MAGIC)) != MAGIC:
             self.close()
-            raise NotPlayable(f"{path}: no MCAP file; play takes what `uwserver run --record FILE` has written")
+            raise NotOurs(f"{path}: no MCAP file; play takes what `uwserver run --record FILE` has written")
         try:
             self._read_start()
             self.has_index = self.is_finished = self._read_summary()

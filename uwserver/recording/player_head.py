@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from uwserver.recording.format import FORMAT, METADATA, Head, head_with
-from uwserver.recording.player_file import Chunks, NotPlayable
+from uwserver.recording.player_file import Chunks, NotOurs, NotPlayable
 from uwserver.scenario.vehicle.tables import VehicleFile
 
 
@@ -23,7 +23,7 @@ def played_head(chunks: Chunks) -> tuple[Head, tuple[str, ...]]:
     """
     record = chunks.metadata.get(METADATA)
     if record is None:
-        raise NotPlayable(f"{chunks.path}: an MCAP file, but not written by `uwserver run --record FILE`")
+        raise NotOurs(f"{chunks.path}: an MCAP file, but not written by `uwserver run --record FILE`")
     then = record.get("format", "uwserver-recording-1")
     if then != FORMAT:
         text = f"the recording was made by uwserver {record.get('uwserver', 'of old')}, in the format {then}; this version plays {FORMAT}"

@@ -41,7 +41,8 @@ def test_what_cannot_be_is_refused_at_once(tmp_path: Path, arguments: list[str],
 
 
 @pytest.mark.parametrize(
-    ("data", "text"), [(None, "No such file"), (b"x", "no MCAP file"), (b"\x89MCAP0\r\n", "not written by")]
+    ("data", "text"),
+    [(None, "No such file"), (b"x", "as no log does that is read here"), (b"\x89MCAP0\r\n", "not one whole record")],
 )
 def test_other_files_are_told(tmp_path: Path, data: bytes | None, text: str) -> None:
     path = tmp_path / "x.mcap"

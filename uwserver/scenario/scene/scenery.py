@@ -12,6 +12,7 @@ from typing import Protocol
 from msgspec import UnsetType, structs
 
 from uwserver.environment.currents import ProfileConfig, flow_of
+from uwserver.environment.water import Water
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import HalfSpace, Placed
 from uwserver.physics.kernel.layout import (
@@ -181,13 +182,18 @@ class Scenery:
 
 def water_view(resolved: Resolved, world: World) -> WaterView:
     """The sea of a world that was built of this scenario, with its current as it is now."""
-    environment, water = resolved.scenario.environment, world.water
+    return structs.replace(still_water_view(resolved, world.water), waves=_waves(world))
+
+
+def still_water_view(resolved: Resolved, water: Water) -> WaterView:
+    """The same without waves."""
+    environment = resolved.scenario.environment
     looks = WATERS[JERLOV]
     flows = [flow_of(current) for current in environment.currents.values()]
     return WaterView(
         density=environment.density,
         sound_speed=water.sound_speed(0.0),
-        waves=_waves(world),
+        waves=(),
         surface_level=environment.surface_level_m,
         current=water.current,
         profiles=tuple(
