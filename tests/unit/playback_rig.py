@@ -40,7 +40,9 @@ class Dive:
         poses: of the rov, by run and time.
     """
 
-    def __init__(self, path: Path, resolved: Resolved) -> None:
+    def __init__(self, path: Path, resolved: Resolved, lag: int = 0) -> None:
+        self._late: list[TickOutput] = []
+        self._lag = lag
         self.world = build(resolved)
         self.bus = Bus(lambda function: None)
         self.simulation = Simulation(self.world, Timing("freerun"), SystemTime(), self.bus, Mailbox())
@@ -57,6 +59,8 @@ class Dive:
         return self
 
     def __exit__(self, *error: Any) -> None:
+        while self._late:
+            self._hear(self._late.pop(0))
         self._recording.__exit__(*error)
 
     def go(self, ticks: int) -> None:
@@ -84,14 +88,20 @@ class Dive:
         for event in output.events:
             if event.event == "reset":
                 self.samples.append([])
-            self.recorder.put_event(event)
         self.samples[-1] += output.samples
+        self._late.append(output)
+        if len(self._late) > self._lag:
+            self._hear(self._late.pop(0))
+
+    def _hear(self, output: TickOutput) -> None:
+        for event in output.events:
+            self.recorder.put_event(event)
         self.recorder.put_samples(output.samples)
 
 
-def recorded(path: Path, ticks: int = 480, script: Callable[[Dive], None] | None = None) -> Dive:
-    """A dive of two seconds, or what the script says."""
-    with Dive(path, pool()) as dive:
+def recorded(path: Path, ticks: int = 480, script: Callable[[Dive], None] | None = None, lag: int = 0) -> Dive:
+    """A dive of two seconds, or what the script says; the loop has samples so many ticks late, as of a world that nothing paces."""
+    with Dive(path, pool(), lag) as dive:
         if script is None:
             dive.push(0.4)
             dive.go(ticks)

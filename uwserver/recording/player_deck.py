@@ -19,8 +19,9 @@ import numpy as np
 from uwserver.ports import Cast, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
 from uwserver.ports.crossing import TickOutput
 from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player_items import Item
 from uwserver.recording.player_services import objection
-from uwserver.recording.player_track import Item, Track
+from uwserver.recording.player_track import Track
 from uwserver.recording.player_world import Range, members_of, world_of
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing

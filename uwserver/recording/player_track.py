@@ -11,66 +11,25 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal, NamedTuple
+from typing import Final
 
 import msgspec
 
-from uwserver.ports import Cast, Event, Port, Sample, SceneState, Service, WaterView
+from uwserver.ports import Cast, Port, Sample, SceneState
 from uwserver.recording.format import EVENTS
 from uwserver.recording.player_file import Chunks, Message, NotPlayable, renamed
 from uwserver.recording.player_head import played_head
+from uwserver.recording.player_items import Item, Mark, Place, Run, Scene
 from uwserver.recording.player_messages import Messages
-from uwserver.recording.states import CASTS, JUMPS, STATES, Body, CastRecord, read_state, time_of_state
+from uwserver.recording.states import CASTS, JUMPS, STATES, CastRecord, read_state, time_of_state
 
 MOST_MARKS: Final = 2000
 """Events of a file that are told as marks on its line of time."""
 MOST_LOOKED_AT: Final = 300
 """Chunks that are unpacked for each, marks and jumps, when a file is opened."""
 _MOST_WAITING: Final = 100_000
-
-Type = Literal["sample", "event", "jump", "state"]
-
-
-class Place(NamedTuple):
-    """A message of the file: number of its chunk, and its place there."""
-
-    chunk: int
-    message: int
-
-
-class Run(NamedTuple):
-    """What was recorded between two jumps of time: where it begins, and its first and last time, ns."""
-
-    first: Place
-    from_ns: int
-    to_ns: int
-
-
-class Scene(NamedTuple):
-    """Who and what is there from a time on."""
-
-    jumps: int
-    t_ns: int
-    cast: Cast
-    bodies: tuple[Body, ...]
-    ports: Mapping[str, Port]
-    services: Mapping[str, Service]
-    water: WaterView
-
-
-class Mark(NamedTuple):
-    """An event on the line of time."""
-
-    run: int
-    event: Event
-
-
-class Item(NamedTuple):
-    """What comes next."""
-
-    t_ns: int
-    type: Type
-    message: Message
+_MOST_EARLY: Final = 50
+"""Chunks by which states are sought before samples of the same time."""
 
 
 class Track:
@@ -275,7 +234,8 @@ class Track:
         while begin < end.chunk and chunks[begin].end_ns <= t_ns:
             begin += 1
         self._newest = self._latest(run, t_ns, begin)
-        self._stream = self._items(Place(begin, 0) if begin > first.chunk else first, run, t_ns)
+        place = Place(begin, 0) if begin > first.chunk else first
+        self._stream = self._items(place, run, t_ns, self._early(place, run, t_ns))
         self.head_item = next(self._stream)
         return sorted(self._newest.values(), key=lambda message: message.t_ns)
 
@@ -297,26 +257,47 @@ class Track:
         found: dict[int, Message] = {}
         while before:
             before = {channel: self._chunks.last_with(channel, chunk) for channel, chunk in before.items()}
-            before = {channel: chunk for channel, chunk in before.items() if chunk >= first.chunk}
+            # States of a run may stand before the jump with which it begins.
+            before = {channel: chunk for channel, chunk in before.items() if chunk >= first.chunk or channel in states}
             chunk = max(before.values(), default=-1)
             if chunk < 0:
                 break
-            low = first.message if chunk == first.chunk else 0
             high = end.message if chunk == end.chunk else None
-            for message in reversed(self._chunks.messages(chunk)[low:high]):
-                if before.get(message.channel) == chunk and message.t_ns <= t_ns:
-                    if message.channel in states and time_of_state(message.data)[0] != run:
+            for k, message in reversed(list(enumerate(self._chunks.messages(chunk)[:high]))):
+                if before.get(message.channel) != chunk or message.t_ns > t_ns:
+                    continue
+                if message.channel in states:
+                    jumps = time_of_state(message.data)[0]
+                    if jumps > run:
                         continue
+                    if jumps == run:
+                        found[message.channel] = message
+                elif (chunk, k) >= first:
                     found[message.channel] = message
-                    del before[message.channel]
+                del before[message.channel]
         self.state = None
         for channel in states & found.keys():
             self.show(found.pop(channel))
         return found
 
-    def _items(self, place: Place, run: int, after_ns: int) -> Iterator[Item | None]:
-        """What comes after a time, in the order of time; None while there is nothing more in the file."""
-        waiting: deque[tuple[int, Message]] = deque()
+    def _early(self, place: Place, run: int, after_ns: int) -> deque[tuple[int, Message]]:
+        """States after a time that stand before a place, with their runs."""
+        found: deque[tuple[int, Message]] = deque()
+        states = self._numbers(STATES)
+        for chunk in range(place.chunk, max(-1, place.chunk - _MOST_EARLY), -1):
+            messages = self._chunks.messages(chunk) if chunk < len(self._chunks.chunks) else []
+            for message in reversed(messages[: place.message if chunk == place.chunk else None]):
+                if message.channel in states:
+                    jumps, t_ns = time_of_state(message.data)
+                    if (jumps, t_ns) <= (run, after_ns):
+                        return found
+                    found.appendleft((jumps, message))
+        return found
+
+    def _items(
+        self, place: Place, run: int, after_ns: int, waiting: deque[tuple[int, Message]]
+    ) -> Iterator[Item | None]:
+        """What comes after a time, in the order of time; None while there is nothing more in the file. `waiting`: states as of `_early`."""
         now, topics = after_ns, self._chunks.channels
         chunk, k = place
         while True:

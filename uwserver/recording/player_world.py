@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from uwserver.ports import Port, Service
-from uwserver.recording.player_track import Scene, Track
+from uwserver.recording.player_items import Scene
+from uwserver.recording.player_track import Track
 from uwserver.simulation.source import Commanded, KnownMember
 from uwserver.units import NANOSECONDS
 

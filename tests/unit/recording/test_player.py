@@ -103,6 +103,17 @@ def test_what_cannot_be_is_refused(deck: Deck, service: str, args: dict[str, Any
     assert deck.player.world.t_ns >= before
 
 
+def test_readers_hear_that_time_was_set(run: tuple[Path, Dive]) -> None:
+    """So that what was enough for them of other samples does not thin those that follow."""
+    deck = Deck(run[0])
+    deck.wanted = ["rov/depth"]  # type: ignore[attr-defined]
+    deck.bus.follow_wants()
+    deck.turn(20)
+    deck.call("playback/seek", t_s=1.0)
+    assert deck.bus._jumps == 1
+    deck.close()
+
+
 def test_steps_go_both_ways(deck: Deck) -> None:
     deck.call("playback/pause")
     begin = deck.player.world.tick

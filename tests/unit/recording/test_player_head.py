@@ -70,6 +70,7 @@ def test_extensions_are_named_and_never_opened(tmp_path: Path, monkeypatch: pyte
     next(iter(sensors.values()))["modifiers"] = {"odd": {"kind": "of_an_extension"}}
     record["scenario"] = msgspec.json.encode(whole).decode()
     found, remarks = read(record)
+    assert found.resolved.scenario.extensions == ()
     assert "odd" not in found.resolved.vehicles["rov"].vehicle.sensors
     assert "the extensions trap.py" in remarks[0]
     assert "vehicles.rov.sensors.odd are not drawn" in remarks[0]

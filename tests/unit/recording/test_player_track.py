@@ -33,10 +33,10 @@ def script(dive: Dive) -> None:
     dive.go(100)
 
 
-@pytest.fixture(scope="module")
-def jumping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Dive]:
+@pytest.fixture(scope="module", params=[0, 70])
+def jumping(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> tuple[Path, Dive]:
     path = tmp_path_factory.mktemp("jumping") / "run.mcap"
-    return path, recorded(path, script=script)
+    return path, recorded(path, script=script, lag=request.param)
 
 
 def played(track: Track) -> list[Sample]:
