@@ -510,7 +510,8 @@ TESTED_WITH = {
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
     "recording": {
-        "player_deck": "recording/test_player", "player_items": "recording/test_player_track", "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
+        "player_deck": "recording/test_player", "player_items": "recording/test_player_track",
+        "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
         "player_world": "recording/test_player",
     },
     "logfiles": {

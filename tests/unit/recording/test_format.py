@@ -139,3 +139,11 @@ def test_a_sample_of_another_number_of_values_is_a_fault_not_a_record():
     writer = RecordingWriter(io.BytesIO(), {"format": FORMAT}, {SENSOR.path: SENSOR})
     with pytest.raises(ValueError, match="zip"):
         writer.sample(Sample(SENSOR.path, 0, 1, 1, True, (1.0,)), {SENSOR.path: SENSOR})
+
+
+def test_a_recording_of_the_format_before_is_still_replayed(resolved):
+    """It has no states, of which a replay needs none."""
+    record = {**metadata(resolved, 42, Timing()), "format": "uwserver-recording-2"}
+    assert head_of(record).seed == 42
+    with pytest.raises(ValueError, match="uwserver-recording-1"):
+        head_of({**record, "format": "uwserver-recording-1"})

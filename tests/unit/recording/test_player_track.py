@@ -104,6 +104,35 @@ def test_runs_between_jumps_are_told_and_can_each_be_sought(jumping: tuple[Path,
     track.close()
 
 
+def test_all_states_of_a_run_come_after_its_begin(jumping: tuple[Path, Dive]) -> None:
+    """Also those that stand in the file before the jump with which it begins."""
+    track = Track(jumping[0])
+    track.seek(1, track.runs[1].from_ns)
+    states = []
+    while (item := track.head_item) is not None and item.type != "jump":
+        if track.pop().type == "state":
+            assert track.state is not None
+            states.append(track.state.t_ns)
+    assert states == sorted(states)
+    assert len(states) >= 30 * (track.runs[1].to_ns * 1e-9) - 2
+    track.close()
+
+
+def test_commands_that_the_file_has_early_do_not_move_time(tmp_path: Path) -> None:
+    def script(dive: Dive) -> None:
+        for _ in range(4):
+            dive.go(60)
+            dive.push(0.2)
+
+    recorded(tmp_path / "x.mcap", script=script, lag=70)
+    track = Track(tmp_path / "x.mcap")
+    while track.head_item is not None:
+        item = track.pop()
+        if item.type == "sample":
+            assert item.t_ns == item.message.t_ns
+    track.close()
+
+
 def test_a_seek_unpacks_a_handful_of_chunks_of_a_long_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(format_module, "CHUNK_BYTES", 2000)
     recorded(tmp_path / "x.mcap", ticks=960)
