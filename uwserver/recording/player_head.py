@@ -32,7 +32,9 @@ def played_head(chunks: Chunks) -> tuple[Head, tuple[str, ...]]:
         whole = msgspec.json.decode(record["scenario"])
         left_out = _without_extensions(whole)
         return head_with(record, whole), left_out
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, msgspec.DecodeError) as error:
+        raise NotPlayable(f"{chunks.path}: the head of the recording is damaged: {error}") from error
+    except ValueError as error:  # it fits another version
         raise NotPlayable(f"{chunks.path}: {error}") from error
 
 

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from playback_rig import Deck, Dive, recorded
 
 from uwserver.ports import Call, Command, Progress, Reply, Sample, SceneState
 from uwserver.recording import format as format_module
-from uwserver.recording.player_file import Chunks
+from uwserver.recording.player_file import Chunks, NotPlayable
 from uwserver.recording.player_services import SERVICES, objection
 from uwserver.recording.player_track import Track
 from uwserver.recording.player_world import Range
@@ -270,6 +271,30 @@ def test_a_file_that_shrinks_stops_it_with_a_reason(tmp_path: Path, monkeypatch:
     assert "shorter" in deck.player.failure
     assert deck.call("world/resume").fault is not None
     deck.close()
+
+
+def test_flipped_bytes_never_do_more_than_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(format_module, "CHUNK_BYTES", 4000)
+    recorded(tmp_path / "x.mcap", ticks=120)
+    whole, dice = (tmp_path / "x.mcap").read_bytes(), np.random.default_rng(7)
+    begin, played = end_of_data(tmp_path / "x.mcap", 5), 0
+    for _ in range(60):
+        data = bytearray(whole)
+        for _ in range(int(dice.integers(1, 4))):
+            data[dice.integers(begin, len(data))] = dice.integers(256)
+        (tmp_path / "y.mcap").write_bytes(data)
+        try:
+            deck = Deck(tmp_path / "y.mcap")
+        except NotPlayable:
+            continue
+        for _ in range(400):
+            deck.turn()
+        times = [event.t_ns for event in deck.events]
+        assert deck.player.failure == "" or "y.mcap" in deck.player.failure
+        assert times == sorted(times) or any(event.event == "reset" for event in deck.events)
+        played += 1
+        deck.close()
+    assert played > 20
 
 
 def test_commands_and_calls_that_come_anyhow_are_refused(deck: Deck) -> None:
