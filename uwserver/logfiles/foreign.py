@@ -9,6 +9,8 @@ from pathlib import Path
 from uwserver.logfiles.log import LogError
 
 _LONGEST = 300
+_PACKAGES = {"google": "protobuf"}
+"""Where a module is called otherwise than its package."""
 
 
 @contextmanager
@@ -21,7 +23,8 @@ def foreign(path: Path, what: str) -> Iterator[None]:
     except OSError as error:
         raise LogError(f"{path}: {what}: {error.strerror or error}") from error
     except ImportError as error:
-        package = (error.name or str(error)).split(".")[0]
+        module = (error.name or str(error)).split(".")[0]
+        package = _PACKAGES.get(module, module)
         raise LogError(f"{path}: {what} needs the package {package}: pip install 'uwserver[logs]'") from error
     except Exception as error:
         text = " ".join(str(error).split())[:_LONGEST]

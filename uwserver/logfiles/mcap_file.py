@@ -47,7 +47,7 @@ def open_file(path: Path, limits: Limits) -> Log:
     file = path.open("rb")
     try:
         records = Records(path, file, limits)
-        summary = records.summary()
+        summary = _summary(records)
         if summary is not None and _is_complete(summary):
             if len(summary.channels) > limits.topics:
                 raise LogError(f"{path}: {len(summary.channels)} channels, more than {limits.topics}")
@@ -58,6 +58,15 @@ def open_file(path: Path, limits: Limits) -> Log:
     except BaseException:
         file.close()
         raise
+
+
+def _summary(records: Records) -> Summary | None:
+    """The summary; None where there is none that can be read, so that the file is read as a whole."""
+    try:
+        with foreign(records.path, "its index is damaged"):
+            return records.summary()
+    except LogError:
+        return None
 
 
 def _is_complete(summary: Summary) -> bool:
@@ -276,7 +285,9 @@ def _scanned(path: Path, records: Records, is_cut: bool, limits: Limits, close: 
         raise LogError(f"{path}: there is not one whole record in {records.size} bytes of an MCAP file")
     if len(scan.channels) > limits.topics:
         raise LogError(f"{path}: {len(scan.channels)} channels, more than {limits.topics}")
-    remarks = ["the file has no whole index (it was cut, or is still written): all of it was read"] if is_cut else []
+    remarks = (
+        ["the file has no whole index (it was cut, is still written, or damaged): all of it was read"] if is_cut else []
+    )
     remarks += scan.remarks
     known = _Channels(scan.channels, scan.schemas)
     topic_of = {n: k for k, of in enumerate(known.by_topic.values()) for n in of}

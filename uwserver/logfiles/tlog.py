@@ -30,8 +30,10 @@ _SIGNATURE_BYTES = 13
 _STAMP_BYTES = 8
 _DIALECT = "pymavlink.dialects.v20.ardupilotmega"
 _BEGINS = re.compile(b"[\xfd\xfe]")
-_MIRROR = bytes(int(f"{k:08b}"[::-1], 2) for k in range(256))
 # The checksum of MAVLink (CRC-16/MCRF4XX) is the mirror image of the CRC that the standard library computes in C.
+_MIRROR = bytes(int(f"{k:08b}"[::-1], 2) for k in range(256))
+_MOST_LOST = 1 << 22
+"""After so many bytes without a frame a file is no .tlog."""
 _LATEST_US = 4_102_444_800_000_000
 """2100-01-01: a stamp beyond it is no stamp."""
 
@@ -67,8 +69,6 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
 
 
 def _messages() -> dict[int, Any]:
-    if "MAVLINK20" not in os.environ:
-        os.environ["MAVLINK20"] = "1"
     known: dict[int, Any] = importlib.import_module(_DIALECT).mavlink_map
     return known
 
@@ -122,6 +122,8 @@ def _scan(data: mmap.mmap, messages: dict[int, Any]) -> tuple[array[int], array[
         after = magic_at.start() - 8 if magic_at else end
         lost += after - at
         at = after
+        if lost > _MOST_LOST and not stamps:
+            break
     return stamps, keys, places, lost + end - at, unknown
 
 

@@ -1,11 +1,21 @@
 """`uwserver export`."""
 
+import re
+import shlex
+from pathlib import Path
+
+import bin_rig
 import pytest
 from click.testing import CliRunner
 from logs_rig import telemetry, tlog
 
+from uwserver.cli import main
 from uwserver.cli.export import export
 from uwserver.logfiles import open_log
+from uwserver.ports import Field, Port, Sample
+from uwserver.recording.format import RecordingWriter
+
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "logs.md"
 
 
 @pytest.fixture
@@ -69,3 +79,27 @@ def test_a_log_without_poses(tmp_path):
     result = run(tmp_path / "a.csv", "--to", "alog")
     assert result.exit_code == 1
     assert "give a mapping" in result.output
+
+
+def test_every_command_of_the_how_to(dive, tmp_path, monkeypatch, capsys):
+    port = Port("rov/depth", "sensor", "depth", (Field("depth", "m", "Depth."),), "Depth.", 1.0)
+    with (tmp_path / "run.mcap").open("wb") as file:
+        writer = RecordingWriter(file, {"format": "x"}, {port.path: port})
+        for k in range(3):
+            writer.sample(Sample(port.path, k, k, k, True, (1.5,)), {port.path: port})
+        writer.finish()
+    (tmp_path / "dive.bin").write_bytes(bin_rig.dive())
+    monkeypatch.chdir(tmp_path)
+    text = PAGE.read_text(encoding="utf-8")
+    commands = re.findall(r"^uwserver (.*)$", text, re.M)
+    assert len(commands) == 5
+    for command in commands:
+        words, _, target = command.partition(" > ")
+        result = CliRunner().invoke(main, shlex.split(words))
+        assert result.exit_code == 0, (command, result.output)
+        if target:
+            (tmp_path / target).write_text(result.output)
+    assert "[tracks.filter]" in (tmp_path / "dive.toml").read_text()
+    assert (tmp_path / "dive_bag" / "metadata.yaml").is_file()
+    exec(text.split("```python\n")[1].split("```")[0], {})
+    assert capsys.readouterr().out.startswith("100000 ")

@@ -34,6 +34,11 @@ def test_other_separators_byte_order_marks_and_comments(opened, separator):
     assert log.epoch_ns == 1_767_225_600 * 10**9
 
 
+def test_a_quoted_separator_before_the_time(opened):
+    log = opened(b'note,t_s\n"a, b",1\n"c",2\n', "x.csv")
+    assert [d.value for d in log.read()] == [{"note": "a, b", "t_s": 1.0}, {"note": "c", "t_s": 2.0}]
+
+
 def test_rows_without_time_are_told(opened):
     log = opened((TEXT + "soon,1,2,z\nonly\n").encode(), "dive.csv")
     assert log.topics["dive"].count == 3

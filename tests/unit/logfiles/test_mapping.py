@@ -1,5 +1,7 @@
 """Mappings: their file, and what it refuses."""
 
+from pathlib import Path
+
 import pytest
 
 from uwserver.logfiles import LogError
@@ -29,6 +31,13 @@ def test_what_is_written_is_read_again():
     assert parse_mapping(written) == mapping
     assert 'unit = "m"' in written
     assert 'axes = "NED/FRD"' in written
+
+
+def test_the_mapping_of_the_how_to():
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "logs.md").read_text(encoding="utf-8")
+    mapping = parse_mapping(page.split("```toml\n")[1].split("```")[0])
+    assert set(mapping.tracks) == {"filter", "robot", "boat"}
+    assert set(mapping.ports) == {"rov/pressure"}
 
 
 TRACK = 'format = "uwserver-log-mapping-1"\n[tracks.rov]\n'

@@ -99,6 +99,31 @@ def test_without_index_or_schema_it_is_read_the_same(opened):
     assert log.topics["/thing/0"].fields == ()
 
 
+def test_a_damaged_index_is_not_needed(opened):
+    raw = theirs()
+    whole = list(opened(raw).read())
+    start = struct.unpack_from("<Q", raw, len(raw) - 28)[0]
+    log = opened(raw[: start + 9] + b"\xff" * 30 + raw[start + 39 :])
+    assert list(log.read()) == whole
+    assert "no whole index" in log.remarks[0]
+
+
+def test_messages_that_were_written_out_of_order_come_in_order_of_their_times(opened):
+    """Within a chunk, and over chunks that overlap; a jump back over many is told."""
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=300)
+    writer.start("", "test")
+    channel = writer.register_channel("/x", "json", 0)
+    times = [(k * 7919) % 100 for k in range(100)]
+    for t in times:
+        writer.add_message(channel, UTC + t * S, json.dumps({"t": t}).encode(), UTC)
+    writer.finish()
+    log = opened(file.getvalue())
+    assert [d.value["t"] for d in log.read()] == list(range(100))
+    assert [d.value["t"] for d in log.read(start_ns=10 * S, end_ns=20 * S)] == list(range(10, 21))
+    assert "log times go back within the file" in log.remarks[0]
+
+
 def test_two_reads_at_once(opened):
     log = opened(theirs())
     one, two = log.read(), log.read({"/thing/1"})

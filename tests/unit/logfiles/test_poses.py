@@ -73,6 +73,21 @@ def test_each_value_may_have_a_topic_and_a_time_of_its_own():
         assert close(found.q_NB[k], quat_from_rpy(0.0, 0.0, math.radians(355.0 + k - 0.25)))
 
 
+def test_angles_of_topics_of_their_own_turn_on_the_shorter_way():
+    """A roll that passes 180 degrees, sampled between the headings."""
+    data = []
+    for k in range(11):
+        data += [(k * S, "P", {"n": 0.0, "e": 0.0, "yaw": 10.0})]
+        data.append((k * S + S // 2, "R", {"roll": (175.0 + k + 180.0) % 360.0 - 180.0}))
+    found = track(
+        MadeLog("csv", data),
+        'position = { topic = "P", north = "n", east = "e" }\n'
+        'attitude = { topic = "P", unit = "deg", yaw = "yaw", roll = { field = "roll", topic = "R" } }\n',
+    ).track
+    for k in range(1, 11):
+        assert close(found.q_NB[k], quat_from_rpy(math.radians(175.0 + k - 0.5), 0.0, math.radians(10.0)))
+
+
 def test_latitude_and_longitude_from_the_first_fix_or_an_origin():
     data = [
         (k * S, "G", {"lat": 0.0 if k < 2 else 60.0 + 1e-4 * k, "lon": 0.0 if k < 2 else 10.0, "alt": -k})

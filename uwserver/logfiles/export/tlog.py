@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import importlib
 import math
-import os
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -37,7 +36,6 @@ def write_tlog(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], fil
         LogError: the log is damaged.
         OSError: the file is there already, or cannot be written.
     """
-    os.environ.setdefault("MAVLINK20", "1")
     dialect: Any = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
     systems = {name: 1 + k % _MOST_SYSTEMS for k, name in enumerate(tracks)}
     links = {system: dialect.MAVLink(None, srcSystem=system, srcComponent=1) for system in {1, *systems.values()}}
