@@ -509,6 +509,11 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "recording": {
+        "player_deck": "recording/test_player", "player_items": "recording/test_player_track",
+        "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
+        "player_world": "recording/test_player",
+    },
     "logfiles": {
         "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",
         "mcap_records": "logfiles/test_mcap_file", "port_rules": "logfiles/test_rules", "ros_messages": "logfiles/test_bags",
@@ -521,6 +526,7 @@ TESTED_WITH = {
         "acoustic.janus": "sensors/acoustic/test_dvl",
         "wiring": "sensors/onboard/test_contact",
     },
+    "simulation": {"source": "server/test_playback"},
     "table": {"": "scenario/files/test_convert"},
     "testing": {
         "adapter_kit": "testing/test_adapters", "call_checks": "testing/test_adapters", "fake_context": "adapter/test_roles",

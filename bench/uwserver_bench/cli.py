@@ -34,7 +34,7 @@ PARTS = (
 )
 
 
-_MODULES = {"physics": ("physics", "remus"), "sensors": ("sensors", "sound")}
+_MODULES = {"physics": ("physics", "remus"), "sensors": ("sensors", "sound"), "logs": ("logs", "recordings")}
 """Where a part is not the module of its name."""
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 
@@ -63,9 +63,9 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web, logs and hostile (or one PART); best idle.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web, logs and hostile, or one PART.
 
-    All of it takes half an hour.
+    On an idle machine; all of it takes half an hour.
 
     Prints the median, the bar, and the verdict of each figure; docs/reference/benchmarks.md tells what they mean. Peers (pybullet, MuJoCo)
     take part when they are installed: pip install uwserver-bench; the Python Vehicle Simulator when UWSERVER_PVS names its src folder,

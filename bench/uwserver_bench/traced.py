@@ -138,9 +138,10 @@ async def _serve(scenario: str, trace: str, options: list[str]) -> int:
 
     server = Server(resolved, Options(announce=announce))
     spent = open_spent(trace, "w+") if "threads" in options else None
-    server.hub.simulation.observe(Trace(open_trace(trace, "w+"), spent))
+    assert server.live is not None
+    server.live.observe(Trace(open_trace(trace, "w+"), spent))
     if "megabyte" in options:
-        world = server.hub.simulation.world
+        world = server.live.world
         install_megabyte(world, next(iter(world.vehicles)))
     return await server.run()
 

@@ -4,6 +4,7 @@ import { App } from "./core/app.js";
 import { byId, h, toast } from "./core/dom.js";
 import { picture, states } from "./core/frames.js";
 import { Bars } from "./core/header.js";
+import { Playback } from "./core/playback.js";
 import { ignore, Link } from "./core/link.js";
 import { Chart } from "./core/map.js";
 import { Chooser } from "./core/chooser.js";
@@ -130,6 +131,7 @@ app.link = new Link({
     app.told.length = Math.min(app.told.length, 500);
     if (told.event === "reset") app.timeline.clear();
     if (told.event === "ports_changed") void describe();
+    if (told.text?.startsWith("playback: ")) return app.emit("told"); // a seek is seen
     if (["fault", "diverged", "adapter_failed", "shutdown", "reset"].includes(told.event)) toast(told.text || told.event, told.event === "reset" ? "" : "bad");
     app.emit("told");
   },
@@ -147,6 +149,7 @@ app.on("layers", () => {
 
 const pilot = new Pilot(app);
 const bars = new Bars(app, pilot);
+const playback = new Playback(app, (service, args) => bars.act(service, args));
 const hud = new Hud(app, pilot);
 const chart = new Chart((north, east) => {
   if (!app.vehicle) return;
@@ -227,6 +230,7 @@ function draw(now) {
   window.uw.t = timeline.t;
   app.bodies.forEach((body, k) => { window.uw.vehicles[body.name] = [...timeline.poses.subarray(7 * k, 7 * k + 7)]; });
   bars.tick(timeline.t);
+  if (!playback.seeking) playback.tick(timeline.t);
   picturing?.draw(dt);
   if (now - told < 60) return;
   told = now;
@@ -249,6 +253,6 @@ addEventListener("keydown", (event) => {
     app.emit("layers");
   }
 });
-Object.assign(window.uw, { app, pilot, planner, chart });
+Object.assign(window.uw, { app, pilot, planner, chart, playback });
 setTimeout(() => { if (!app.connected && byId("notice").hidden) notice("Connecting …"); }, STILL_MS);
 void begin();

@@ -35,6 +35,7 @@ GROUPS = [
     "mavlink",
     "sil",
     "web",
+    "logs",
     "decode",
     "flood",
 ]

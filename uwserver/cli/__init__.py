@@ -19,6 +19,7 @@ _WHERE = {
     "show": "authoring",
     "copy": "authoring",
     "replay": "replay",
+    "play": "play",
     "log": "log",
     "export": "export",
     "compare": "compare",

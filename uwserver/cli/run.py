@@ -8,7 +8,7 @@ import os
 import secrets
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -116,7 +116,7 @@ def run(
     if resolved.missing:
         click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
         sys.exit(1)
-    resolved = _with_metrics(_with_address(resolved, port, bind, allow_origin), metrics_bind)
+    resolved = _with_metrics(with_address(resolved, port, bind, allow_origin), metrics_bind)
     resolved, token = (resolved, "") if log_json else _with_new_token(resolved)  # the adapter logs one of its own
     resolved, view = with_web_view(resolved, adapters, port)
     resolved, shown = with_view_token(resolved, view, makes=not log_json)
@@ -165,7 +165,7 @@ async def _serve(resolved: Resolved, options: Options) -> int:
     return await Server(resolved, options).run()
 
 
-def _with_address(resolved: Resolved, port: int | None, bind: str | None, origins: tuple[str, ...]) -> Resolved:
+def with_address(resolved: Resolved, port: int | None, bind: str | None, origins: tuple[str, ...]) -> Resolved:
     """The scenario with another address, or pages that may connect, for its first sockets adapter."""
     given = (("port", port), ("bind", bind), ("allowed_origins", origins or None))
     changes: dict[str, Any] = {k: v for k, v in given if v is not None}
@@ -283,6 +283,13 @@ def _announce(
         click.echo("In another terminal" + (", UWSERVER_TOKEN set there to the server's token:" if wanted else ":"))
         _suggest(addresses[sockets], token, first)
     click.echo("Ctrl-C ends it.\n")
+
+
+def announced_address(resolved: Resolved, addresses: Mapping[str, str]) -> str:
+    """What to type for the client to reach the first sockets adapter."""
+    name = _first_sockets(resolved)
+    port = addresses.get(name or "", "").rpartition(":")[2]
+    return _client() + ("" if port in ("", "7600") else f" --port {port}")
 
 
 def _client() -> str:

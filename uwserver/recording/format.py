@@ -1,11 +1,13 @@
 """The format of a recording: an MCAP file that any MCAP tool can plot, and from which `uwserver.recording.replay` can run the world again.
 
 One channel a port, topic = its path, JSON with a JSON schema that names units and frames; ``log_time`` is `t_sent_ns` (for commands: the
-time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besides them three channels of our own:
+time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besides them channels of our own:
 
 * ``uwserver/requests``: every command and call that was carried out (`Request`);
 * ``uwserver/hashes``: the hash of the whole state, each simulated second and at the end (`StateHash`);
-* ``uwserver/events``: what every client was told.
+* ``uwserver/events``: what every client was told;
+* ``uwserver/states``, ``uwserver/casts`` and ``uwserver/jumps``: where all bodies are, who they are, and where time was set, see
+  `uwserver.recording.states`.
 
 Requests and hashes share one running index: the order in which they happened, also where a reset makes the tick go back.
 The metadata record ``uwserver`` stands first: versions, seed, timing, and the whole resolved scenario.
@@ -20,13 +22,14 @@ from importlib.metadata import version
 from typing import IO, Any
 
 import msgspec
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from uwserver import __version__
 from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Items, Port, Sample
 from uwserver.recording.parts import STATE
 from uwserver.recording.schemas import port_schema, schema_of
+from uwserver.recording.states import CASTS, ENCODING, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -39,8 +42,10 @@ from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
-FORMAT = "uwserver-recording-2"
-"""Of the requests and hashes; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
+FORMAT = "uwserver-recording-3"
+"""Of all channels; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
+REPLAYED_FORMATS = ("uwserver-recording-2", FORMAT)
+"""Those whose requests and hashes are as here: the second brought none of the states."""
 METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
@@ -171,7 +176,7 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
     """
     for name, here in (("format", FORMAT), ("physics", str(PHYSICS))):
         then = record.get(name, "1")
-        if then != here:
+        if then != here and then not in REPLAYED_FORMATS:
             made_by = f"uwserver {record.get('uwserver', 'of old')}"
             text = f"the recording was made by {made_by}, whose {name} is {then}; here it is {here}, and the run would go otherwise"
             raise ValueError(f"{text}: replay it with that version. MCAP tools and `uwserver plot` read it as before")
@@ -180,6 +185,18 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
             raise ValueError(f"its components come from {names}: give --trust-files, if you trust it")
+    except (KeyError, TypeError, ValueError) as error:
+        raise _misfit(record, error) from error
+    return head_with(record, whole, more)
+
+
+def head_with(record: Mapping[str, str], whole: dict[str, Any], more: More = NO_MORE) -> Head:
+    """The head of a metadata record with this scenario, as it stands there under "scenario" or with parts left out.
+
+    Raises:
+        ValueError: it does not fit this version.
+    """
+    try:
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         followed = tracks.unpack(record["tracks"]) if "tracks" in record else {}  # none before they were known
@@ -204,8 +221,12 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
         versions = msgspec.convert(dict(record), Versions)
         return Head(versions, int(record["seed"]), msgspec.json.decode(record["timing"]), resolved)
     except (KeyError, TypeError, ValueError) as error:
-        text = f"the scenario in the recording (uwserver {record.get('uwserver')}) does not fit uwserver {__version__}: {error}"
-        raise ValueError(text) from error
+        raise _misfit(record, error) from error
+
+
+def _misfit(record: Mapping[str, str], error: Exception) -> ValueError:
+    made_by = f"uwserver {record.get('uwserver')}"
+    return ValueError(f"the scenario in the recording ({made_by}) does not fit uwserver {__version__}: {error}")
 
 
 def _typed(raw: dict[str, Any], type_: Any, more: More) -> Any:
@@ -243,13 +264,18 @@ class RecordingWriter:
 
         self._encode = msgspec.json.Encoder().encode
         self._of_name: dict[str, list[_Kind]] = {}
-        self._count = 0
+        self._count = 1  # the states
         self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
         self._writer.start("", f"uwserver {__version__}")
         self._writer.add_metadata(METADATA, head)
         self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
         self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
         self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
+        self._jumps = self._channel(JUMPS, "uwserver.Event", schema_of(Event))
+        self._casts = self._channel(CASTS, "uwserver.CastRecord", {"title": CASTS, "type": "object"})
+        layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
+        self._states = int(self._writer.register_channel(STATES, ENCODING, layout, {}))
+        self.told: Presence | None = None
         for port in ports.values():
             self._number(self._kinds(port)[-1])
         self.flush()
@@ -292,6 +318,20 @@ class RecordingWriter:
     def event(self, event: Event) -> None:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
+        if event.event == "reset":
+            self._add(self._jumps, event.t_ns, event, event.t_ns)
+
+    def presence(self, presence: Presence) -> None:
+        """Who and what is there from here on."""
+        record = presence.since(self.told)
+        water = presence.water or (None if self.told is None else self.told.water)
+        self.told = structs.replace(presence, water=water)
+        self._add(self._casts, presence.t_ns, record, presence.t_ns)
+
+    def state(self, seen: Seen) -> None:
+        """Where all bodies are; of a cast that was told by `presence`."""
+        t_ns = seen.state.t_ns
+        self._writer.add_message(self._states, t_ns, state_message(seen), t_ns)
 
     def begin_at(self, state: bytes) -> None:
         """Say, before any message, with which state of the world a later part begins."""

@@ -19,13 +19,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from msgspec import structs
+
 from uwserver.ports import Call, Command, Event, Json, Port, Refused, Sample
 from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
+from uwserver.recording.looker import Looker
 from uwserver.recording.opening import new_file, there_already, unwritable
 from uwserver.recording.parts import FIRST_PART, ONE_FILE, PART, RUN, Rotation, later_parts, part_path
+from uwserver.recording.states import Presence, Seen
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.intake import BEGIN
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
@@ -68,7 +73,7 @@ class _Ports:
     ports: Mapping[str, Port]
 
 
-_Item = tuple[Sample, ...] | Request | _State | _Ports | Event
+_Item = tuple[Sample, ...] | Request | _State | _Ports | Presence | Seen | Event
 
 
 class Recorder:
@@ -90,6 +95,7 @@ class Recorder:
         self._open = self._finished = False
         self._ending = threading.Event()
         self._error = ""
+        self._looker = Looker(world, resolved)
         self._second = max(1, round(world.rate_hz))
         self._seen = world.ports
         self._known = dict(world.ports)
@@ -146,6 +152,7 @@ class Recorder:
         with self._file:
             yield
             self._open = False
+            self._look()
             self._queue.append(self._last_state())
             self.drain()
             self._writer.finish()
@@ -207,6 +214,8 @@ class Recorder:
             )
             return
         self._requests_put += 1
+        if item.source != BEGIN:  # of a saved state from which a run begins nobody hears
+            self._looker.begin()
         self._follow_ports()
         self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
@@ -215,6 +224,7 @@ class Recorder:
         if not self._open or self._error:
             return
         self._follow_ports()  # before the loop has any sample of this tick
+        self._look()
         if world.tick % self._second == 0:
             self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
@@ -227,6 +237,9 @@ class Recorder:
 
     def _last_state(self) -> _State:
         return _State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True)
+
+    def _look(self) -> None:
+        self._queue.extend(self._looker.look())
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -302,6 +315,8 @@ class Recorder:
             writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known)
             writer.begin_at(data)
             writer.know(self._writer.known)  # late samples of what is gone may still come
+            if self._writer.told is not None:
+                writer.presence(structs.replace(self._writer.told, t_ns=state.t_ns))
             self._writer.finish()
             self._finished_bytes += self._file.tell()
             self._file.close()
@@ -333,6 +348,10 @@ class Recorder:
         elif isinstance(item, _Ports):
             writer.know(port for path, port in item.ports.items() if self._known.get(path) is not port)
             self._known |= item.ports
+        elif isinstance(item, Presence):
+            writer.presence(item)
+        elif isinstance(item, Seen):
+            writer.state(item)
         else:
             writer.event(item)
 
@@ -361,6 +380,7 @@ class Recorder:
     def _close(self, thread: threading.Thread) -> None:
         self._open = False
         if not self._error:
+            self._look()
             self._queue.append(self._last_state())
         self._ending.set()
         written = -1

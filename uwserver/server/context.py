@@ -35,11 +35,11 @@ from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
 from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
-from uwserver.simulation.thread import Simulation
+from uwserver.simulation.source import Source
 from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
-CLOCK = frozenset(service.path for service in CLOCK_SERVICES)
+CLOCK = {service.path: service for service in CLOCK_SERVICES}
 
 LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
@@ -55,33 +55,36 @@ class Hub:
 
     Attributes:
         server: name of the server.
-        shutdown: begins an orderly end of the server.
-        status: the `world/status` answer.
-        files: saved states.
-        profiling: where the time of ticks goes.
+        shutdown, status: begins an orderly end of it, and the `world/status` answer.
+        files, profiling: saved states, and where the time of ticks goes; None where nothing is computed.
         scenery: what the world looks like.
+        clock, objection: services that steer its time, and why a command to a port or a call cannot be (None: it can).
+        playback: what a status says of the recording that is played; None for a world that runs.
     """
 
     server: str
-    simulation: Simulation
+    simulation: Source
     bus: Bus
     mailbox: Mailbox
     shutdown: Callable[[str], None]
     status: Callable[[], dict[str, Json]]
-    files: StateFiles
-    profiling: Profiling
+    files: StateFiles | None
+    profiling: Profiling | None
     scenery: Scenery
+    clock: Mapping[str, Service] = field(default_factory=CLOCK.copy)
+    objection: Callable[[str], Fault | None] = lambda path: None
+    playback: Callable[[], dict[str, Json]] | None = None
     stats: dict[str, AdapterStats] = field(default_factory=dict)
     _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """What all of a large world look like takes longer than a tick may be kept waiting: it is made before the first."""
-        self.shown([*self.ports.values(), *self.services.values(), *LOOP_SERVICES, *CLOCK_SERVICES])
+        self.shown([*self.ports.values(), *self.services.values(), *LOOP_SERVICES, *self.clock.values()])
 
     def shown(self, entries: Sequence[Port | Service]) -> list[Json]:
         """Ports or services as `describe` shows them, each made once."""
         shown: list[Json] = []
-        if len(self._shown) > 2 * (len(self.ports) + len(self.services) + len(LOOP_SERVICES) + len(CLOCK_SERVICES)):
+        if len(self._shown) > 2 * (len(self.ports) + len(self.services) + len(LOOP_SERVICES) + len(self.clock)):
             self._shown.clear()  # of bodies that came and went
         for entry in entries:
             known = self._shown.get((type(entry), entry.path))
@@ -133,8 +136,7 @@ class Context:
     @property
     def ports(self) -> Mapping[str, Port]:
         """Ports that this adapter may serve, by path."""
-        everything = self._hub.ports
-        if everything is not self._seen:
+        if (everything := self._hub.ports) is not self._seen:
             self._seen = everything
             self._ports = {path: port for path, port in everything.items() if self._truth or not port.is_truth}
         return self._ports
@@ -142,11 +144,12 @@ class Context:
     @property
     def services(self) -> Mapping[str, Service]:
         """All services, by path, but those of ports that this adapter may not serve."""
-        everything = self._hub.services
-        if everything is not self._seen_services:
+        if (everything := self._hub.services) is not self._seen_services:
             self._seen_services = everything
             visible = {path: service for path, service in everything.items() if self._truth or "/truth/" not in path}
-            self._services = {service.path: service for service in (*LOOP_SERVICES, *CLOCK_SERVICES)} | visible
+            self._services = {
+                service.path: service for service in (*LOOP_SERVICES, *self._hub.clock.values())
+            } | visible
         return self._services
 
     def hello(self) -> dict[str, Json]:
@@ -215,7 +218,12 @@ class Context:
         """See `uwserver.adapter.AdapterContext.command`."""
         find("port", port, self.ports)
         checked = checked_command(self.ports[port], value)
+        self._object(port)
         self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply, self._queue(source, queue))
+
+    def _object(self, path: str) -> None:
+        if (fault := self._hub.objection(path)) is not None:
+            raise Refused(fault.code, fault.text, fault.where)
 
     def _queue(self, source: str, queue: str) -> str:
         return f"{self.name}:{queue or client_of(source)}"
@@ -233,23 +241,25 @@ class Context:
         services = self.services
         find("service", service, services)
         checked = checked_args(services[service], args)
+        self._object(service)
         queue, source = self._queue(source, queue), f"{self.name}:{source}"
         if service in ("world/describe", "world/status", "world/shutdown"):
             self._answer(service, source, on_reply)
             return _too_late
-        if service in (SAVE.path, LOAD.path) and checked["name"]:
-            self._hub.files.call(service, checked, source, on_reply)
+        hub = self._hub
+        if service in (SAVE.path, LOAD.path) and checked["name"] and hub.files is not None:
+            hub.files.call(service, checked, source, on_reply)
             return _too_late
-        if service == PROFILE.path:
-            return self._hub.profiling.call(checked["seconds"], source, on_reply)  # type: ignore[arg-type]  # checked
-        if service in CLOCK:
-            return self._hub.simulation.call(service, checked, client, on_reply, source)
+        if service == PROFILE.path and hub.profiling is not None:
+            return hub.profiling.call(checked["seconds"], source, on_reply)  # type: ignore[arg-type]  # checked
+        if service in hub.clock:
+            return hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:
             return self._begin(Call(service, checked, source), on_reply, queue)
         if is_stop(service):
             self._stop(Call(service, checked, source), on_reply, queue)
         else:
-            self._hub.mailbox.post(Call(service, checked, source), on_reply, queue)
+            hub.mailbox.post(Call(service, checked, source), on_reply, queue)
         return _too_late
 
     def _stop(self, call: Call, on_reply: OnReply, queue: str) -> None:
@@ -287,8 +297,7 @@ class Context:
         return cancel
 
     def _answer(self, service: str, source: str, on_reply: OnReply) -> None:
-        world = self._hub.simulation.world
-        result: Json = None
+        world, result = self._hub.simulation.world, None
         if service == "world/describe":
             result = self.describe()
         elif service == "world/status":

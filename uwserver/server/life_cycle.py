@@ -26,12 +26,14 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
+from uwserver.server.playback import Playback
 from uwserver.server.profiling import Profiling
 from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime, Timing, processor_ns
+from uwserver.simulation.source import Source
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 
@@ -99,9 +101,14 @@ def timing_of(resolved: Resolved) -> Timing:
 
 
 class Server:
-    """One world with its adapters. `run` is its whole life."""
+    """One world with its adapters. `run` is its whole life.
 
-    def __init__(self, resolved: Resolved, options: Options) -> None:
+    Attributes:
+        live: the simulation; None while a recording is played.
+    """
+
+    def __init__(self, resolved: Resolved, options: Options, playback: Playback | None = None) -> None:
+        """Of a scenario, whose world runs, or of which a recording is played."""
         self._resolved = resolved
         self._options = options
         self._ending = asyncio.Event()
@@ -109,24 +116,22 @@ class Server:
         self._gave_up = False
         self._loop = asyncio.get_running_loop()
         time = SystemTime()
-        world = build(resolved, options.seed)
         bus, mailbox = Bus(self._call_soon), Mailbox()
-        self._simulation = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
         self._monitor = Monitor(lambda: self._hub, time.now_ns)
-        name = resolved.scenario.server.name
-        files = StateFiles(_state_folder(resolved), self._simulation, mailbox, self._call_soon)
-        profiling = Profiling(self._simulation, time.now_ns, self._call_soon, self._loop.call_later)
-        self._hub = Hub(
-            name,
-            self._simulation,
-            bus,
-            mailbox,
-            self.shutdown,
-            self._status,
-            files,
-            profiling,
-            Scenery(resolved, world),
-        )
+        self.live: Simulation | None = None
+        self._simulation: Source
+        self._recorder: Recorder | None = None
+        name, tell = resolved.scenario.server.name, (self.shutdown, self._status)
+        if playback is not None:
+            player, self._hub = playback.start(name, resolved, (time, bus, mailbox), tell)
+            self._simulation = player
+            return
+        world = build(resolved, options.seed)
+        self.live = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
+        self._simulation = self.live
+        files = StateFiles(_state_folder(resolved), self.live, mailbox, self._call_soon)
+        profiling = Profiling(self.live, time.now_ns, self._call_soon, self._loop.call_later)
+        self._hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))
         self._recorder = Recorder(options.record, world, resolved, options.rotation) if options.record else None
 
     @property
@@ -153,13 +158,8 @@ class Server:
         async with contextlib.AsyncExitStack() as stack:
             stack.enter_context(_switch_interval(SWITCH_INTERVAL_S))
             stack.enter_context(self._signals())
-            if self._recorder is not None:
-                stack.enter_context(self._recorder.running(self._simulation, self._hub.bus))
-            if self._options.begin is not None:
-                refused = self._simulation.begin_from(self._options.begin)
-                if refused:
-                    raise StartFailed(f"the run cannot begin from the saved state: {refused}")
-            self._save_at()
+            if self.live is not None:
+                self._prepare(self.live, stack)
             await self._start_http(stack)
             tasks = await self._start_adapters()
             stack.push_async_callback(_cancel, tasks)
@@ -167,9 +167,7 @@ class Server:
             stack.push_async_callback(_cancel, [monitor])
             thread = threading.Thread(target=self._simulate, name="simulation", daemon=True)
             self._options.announce({name: stats.address for name, stats in self._hub.stats.items()})
-            if self._options.until_s is not None:
-                self._simulation.until_tick = self._simulation.world.ticks.at(self._options.until_s)
-            if self._options.profile_s is not None:
+            if self._options.profile_s is not None and self._hub.profiling is not None:
                 self._hub.profiling.tell_every(self._options.profile_s, self._options.tell)
             thread.start()
             # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
@@ -180,12 +178,14 @@ class Server:
             event = Event("shutdown", world.tick, world.t_ns, self._reason or "the server ends")
             self._simulation.stop()
             await self._loop.run_in_executor(None, self._join, thread)
-            self._hub.profiling.finish()
+            if self._hub.profiling is not None:
+                self._hub.profiling.finish()
             self._hub.bus.say(event)
             self._hub.bus.drain()
-            await self._hub.files.finish()
+            if self._hub.files is not None:
+                await self._hub.files.finish()
             for t_s, path in self._options.save_at:
-                if world.tick < self._simulation.world.ticks.at(t_s):
+                if world.t_ns < t_s * NANOSECONDS - 1.0:
                     log.warning("%s was not written: the run ended before %g s", path, t_s)
         incomplete = self._recorder is not None and not self._recorder.is_complete
         return 1 if self._simulation.failure or incomplete else 0
@@ -213,12 +213,22 @@ class Server:
             if self._recorder is not None:
                 self._recorder.abandon(text)
 
-    def _save_at(self) -> None:
+    def _prepare(self, live: Simulation, stack: contextlib.ExitStack | contextlib.AsyncExitStack) -> None:
+        """What is done with a world before its first tick."""
+        if self._recorder is not None:
+            stack.enter_context(self._recorder.running(live, self._hub.bus))
+        if self._options.begin is not None:
+            refused = live.begin_from(self._options.begin)
+            if refused:
+                raise StartFailed(f"the run cannot begin from the saved state: {refused}")
         for t_s, path in self._options.save_at:
-            tick = self._simulation.world.ticks.at(t_s)
-            if tick < self._simulation.world.tick:
+            tick = live.world.ticks.at(t_s)
+            if tick < live.world.tick:
                 raise StartFailed(f"the state at {t_s:g} s cannot be saved: the run begins later")
-            self._simulation.appoint(tick, partial(self._hub.files.save_now, path, _told))
+            if self._hub.files is not None:
+                live.appoint(tick, partial(self._hub.files.save_now, path, _told))
+        if self._options.until_s is not None:
+            live.until_tick = live.world.ticks.at(self._options.until_s)
 
     def _call_soon(self, function: Callable[[], None]) -> None:
         # The loop is closed already when the last replies of a stopped simulation come.

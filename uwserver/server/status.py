@@ -67,6 +67,7 @@ class Monitor:
             "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))
             if simulation.timing.mode == "lockstep"
             else [],
+            "playback": None if hub.playback is None else hub.playback(),
             "adapters": {name: dict(vars(stats)) for name, stats in hub.stats.items()},
         }
 

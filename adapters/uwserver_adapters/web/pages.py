@@ -163,6 +163,7 @@ class Pages:
             "paused": self._paused,
             "recording": recorder is not None,
             "failure": now.get("failure"),
+            "playback": now.get("playback"),
             "pages": len(self.all),
             "lease": self._owners(),
         }

@@ -23,10 +23,10 @@ export class Bars {
     this.step = h("button", { class: "icon", title: "One tick (while paused)", "aria-label": "One tick", onclick: () => this.act("world/step", { n: 1 }) }, symbol("step"));
     this.speed = h("select", { "aria-label": "Speed of time", title: "Simulated seconds a second", onchange: () => this.act("world/set_speed", { speed: Number(this.speed.value) }) },
       ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed} ×`)));
-    this.reset = h("button", { class: "icon", title: "Reset the world", "aria-label": "Reset the world", onclick: () => this.act("world/reset") }, symbol("reset"));
-    this.save = h("button", { class: "icon optional", title: "Keep this moment", "aria-label": "Keep this moment", onclick: () => this.act("world/snapshot", { name: "page" }, "Moment kept") }, symbol("save"));
-    this.back = h("button", { class: "icon optional", title: "Back to the moment kept", "aria-label": "Back to the moment kept", onclick: () => this.act("world/restore", { name: "page" }) }, symbol("back"));
-    this.stop = h("button", { class: "stop", title: "All stop (Space)", onclick: () => pilot.stop() }, "ALL STOP");
+    this.reset = h("button", { class: "icon live", title: "Reset the world", "aria-label": "Reset the world", onclick: () => this.act("world/reset") }, symbol("reset"));
+    this.save = h("button", { class: "icon optional live", title: "Keep this moment", "aria-label": "Keep this moment", onclick: () => this.act("world/snapshot", { name: "page" }, "Moment kept") }, symbol("save"));
+    this.back = h("button", { class: "icon optional live", title: "Back to the moment kept", "aria-label": "Back to the moment kept", onclick: () => this.act("world/restore", { name: "page" }) }, symbol("back"));
+    this.stop = h("button", { class: "stop live", title: "All stop (Space)", onclick: () => pilot.stop() }, "ALL STOP");
     this.theme = h("button", { class: "icon", title: "Light or dark", "aria-label": "Light or dark", onclick: () => this.turnTheme() }, symbol("sun"));
     this.dock = h("button", { class: "icon", title: "Panels (P)", "aria-label": "Panels", onclick: () => this.turnDock() }, symbol("dock"));
     this.share = h("button", { class: "icon optional", title: "Copy a link to this view", "aria-label": "Copy a link to this view", onclick: () => this.copy() }, symbol("link"));

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from uwserver.adapter import installed_adapters
-from uwserver.cli.run import _announce, _then_compile_the_rest, _with_address, _with_new_token, run
+from uwserver.cli.run import _announce, _then_compile_the_rest, _with_new_token, run, with_address
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
 from uwserver.scenario.load.resolved import Resolved
@@ -43,7 +43,7 @@ def test_what_a_scenario_does_not_need_is_compiled_after_the_start_until_the_end
 
 
 def opened(bind: str) -> Resolved:
-    return _with_address(load("bluerov2_pool", adapters=installed_adapters()), 7701, bind, ())
+    return with_address(load("bluerov2_pool", adapters=installed_adapters()), 7701, bind, ())
 
 
 def commands(text: str) -> list[str]:

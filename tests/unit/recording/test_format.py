@@ -25,9 +25,9 @@ from uwserver.recording.format import (
     StateHash,
     head_of,
     metadata,
-    port_schema,
     versions_here,
 )
+from uwserver.recording.states import JUMPS
 from uwserver.simulation.clock import Timing
 
 SENSOR = Port(
@@ -123,7 +123,8 @@ def test_every_message_stands_on_its_channel_at_its_time_and_fits_its_schema():
         said = json.loads(message.data)
         jsonschema.validate(said, json.loads(schema.data))
         found.setdefault(channel.topic, []).append((message.log_time, message.publish_time, said))
-    assert set(found) == {SENSOR.path, ACTUATOR.path, REQUESTS, HASHES, EVENTS}
+    assert set(found) == {SENSOR.path, ACTUATOR.path, REQUESTS, HASHES, EVENTS, JUMPS}
+    assert found[JUMPS] == found[EVENTS], "where time was set"
     (log, published, first), (_, _, second) = found[SENSOR.path]
     assert (log, published) == (30, 10), "in the order in which samples were heard; with the time of which they tell"
     assert (first["seq"], first["valid"], first["value"]["range"]) == (2**32 + 1, True, 1.5)
@@ -134,18 +135,15 @@ def test_every_message_stands_on_its_channel_at_its_time_and_fits_its_schema():
     assert found[HASHES][0][2] == {"index": 2, "tick": 4, "hash": "ab"}
 
 
-def test_the_schema_of_a_port_names_units_frames_and_shapes():
-    schema = port_schema(SENSOR)["properties"]["value"]["properties"]
-    assert schema["range"]["description"] == "distance; unit m"
-    assert schema["w_S"]["description"] == "rate; unit rad/s; frame S"
-    assert (schema["w_S"]["minItems"], schema["w_S"]["maxItems"]) == (3, 3)
-    assert schema["matrix"]["description"].endswith("row-major, shape 2x3")
-    assert schema["name"]["type"] == ["string", "null"]
-    assert schema["picture"]["properties"]["dtype"] == {"const": "uint8"}
-    assert set(port_schema(ACTUATOR)["properties"]) == {"tick", "source", "value"}
-
-
 def test_a_sample_of_another_number_of_values_is_a_fault_not_a_record():
     writer = RecordingWriter(io.BytesIO(), {"format": FORMAT}, {SENSOR.path: SENSOR})
     with pytest.raises(ValueError, match="zip"):
         writer.sample(Sample(SENSOR.path, 0, 1, 1, True, (1.0,)), {SENSOR.path: SENSOR})
+
+
+def test_a_recording_of_the_format_before_is_still_replayed(resolved):
+    """It has no states, of which a replay needs none."""
+    record = {**metadata(resolved, 42, Timing()), "format": "uwserver-recording-2"}
+    assert head_of(record).seed == 42
+    with pytest.raises(ValueError, match="uwserver-recording-1"):
+        head_of({**record, "format": "uwserver-recording-1"})

@@ -1,0 +1,218 @@
+"""`uwserver play`: a recording served as if it were live."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from uwserver.cli.colour import styled
+from uwserver.cli.run import announced_address, with_address
+from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
+
+if TYPE_CHECKING:
+    from uwserver.recording.player_track import Track
+    from uwserver.recording.player_world import Range
+    from uwserver.scenario.load.resolved import Resolved
+    from uwserver.simulation.clock import Timing
+
+log = logging.getLogger(__name__)
+
+_SECONDS = click.FloatRange(0.0, 1e9)
+_OF_FILES = (
+    "alog",
+    "serial",
+    "config_file",
+    "config",
+    "tls_cert",
+    "tls_key",
+    "tls_client_ca",
+    "path",
+    "folder",
+    "file",
+    "device",
+)
+"""Keys of adapters by which they would open a file or a device."""  # fmt: skip
+
+
+class _Speed(click.ParamType[float]):
+    """A factor, or "max"."""
+
+    name = "speed"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        if value == "max":
+            return 0.0
+        number: float = click.FloatRange(1e-3, 1000.0).convert(value, param, ctx)
+        return number
+
+
+@click.command("play", short_help="Serve a recording as if it were live.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--speed", type=_Speed(), default=1.0, metavar="FACTOR|max", help="Recorded seconds per second.")
+@click.option("--from", "from_s", type=_SECONDS, metavar="SECONDS", help="Begin at this simulation time.")
+@click.option("--to", "to_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
+@click.option("--loop", "loops", is_flag=True, help="Begin anew at the end.")
+@click.option("--paused", is_flag=True, help="Begin paused.")
+@click.option("--map", "names", multiple=True, metavar="OLD=NEW", help="Serve a vehicle under another name.")
+@click.option("--mapping", type=click.Path(path_type=Path), help="Of a log of another origin (see `uwserver log`).")
+@click.option("--port", type=click.IntRange(0, 65535), help="Port of the sockets adapter; 0 takes free ones.")
+@click.option("--bind", help="Address that it listens on.")
+@click.option("--open", "opens", is_flag=True, help="Open the web view in a browser.")
+@click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
+def play(
+    file: Path,
+    speed: float,
+    from_s: float | None,
+    to_s: float | None,
+    loops: bool,
+    paused: bool,
+    names: tuple[str, ...],
+    mapping: Path | None,
+    port: int | None,
+    bind: str | None,
+    opens: bool,
+    log_level: str,
+) -> None:
+    """Serve FILE, a recording of `uwserver run --record FILE` or a log of another origin, with its ports and times, until SIGINT or SIGTERM.
+
+    Example: uwserver play dive.mcap --from 60 --speed 5 --open
+    """
+    from uwserver.logs import set_up_logging
+    from uwserver.recording.player_file import NotPlayable
+    from uwserver.recording.player_world import Range
+    from uwserver.server.signals import end_undisturbed
+    from uwserver.simulation.clock import Timing
+
+    set_up_logging(log_level, False)
+    with tempfile.TemporaryDirectory(prefix="uwserver-play-") as place:
+        try:
+            track = _opened(file, _renames(names), mapping, Path(place))
+        except NotPlayable as error:
+            raise click.ClickException(str(error)) from error
+        except OSError as error:
+            raise click.ClickException(f"{error.filename or file}: {error.strerror or error}") from error
+        span = Range(from_s, to_s, loops)
+        fault = span.fault(track)
+        if fault:
+            track.close()
+            raise click.ClickException(f"{file}: {fault}")
+        for remark in track.remarks:
+            log.warning("%s: %s", file.name, remark)
+        timing = Timing("freerun" if speed == 0.0 else "realtime", speed or 1.0, paused)
+        status = _serve(track, timing, span, (port, bind), opens)
+    end_undisturbed()
+    sys.exit(status)
+
+
+def _opened(file: Path, names: dict[str, str], mapping: Path | None, place: Path) -> Track:
+    """A recording of ours; or a log of another origin, written as one into a folder."""
+    from uwserver.recording.player_file import NotOurs
+    from uwserver.recording.player_import import import_log
+    from uwserver.recording.player_track import Track
+
+    try:
+        if mapping is None and file.is_file():
+            return Track(file, names)
+    except NotOurs:
+        click.echo(f"uwserver: {file.name} is no recording of uwserver: it is read as a log, once")
+    target = place / "log.mcap"
+    remarks = import_log(file, mapping, target)
+    track = Track(target, names)
+    track.path, track.remarks = file, (*remarks, *track.remarks)
+    return track
+
+
+def _renames(names: tuple[str, ...]) -> dict[str, str]:
+    renames: dict[str, str] = {}
+    for text in names:
+        old, separator, new = text.partition("=")
+        if not (separator and old and new) or "/" in text:
+            raise click.UsageError(f"--map takes OLD=NEW, two names of vehicles, not {text!r}")
+        renames[old] = new
+    return renames
+
+
+def _serve(track: Track, timing: Timing, span: Range, address: tuple[int | None, str | None], opens: bool) -> int:
+    from uwserver.adapter import installed_adapters
+    from uwserver.server.life_cycle import Options, Server, StartFailed
+    from uwserver.server.playback import Playback
+    from uwserver.server.signals import run as run_loop
+
+    adapters = installed_adapters()
+    resolved = with_address(_with_adapters(track.head.resolved, adapters, address[0]), *address, ())
+    resolved, view = with_web_view(resolved, adapters, address[0])
+    resolved, shown = with_view_token(resolved, view, makes=True)
+
+    def announce(addresses: dict[str, str]) -> None:
+        page = addresses.get(view, "")
+        if opens:
+            open_page(with_token(page, shown.text))
+        for line in where_to_look(resolved, view, page, shown):
+            if line:
+                click.echo(line)
+        run = track.runs[0]
+        length = (run.to_ns - run.from_ns) / 1e9
+        click.echo(styled(f"uwserver plays {track.path}: {resolved.name}, {length:.1f} s", bold=True))
+        for name, where in addresses.items():
+            if name != view:
+                click.echo(f"  {name}: {where}")
+        click.echo(f"  {announced_address(resolved, addresses)} call playback/seek t_s=10")
+        click.echo("Ctrl-C ends it.\n")
+
+    async def serve() -> int:
+        options = Options(announce=announce, shown=view)
+        return await Server(resolved, options, Playback(track, timing, span)).run()
+
+    try:
+        return run_loop(serve())
+    except (StartFailed, OSError) as error:
+        click.echo(f"uwserver: {error}", err=True)
+        sys.exit(1)
+
+
+def _with_adapters(resolved: Resolved, known: Mapping[str, type[Any]], port: int | None) -> Resolved:
+    """The scenario with its adapters as their own types, but those that set the pace of a world, or would open files that a recording names."""
+    world, configs = resolved.scenario.world, {}
+    for name, table in resolved.scenario.adapters.items():
+        try:
+            config = _config(table, known)
+            if (getattr(config, "client", None) or name) in world.clock.lockstep_clients:
+                raise ValueError("it sets the pace of a world, and a recording has its own")
+            configs[name] = config
+        except (ValueError, TypeError, AttributeError) as error:
+            log.warning('adapter "%s" of the recording is left out: %s', name, error)
+    if not configs and "sockets" in known:
+        configs["sockets"] = known["sockets"]()
+    if port == 0:  # free ones for all, as beside the server that was recorded
+        configs = {
+            n: msgspec.structs.replace(c, port=0) if isinstance(getattr(c, "port", None), int) else c
+            for n, c in configs.items()
+        }
+    scenario = msgspec.structs.replace(resolved.scenario, adapters=configs)
+    return replace(resolved, scenario=scenario)
+
+
+def _config(table: Any, known: Mapping[str, type[Any]]) -> Any:
+    """The configuration of an adapter, from its table in a recording.
+
+    Raises:
+        ValueError: it is not installed, names files, or does not fit.
+    """
+    kind = table.get("kind")
+    if kind not in known:
+        raise ValueError(f"no adapter of kind {str(kind)[:40]!r} is installed")
+    named = [key for key in _OF_FILES if table.get(key)]
+    if named:
+        raise ValueError(f"it names files or devices ({', '.join(named)}), which a recording does not open")
+    return msgspec.convert(table, known[kind])
+
+
+COMMANDS = (play,)

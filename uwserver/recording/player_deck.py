@@ -1,0 +1,337 @@
+"""Plays a recording as if it were a world: the same bus, ports, services and times, from a file, at any speed, from any instant.
+
+`Deck.run` is the body of the simulation thread. It needs no physics. Time runs on the grid of the recorded ticks; it goes back only by a jump, of
+which an event ``reset`` tells: one that was recorded, a seek, or the loop.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, Literal
+
+import numpy as np
+
+from uwserver.ports import Cast, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
+from uwserver.ports.crossing import TickOutput
+from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player_items import Item
+from uwserver.recording.player_services import objection
+from uwserver.recording.player_track import Track
+from uwserver.recording.player_world import Range, members_of, world_of
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import Pace, Time, Timing
+from uwserver.simulation.lateness import Lateness
+from uwserver.simulation.lockstep import GATHER_S, Lockstep
+from uwserver.simulation.readers import OnSamples, OnState
+from uwserver.simulation.steering import Steering
+from uwserver.units import NANOSECONDS
+from uwserver.world.ticks import Ticks
+
+log = logging.getLogger(__name__)
+
+STRIDE_NS: Final = NANOSECONDS // 30
+"""Time goes on by this at most at a time, where nothing was recorded."""
+GROWTH_NS: Final = NANOSECONDS // 4
+"""Wall time between two looks whether a file has grown."""
+MAX_GOALS: Final = 256
+GROWN_NS: Final = 3 * NANOSECONDS
+"""Wall time after which a file that has no end and does not grow counts as one that was cut off."""
+_IDLE_S = 0.1
+_LOOK_S = 0.0005
+
+
+@dataclass(eq=False)
+class Goal:
+    """A request to reach a tick, at which time may stop."""
+
+    tick: int
+    on_reply: OnReply
+    pauses: bool
+
+
+class Deck:
+    """Plays a track on a bus. What steers it, `uwserver.recording.player.Player` adds.
+
+    Args:
+        track: the recording.
+        timing: speed ("freerun" for as fast as possible), and whether it begins paused.
+        span: what is played.
+        time, bus, mailbox: of the server.
+
+    Attributes:
+        world, lateness, pace, lockstep, readers, paused, failure, until_tick: as of a `uwserver.simulation.source.Source`.
+        water: the sea as it was.
+    """
+
+    def __init__(self, track: Track, timing: Timing, span: Range, time: Time, bus: Bus, mailbox: Mailbox) -> None:
+        self.track, self.timing, self.span = track, timing, span
+        self.world = world_of(track)
+        self._ticks = Ticks(self.world.rate_hz)
+        self.lateness, self.pace = Lateness(), Pace(time, timing.speed)
+        self.lockstep = Lockstep(Timing("realtime"), time, bus, self._say, lambda text: None)
+        self.readers = self
+        self.paused, self.failure = timing.paused, ""
+        self.until_tick: int | None = None
+        self.water: WaterView = track.scenes[0].water
+        self._bus, self._mailbox, self._time = bus, mailbox, time
+        self._steering = Steering(mailbox.wake)
+        self._stop = threading.Event()
+        self._goals: list[Goal] = []
+        self._jumps = self._woken = self._looked = self._grown = 0
+        self._is_told_replaced = False
+        self._damaged = 0
+        self._blank = SceneState(Cast(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
+        bus.expect(self.world.ports, 0)
+        self._place(0, self._bounds()[0])
+
+    # -- from the loop --------------------------------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """End `run`."""
+        self._stop.set()
+        self._mailbox.wake.set()
+
+    def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
+        """As `uwserver.simulation.readers.Readers.read`."""
+        self._steering.add(partial(self._read, tuple(ports), on_samples), source)
+
+    def look(self, on_state: OnState, source: str = "") -> None:
+        """As `uwserver.simulation.readers.Readers.look`."""
+        self._steering.add(lambda: self._bus.hand_over(partial(on_state, self.track.state or self._blank)), source)
+
+    # -- the thread -----------------------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Play until stopped."""
+        try:
+            while not self._stop.is_set() and not (self.until_tick is not None and self.world.tick >= self.until_tick):
+                self._turn()
+        except Exception as error:
+            self.failure = f"the player stopped by an internal fault: {error}"
+            log.exception("the player failed")
+            self._bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
+        refused = Refused("shutdown", "the server is shutting down")
+        while (steered := self._steering.take()) is not None:
+            steered.action()
+        self._end(self._goals[:], refused.fault.text)
+        self._refuse_posted()
+        self.track.close()
+
+    def _turn(self) -> None:
+        for _ in range(len(self._steering)):
+            steered = self._steering.take()
+            if steered is not None:
+                steered.action()
+        self._refuse_posted()
+        if self.failure or (self.paused and not any(goal.pauses for goal in self._goals)):
+            self._idle()
+            return
+        try:
+            self._go_on()
+        except (NotPlayable, OSError, struct.error) as error:
+            self._fail(str(error))
+
+    def _go_on(self) -> None:
+        """The next tick, or the end of what is played."""
+        world, item = self.world, self.track.head_item
+        if self.span.to_s is not None and world.t_ns >= self._bounds()[1]:
+            self._at_end()
+        elif item is None:
+            if not self._may_grow():
+                self._at_end()
+        elif item.type == "jump":
+            self._jump(item)
+        else:
+            wanted = min(
+                item.t_ns, world.t_ns + STRIDE_NS, *(self._ticks.time_of(goal.tick) for goal in self._goals[:1])
+            )
+            if self.span.to_s is not None:
+                wanted = min(wanted, self._bounds()[1])
+            tick = max(world.tick + 1, self._ticks.first_at(wanted)) if wanted > world.t_ns else world.tick
+            t_ns = self._ticks.time_of(tick)
+            if self._is_due(t_ns):
+                self._publish(tick, t_ns)
+
+    def _publish(self, tick: int, t_ns: int) -> None:
+        """Give all that was recorded until a time."""
+        track, world, bus = self.track, self.world, self._bus
+        samples: list[Sample] = []
+        events: list[Event] = []
+        self._follow_scene(t_ns)
+        wanted, ports = bus.wanted, world.ports
+        while (item := track.head_item) is not None and item.t_ns <= t_ns and item.type != "jump":
+            track.pop()
+            if item.type == "sample":
+                if wanted is None or track.messages.topic(item.message) in wanted:
+                    sample = track.messages.sample(item.message, ports)
+                    if sample is not None:
+                        samples.append(sample)
+            elif item.type == "event":
+                event = track.messages.told_event(item.message)
+                if event is not None:
+                    events.append(event)
+        world.tick, world.t_ns = tick, t_ns
+        self.lateness.ticks += 1
+        bus.publish(TickOutput(tick, t_ns, samples, events=events, ports=ports, jumps=self._jumps), self._wakes())
+        for goal in [goal for goal in self._goals if tick >= goal.tick]:
+            self.paused = self.paused or goal.pauses
+            self._goals.remove(goal)
+            bus.reply(goal.on_reply, Reply(tick, t_ns))
+
+    def _is_due(self, t_ns: int) -> bool:
+        """Wait for the deadline; False when something was asked during a long wait."""
+        if self.timing.pace is not None and not (self._goals and self._goals[0].pauses):
+            late_ns = self.pace.wait(t_ns, self._mailbox.wake)
+            if late_ns is None:
+                self._mailbox.wake.clear()
+                return False
+            self.lateness.add(late_ns)
+            return True
+        while self._bus.backlog() >= self._bus.ahead and not self._stop.is_set():
+            self._bus.flush()
+            self._time.wait(_LOOK_S, self._stop)
+        return True
+
+    def _wakes(self) -> bool:
+        """Whether this tick wakes the loop at once; those of a recording that nothing paces gather a little."""
+        if self.timing.pace is not None and self.pace.speed <= 2.0:
+            return True
+        now = self._time.now_ns()
+        if now - self._woken < GATHER_S * NANOSECONDS:
+            return False
+        self._woken = now
+        return True
+
+    def _idle(self) -> None:
+        self.pace.release()
+        self._mailbox.wake.clear()
+        self._bus.flush()
+        if not (len(self._steering) or len(self._mailbox.posted) or self._stop.is_set()):
+            self._time.wait(_IDLE_S, self._mailbox.wake)
+
+    def _may_grow(self) -> bool:
+        """Look whether the file has grown; False when nothing is to be waited for."""
+        if not self.track.is_growing:
+            return False
+        now = self._time.now_ns()
+        if now - self._looked >= GROWTH_NS:
+            if now - self._looked > GROWN_NS:
+                self._grown = now  # it was not looked at meanwhile
+            self._looked = now
+            if self.track.refresh():
+                self._grown = now
+                return True
+            if self.track.is_replaced and not self._is_told_replaced:
+                self._is_told_replaced = True
+                log.warning("%s was replaced: the file that was opened is played on", self.track.path)
+        if now - self._grown > GROWN_NS:
+            return False
+        self._idle()
+        return True
+
+    def _refuse_posted(self) -> None:
+        while (posted := self._mailbox.posted.take()) is not None:
+            if posted.on_reply is not None:
+                path = getattr(posted.item, "port", "") or getattr(posted.item, "service", "")
+                self._bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=objection(path)))
+
+    # -- jumps ----------------------------------------------------------------------------------------------------------------------
+
+    def _place(self, run: int, t_ns: int) -> list[Sample]:
+        """Stand at a time of a run; returns the last sample of each port."""
+        tick = self._ticks.first_at(t_ns)
+        t_ns = self._ticks.time_of(tick)
+        messages = self.track.seek(run, t_ns)
+        self.world.tick, self.world.t_ns = tick, t_ns
+        self._follow_scene(t_ns)
+        wanted = self._bus.wanted
+        found = [m for m in messages if wanted is None or self.track.messages.topic(m) in wanted]
+        return [
+            s for s in (self.track.messages.sample(message, self.world.ports) for message in found) if s is not None
+        ]
+
+    def _seek(self, run: int, t_ns: int, why: str) -> None:
+        before = self.world.ports
+        samples = self._place(run, t_ns)
+        world = self.world
+        self._jumps += 1
+        self._end(self._goals[:], why)
+        events = [Event("reset", world.tick, world.t_ns, f"playback: {why}")]
+        if world.ports is not before:
+            events.append(Event("ports_changed", world.tick, world.t_ns, "other bodies were there then"))
+        self._bus.publish(TickOutput(world.tick, world.t_ns, samples, [], events, world.ports, self._jumps))
+        self.pace.release()
+
+    def _jump(self, item: Item) -> None:
+        """Time was set in the recording."""
+        self.track.pop()
+        world = self.world
+        world.tick = self._ticks.first_at(item.t_ns)
+        world.t_ns = self._ticks.time_of(world.tick)
+        self._follow_scene(world.t_ns)
+        self._jumps += 1
+        event = self.track.messages.event(item.message)
+        text = "time was set" if event is None else event.text
+        self._end(self._goals[:], text)
+        events = [Event("reset", world.tick, world.t_ns, text)]
+        self._bus.publish(TickOutput(world.tick, world.t_ns, [], [], events, world.ports, self._jumps))
+        self.pace.release()
+
+    def _at_end(self) -> None:
+        from_ns, to_ns = self._bounds()
+        if self.span.loops and to_ns > from_ns:
+            self._loop()
+            return
+        self._end(self._goals[:], "the recording ends here")
+        if not self.paused:
+            self.paused = True
+            self._say("paused", "the end of what is played")
+
+    def _loop(self) -> None:
+        """Begin anew: with the first run, or with the begin of the range in the present one."""
+        if self.span.from_s is None and self.span.to_s is None:
+            self._seek(0, self.track.runs[0].from_ns, "the recording begins anew")
+        else:
+            self._seek(self.track.run, self._bounds()[0], "the range begins anew")
+
+    def _follow_scene(self, t_ns: int) -> None:
+        scene, world = self.track.scene_at(t_ns), self.world
+        if scene.ports is not world.ports or scene.services is not world.services:
+            world.ports, world.services, world.members = scene.ports, scene.services, members_of(scene)
+        self.water = scene.water
+        if self.track.messages.damaged > self._damaged:
+            if not self._damaged:
+                log.warning("%s: messages that cannot be read are left out", self.track.path)
+            self._damaged = self.track.messages.damaged
+
+    def _bounds(self) -> tuple[int, int]:
+        """First and last time of what is played of the present run, ns."""
+        run, span = self.track.runs[self.track.run], self.span
+        from_ns = run.from_ns if span.from_s is None else max(run.from_ns, round(span.from_s * NANOSECONDS))
+        to_ns = run.to_ns if span.to_s is None else min(run.to_ns, round(span.to_s * NANOSECONDS))
+        return min(from_ns, run.to_ns), to_ns
+
+    def _read(self, ports: Sequence[str], on_samples: OnSamples) -> None:
+        found = [self.track.newest(path, self.world.ports) for path in ports]
+        self._bus.hand_over(partial(on_samples, tuple(sample for sample in found if sample is not None)))
+
+    def _fail(self, text: str) -> None:
+        self.failure = text
+        self.paused = True
+        log.error("%s", text)
+        self._bus.say(Event("diverged", self.world.tick, self.world.t_ns, text))
+
+    def _say(self, event: Literal["paused", "resumed"], text: str) -> None:
+        log.info("%s at %g s: %s", event, self.world.t_ns / NANOSECONDS, text)
+        self._bus.say(Event(event, self.world.tick, self.world.t_ns, text))
+
+    def _end(self, goals: Sequence[Goal], why: str) -> None:
+        for goal in [goal for goal in goals if goal in self._goals]:
+            self._goals.remove(goal)
+            fault = Refused("preempted", why).fault
+            self._bus.reply(goal.on_reply, Reply(self.world.tick, self.world.t_ns, fault=fault))

@@ -1,0 +1,96 @@
+"""What the head of a recording says to who plays it: less than a replay needs, and nothing that it names is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from uwserver.recording.format import FORMAT, METADATA, Head, head_with
+from uwserver.recording.player_file import Chunks, NotOurs, NotPlayable
+from uwserver.scenario.vehicle.tables import VehicleFile
+
+
+def played_head(chunks: Chunks) -> tuple[Head, tuple[str, ...]]:
+    """The head of a recording, and what is to be told of it.
+
+    The version of the physics does not matter. Components whose kinds came from extensions are left out: their ports are in the recording, and the
+    files are not opened.
+
+    Raises:
+        NotPlayable: it is no recording of ours, of another format, or its scenario does not fit this version.
+    """
+    record = chunks.metadata.get(METADATA)
+    if record is None:
+        raise NotOurs(f"{chunks.path}: an MCAP file, but not written by `uwserver run --record FILE`")
+    then = record.get("format", "uwserver-recording-1")
+    if then != FORMAT:
+        text = f"the recording was made by uwserver {record.get('uwserver', 'of old')}, in the format {then}; this version plays {FORMAT}"
+        raise NotPlayable(f"{chunks.path}: {text}: play it with that version")
+    try:
+        whole = msgspec.json.decode(record["scenario"])
+        left_out = _without_extensions(whole)
+        return head_with(record, whole), left_out
+    except (KeyError, TypeError, AttributeError, msgspec.DecodeError) as error:
+        raise NotPlayable(f"{chunks.path}: the head of the recording is damaged: {error}") from error
+    except ValueError as error:  # it fits another version
+        raise NotPlayable(f"{chunks.path}: {error}") from error
+
+
+def _without_extensions(whole: dict[str, Any]) -> tuple[str, ...]:
+    """Leave out of a scenario what its extensions brought; returns sentences about it."""
+    names = whole["scenario"].pop("extensions", None)
+    if not names:
+        return ()
+    gone: list[str] = []
+    whole["scenario"].pop("faults", None)  # of what is recorded; nobody draws them
+    for vehicle, parts in whole["vehicles"].items():
+        gone += _prune(parts["vehicle"], f"vehicles.{vehicle}")
+        gone += _prune(whole["scenario"].get("vehicles", {}).get(vehicle, {}), f"vehicles.{vehicle}")
+    environment = whole["scenario"].get("environment", {})
+    gone += _prune(environment, "environment")
+    what = f": {', '.join(dict.fromkeys(gone))} are not drawn" if gone else ""
+    return (f"the extensions {', '.join(map(str, names))[:200]} are not opened{what}",)
+
+
+def _prune(table: dict[str, Any], path: str) -> list[str]:
+    """Leave out of a table's groups the entries of kinds that nobody knows here; returns their paths."""
+    known = _known_kinds()
+    gone = []
+    for group, entries in table.items():
+        if isinstance(entries, dict) and group in known:
+            for name in [
+                n for n, e in entries.items() if isinstance(e, dict) and e.get("kind", "") not in known[group]
+            ]:
+                if "kind" in entries[name]:
+                    del entries[name]
+                    gone.append(f"{path}.{group}.{name}")
+            for entry in entries.values():
+                if isinstance(entry, dict):
+                    entry.pop("modifiers", None)
+    return gone
+
+
+def _known_kinds() -> Mapping[str, frozenset[str]]:
+    """Tags of the tagged tables of a vehicle's and an environment's groups."""
+    from uwserver.scenario.load.tables import Scenario
+
+    known: dict[str, frozenset[str]] = {}
+    environment = next(f for f in msgspec.structs.fields(Scenario) if f.name == "environment").type
+    for owner in (VehicleFile, environment):
+        info = msgspec.inspect.type_info(owner)
+        for field in getattr(info, "fields", ()):
+            if isinstance(field.type, msgspec.inspect.DictType):
+                tags = frozenset(_tags(field.type.value_type))
+                if tags:
+                    known[field.encode_name] = tags
+    return known
+
+
+def _tags(node: msgspec.inspect.Type) -> list[str]:
+    if isinstance(node, msgspec.inspect.StructType):
+        return [str(node.tag)] if node.tag_field == "kind" and node.tag is not None else []
+    if isinstance(node, msgspec.inspect.UnionType):
+        return [tag for each in node.types for tag in _tags(each)]
+    return []

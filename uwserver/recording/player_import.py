@@ -1,0 +1,226 @@
+"""A log of another origin as a recording that can be played: its ports and bodies, as a mapping says, and nothing else.
+
+A foreign log is read once and written in our own format, so that seeking, looping and the web view need no second way. Bodies are boxes, as a log
+says nothing of their shape; each has a port ``<body>/pose`` besides the ports of the mapping.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles.log import Datum
+from uwserver.logfiles.mapping import Mapping as LogMapping
+from uwserver.logfiles.mapping import PortSource, Value, read_mapping
+from uwserver.logfiles.poses import pose_tracks
+from uwserver.logfiles.rules import mapping_of
+from uwserver.logfiles.samples import port_samples
+from uwserver.ports import Cast, Field, Port, Present, Sample, SceneState, WaterView
+from uwserver.recording.format import RecordingWriter, metadata
+from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.states import STATES_HZ, Presence, Seen
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.scene.scenery import still_water_view
+from uwserver.scenario.water.sea import water_of
+from uwserver.simulation.clock import Timing
+from uwserver.units import NANOSECONDS
+from uwserver.world.external.track import PoseTrack
+
+RATE_HZ = 120.0
+"""Ticks a second on which a foreign log is played."""
+MOST_STATES = 30 * 3600 * 24
+"""Of a log: a day at `STATES_HZ`; a longer one gets fewer a second."""
+_BOX = {"kind": "box", "size_m": [0.6, 0.4, 0.3], "mass_kg": 10.0}
+_SI = {
+    "m": ("km", "dm", "cm", "mm", "ft", "fathom", "nmi"),
+    "rad": ("mrad", "deg", "cdeg", "degE7", "degE5", "deglatitude", "deglongitude", "degheading"),
+    "m/s": ("km/h", "kn", "knots", "km/s", "dm/s", "cm/s", "mm/s", "ft/s"), "rad/s": ("mrad/s", "deg/s", "cdeg/s", "rpm"),
+    "m/s^2": ("m/s/s", "cm/s^2", "g", "mG"), "rad/s^2": ("deg/s^2",), "s": ("ms", "us", "ns", "min", "h"),
+    "Pa": ("hPa", "mbar", "kPa", "dbar", "bar", "psi"), "degC": ("cdegC", "K", "degF"), "V": ("mV", "cV"), "A": ("mA", "cA"), "J": ("hJ",),
+    "T": ("uT", "nT", "gauss", "mgauss"), "1": ("", "%", "d%", "c%"),
+}  # fmt: skip
+"""What units of logs are called once they are SI; any other keeps its name."""
+_NAMED = {other: unit for unit, others in _SI.items() for other in others}
+
+
+@dataclass
+class _Seen:
+    """What a first pass found of a port."""
+
+    first: Mapping[str, object]
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+
+def import_log(path: Path, mapping_path: Path | None, target: Path) -> tuple[str, ...]:
+    """Write a log of another origin as a recording.
+
+    Args:
+        path: of the log.
+        mapping_path: of a mapping; None for the one that rules find.
+        target: a file that does not exist yet.
+
+    Returns what is to be told of the log.
+
+    Raises:
+        OSError: a file cannot be read or written.
+        NotPlayable: it is no log that is known, damaged, or the mapping finds nothing in it.
+    """
+    try:
+        log = open_log(path)
+    except LogError as error:
+        raise NotPlayable(str(error)) from error
+    try:
+        mapping = mapping_of(log) if mapping_path is None else read_mapping(mapping_path)
+        found = pose_tracks(log, mapping)
+        tracks = {_name(name): each.track for name, each in found.items()}
+        seen = _first_pass(log, mapping)
+        if not tracks and not seen:
+            hint = f"write one: uwserver log {path} --mapping"
+            raise NotPlayable(f"{path}: no mapping finds a pose or a port in this log of kind {log.kind}; {hint}")
+        _write(log, mapping, tracks, seen, target)
+        return (*log.remarks, *(remark for each in found.values() for remark in each.remarks))
+    except LogError as error:
+        raise NotPlayable(str(error)) from error
+    finally:
+        log.close()
+
+
+def _first_pass(log: Log, mapping: LogMapping) -> dict[str, _Seen]:
+    seen: dict[str, _Seen] = {}
+    for t_ns, name, value in port_samples(log, mapping):
+        port = seen.get(name)
+        if port is None:
+            port = seen[name] = _Seen(value, first_ns=t_ns)
+        port.count, port.last_ns = port.count + 1, t_ns
+    return seen
+
+
+def _write(
+    log: Log, mapping: LogMapping, tracks: Mapping[str, PoseTrack], seen: Mapping[str, _Seen], target: Path
+) -> None:
+    resolved = _scenario(log, tracks)
+    names = {name: _name(name, "/") for name in seen}
+    ports = {names[name]: _port(names[name], mapping.ports[name], each) for name, each in seen.items()}
+    for body, track in tracks.items():
+        ports.setdefault(f"{body}/pose", _pose_port(body, track))
+    cast = Cast(1, (), tuple(Present(body, body) for body in tracks))
+    shift = min(0, log.start_ns, *(int(track.t_ns[0]) for track in tracks.values()))
+    with target.open("xb") as file:
+        writer = RecordingWriter(file, metadata(resolved, 0, Timing()), ports)
+        models = dict.fromkeys(tracks, "object")
+        writer.presence(Presence(cast, 0, 0, 0, ports, {}, models, _water(resolved)))
+        counts = dict.fromkeys(ports, 0)
+        states = _states(log, tracks, cast, shift)
+        state = next(states, None)
+        for t_ns, name, value in _merged(log, mapping, tracks, names):
+            while state is not None and state.state.t_ns <= t_ns - shift:
+                writer.state(state)
+                state = next(states, None)
+            t = t_ns - shift
+            fields = ports[name].fields
+            entry = tuple(_fitting(field, value.get(field.name)) for field in fields)
+            writer.sample(Sample(name, counts[name], t, t, True, entry), ports)
+            counts[name] += 1
+        while state is not None:
+            writer.state(state)
+            state = next(states, None)
+        writer.finish()
+
+
+def _merged(
+    log: Log, mapping: LogMapping, tracks: Mapping[str, PoseTrack], names: Mapping[str, str]
+) -> Iterator[Datum]:
+    """Samples of ports and of poses, in the order of their times."""
+    from heapq import merge
+
+    poses = [_poses(f"{body}/pose", track) for body, track in tracks.items() if f"{body}/pose" not in names.values()]
+    samples = (Datum(t_ns, names[name], value) for t_ns, name, value in port_samples(log, mapping) if name in names)
+    return merge(samples, *poses, key=lambda datum: datum.t_ns)
+
+
+def _poses(path: str, track: PoseTrack) -> Iterator[Datum]:
+    for t_ns, p, q in zip(track.t_ns.tolist(), track.p_NB.tolist(), track.q_NB.tolist(), strict=True):
+        yield Datum(t_ns, path, {"p_NB": tuple(p), "q_NB": tuple(q)})
+
+
+def _states(log: Log, tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -> Iterator[Seen]:
+    """Where all bodies are, from the begin of the log to its end; one that is not told of stands where it was last."""
+    first = min([log.start_ns, *(int(track.t_ns[0]) for track in tracks.values())])
+    last = max([log.end_ns, *(int(track.t_ns[-1]) for track in tracks.values())])
+    step = max(round(NANOSECONDS / STATES_HZ), (last - first) // MOST_STATES)
+    for t_ns in range(first, last + 1, step):
+        rows = np.zeros((len(tracks), 7))
+        rows[:, 3] = 1.0
+        for row, track in zip(rows, tracks.values(), strict=True):
+            pose = track.at(t_ns, "hold")
+            if pose is not None:
+                row[:3], row[3:] = pose.p_NB, pose.q_NB
+        yield Seen(0, SceneState(cast, t_ns - shift, rows, np.zeros(0, np.int8), (0.0, 0.0, 0.0)))
+
+
+def _scenario(log: Log, tracks: Mapping[str, PoseTrack]) -> Resolved:
+    world: dict[str, Any] = {"rate_hz": RATE_HZ}
+    if log.epoch_ns is not None:
+        epoch = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=log.epoch_ns // NANOSECONDS)
+        world["epoch_utc"] = epoch.strftime("%Y-%m-%dT%H:%M:%SZ")
+    objects = {body: {**_BOX, "position_ned_m": [0.0, 0.0, 1.0 + k]} for k, body in enumerate(tracks)}
+    raw = {"schema": 1, "title": log.path.name, "world": world, "objects": objects}
+    return load(msgspec.convert(raw, Scenario), adapters={})
+
+
+def _water(resolved: Resolved) -> WaterView:
+    water = water_of(resolved.scenario.environment, RATE_HZ, lambda path: np.random.default_rng(0))
+    return still_water_view(resolved, water)
+
+
+def _port(path: str, source: PortSource, seen: _Seen) -> Port:
+    fields = []
+    for name, entries in source.fields.items():
+        value, entry = seen.first.get(name), entries[0] if isinstance(entries, list) else entries
+        unit = entry.unit or "" if isinstance(entry, Value) else ""
+        is_text, is_flag = isinstance(value, str), isinstance(value, bool)
+        shape = (len(entries),) if isinstance(entries, list) else ()
+        kind: Any = "str" if is_text else "bool" if is_flag else "float"
+        fields.append(Field(name, _NAMED.get(unit, unit), f"of {source.topic}", shape=shape, type=kind))
+    return Port(path, "sensor", source.kind or "log", tuple(fields), f"{source.topic} of the log.", _rate(seen))
+
+
+def _pose_port(body: str, track: PoseTrack) -> Port:
+    fields = (
+        Field("p_NB", "m", "position", "N", (3,)),
+        Field("q_NB", "1", "attitude", "NB", (4,)),
+    )
+    span = _Seen({}, len(track.t_ns), int(track.t_ns[0]), int(track.t_ns[-1]))
+    return Port(f"{body}/pose", "sensor", "pose", fields, "Where the log says that it was.", _rate(span))
+
+
+def _rate(seen: _Seen) -> float:
+    span = (seen.last_ns - seen.first_ns) / NANOSECONDS
+    return round((seen.count - 1) / span, 3) if span > 0.0 and seen.count > 1 else 1.0
+
+
+def _fitting(field: Field, value: Any) -> Any:
+    """A value as its field wants it; None where the log has another type there."""
+    if field.shape:
+        entries = tuple(value) if isinstance(value, tuple) else ()
+        numbers = tuple(entry if isinstance(entry, float) else None for entry in entries)
+        return numbers if len(numbers) == field.shape[0] else None
+    wanted = {"str": str, "bool": bool, "float": float}[field.type]
+    return value if isinstance(value, wanted) else None
+
+
+def _name(text: str, more: str = "") -> str:
+    """A name as levels of paths may have."""
+    return re.sub(rf"[^A-Za-z0-9_{more}-]", "_", text).strip("/") or "log"

@@ -1,0 +1,52 @@
+"""A recording in the place of a world: the same hub for the same adapters, without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from uwserver.ports import Json
+from uwserver.recording.player import Player
+from uwserver.recording.player_services import SERVICES, objection
+from uwserver.recording.player_track import Track
+from uwserver.recording.player_world import Range
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.scenery import Scenery
+from uwserver.server.context import Hub
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import Time, Timing
+
+
+@dataclass(frozen=True)
+class Playback:
+    """What is played, and how.
+
+    Attributes:
+        track: the recording, which the player closes.
+        timing: speed, and whether it begins paused.
+        span: from, to, and whether again and again.
+    """
+
+    track: Track
+    timing: Timing
+    span: Range
+
+    def start(
+        self,
+        name: str,
+        resolved: Resolved,
+        outlet: tuple[Time, Bus, Mailbox],
+        tell: tuple[Callable[[str], None], Callable[[], dict[str, Json]]],
+    ) -> tuple[Player, Hub]:
+        """The player, and the hub that shows it to adapters.
+
+        Args:
+            name: of the server.
+            resolved: the scenario, with the adapters that serve it.
+            outlet: what carries it to the loop and back.
+            tell: shutdown and status of the server.
+        """
+        _, bus, mailbox = outlet
+        player = Player(self.track, self.timing, self.span, *outlet)
+        scenery = Scenery(resolved, player.world, lambda: player.water)
+        return player, Hub(name, player, bus, mailbox, *tell, None, None, scenery, SERVICES, objection, player.brief)
