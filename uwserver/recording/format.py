@@ -1,11 +1,12 @@
 """The format of a recording: an MCAP file that any MCAP tool can plot, and from which `uwserver.recording.replay` can run the world again.
 
 One channel a port, topic = its path, JSON with a JSON schema that names units and frames; ``log_time`` is `t_sent_ns` (for commands: the
-time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besides them three channels of our own:
+time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besides them channels of our own:
 
 * ``uwserver/requests``: every command and call that was carried out (`Request`);
 * ``uwserver/hashes``: the hash of the whole state, each simulated second and at the end (`StateHash`);
-* ``uwserver/events``: what every client was told.
+* ``uwserver/events``: what every client was told;
+* ``uwserver/states`` and ``uwserver/casts``: where all bodies are and who they are, see `uwserver.recording.states`.
 
 Requests and hashes share one running index: the order in which they happened, also where a reset makes the tick go back.
 The metadata record ``uwserver`` stands first: versions, seed, timing, and the whole resolved scenario.
@@ -24,7 +25,9 @@ from msgspec import Struct
 
 from uwserver import __version__
 from uwserver.physics import PHYSICS
-from uwserver.ports import Call, Command, Event, Field, Items, Port, Sample
+from uwserver.ports import Call, Command, Event, Items, Port, Sample, SceneState
+from uwserver.recording.schemas import port_schema, schema_of
+from uwserver.recording.states import CASTS, ENCODING, LAYOUT, STATES, CastRecord, Presence, state_message
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -36,8 +39,10 @@ from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
-FORMAT = "uwserver-recording-2"
-"""Of the requests and hashes; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
+FORMAT = "uwserver-recording-3"
+"""Of all channels; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
+REPLAYED_FORMATS = ("uwserver-recording-2", FORMAT)
+"""Those whose requests and hashes are as here: the second brought none of the states."""
 METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
@@ -47,14 +52,6 @@ CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
 _SECRETS = ("token", "password", "secret")
-_JSON_TYPES = {
-    "float": "number",
-    "int": "integer",
-    "bool": "boolean",
-    "str": "string",
-    "bytes": "object",
-    "buffer": "object",
-}
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -184,7 +181,7 @@ def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
     """
     for name, here in (("format", FORMAT), ("physics", str(PHYSICS))):
         then = record.get(name, "1")
-        if then != here:
+        if then != here and then not in REPLAYED_FORMATS:
             made_by = f"uwserver {record.get('uwserver', 'of old')}"
             text = f"the recording was made by {made_by}, whose {name} is {then}; here it is {here}, and the run would go otherwise"
             raise ValueError(f"{text}: replay it with that version. MCAP tools and `uwserver plot` read it as before")
@@ -253,13 +250,17 @@ class RecordingWriter:
 
         self._encode = msgspec.json.Encoder().encode
         self._of_name: dict[str, list[_Kind]] = {}
-        self._count = 0
+        self._count = 1  # the states
         self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
         self._writer.start("", f"uwserver {__version__}")
         self._writer.add_metadata(METADATA, head)
-        self._events = self._channel(EVENTS, "uwserver.Event", _schema_of(Event))
-        self._hashes = self._channel(HASHES, "uwserver.StateHash", _schema_of(StateHash))
-        self._requests = self._channel(REQUESTS, "uwserver.Request", _schema_of(Request))
+        self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
+        self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
+        self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
+        self._casts = self._channel(CASTS, "uwserver.CastRecord", {"title": CASTS, "type": "object"})
+        layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
+        self._states = int(self._writer.register_channel(STATES, ENCODING, layout, {}))
+        self._presence: Presence | None = None
         for port in ports.values():
             self._number(self._kinds(port)[-1])
         self.flush()
@@ -303,6 +304,16 @@ class RecordingWriter:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
 
+    def presence(self, presence: Presence) -> None:
+        """Who and what is there from here on."""
+        record: CastRecord = presence.since(self._presence)
+        self._presence = presence
+        self._add(self._casts, presence.t_ns, record, presence.t_ns)
+
+    def state(self, state: SceneState) -> None:
+        """Where all bodies are; of a cast that was told by `presence`."""
+        self._writer.add_message(self._states, state.t_ns, state_message(state), state.t_ns)
+
     def flush(self) -> None:
         """End the chunk in progress and hand everything to the operating system."""
         self._writer.flush()
@@ -343,58 +354,3 @@ class RecordingWriter:
         self._count += 1
         schema_id = self._writer.register_schema(name, "jsonschema", self._encode(schema))
         return int(self._writer.register_channel(topic, "json", schema_id, about or {}))
-
-
-def port_schema(port: Port) -> dict[str, Any]:
-    """JSON schema of the messages on a port's channel."""
-    value = {"type": "object", "properties": {field.name: _field_schema(field) for field in port.fields}}
-    integer = {"type": "integer"}
-    if port.direction == "sensor":
-        properties = {
-            "seq": integer,
-            "t_ns": integer,
-            "t_sent_ns": integer,
-            "valid": {"type": "boolean"},
-            "value": value,
-        }
-    else:
-        properties = {"tick": integer, "source": {"type": "string"}, "value": value}
-    return {"title": port.path, "description": port.doc, "type": "object", "properties": properties}
-
-
-def _field_schema(field: Field) -> dict[str, Any]:
-    about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
-    # null where a sensor has no value.
-    scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
-    if field.is_packed:
-        base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
-        if field.buffer:
-            about += f"; {field.buffer}, row-major, little-endian"
-            base64 |= {"dtype": {"const": field.buffer.dtype}, "shape": {"type": "array", "items": {"type": "integer"}}}
-        return {**scalar, "properties": base64, "description": about}
-    if not field.shape:
-        return {**scalar, "description": about}
-    if len(field.shape) > 1:
-        about += f"; row-major, shape {'x'.join(map(str, field.shape))}"
-    return {
-        "type": ["array", "null"],
-        "items": scalar,
-        "minItems": field.size,
-        "maxItems": field.size,
-        "description": about,
-    }
-
-
-def _schema_of(type_: type) -> dict[str, Any]:
-    """A flat JSON schema of a Struct, without references: not every viewer follows them."""
-    known = msgspec.json.schema(type_)["$defs"]
-
-    def flat(node: Any) -> Any:
-        if isinstance(node, list):
-            return [flat(entry) for entry in node]
-        if not isinstance(node, dict):
-            return node
-        return flat(known[node["$ref"].rpartition("/")[2]]) if "$ref" in node else {k: flat(v) for k, v in node.items()}
-
-    found: dict[str, Any] = flat(known[type_.__name__])
-    return found

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,14 +19,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from uwserver.ports import Call, Command, Event, Json, Port, Sample
+from uwserver.ports import Call, Command, Event, Json, Port, Sample, SceneState
 from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
+from uwserver.recording.states import STATES_HZ, Presence
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.scenery import water_view
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
+from uwserver.world.lookout import Lookout
 from uwserver.world.snapshot import Snapshot
 from uwserver.world.world import World
 
@@ -63,7 +67,53 @@ class _Ports:
     ports: Mapping[str, Port]
 
 
-_Item = tuple[Sample, ...] | Request | _State | _Ports | Event
+class _Looker:
+    """Sees who is in a world and where, at most `STATES_HZ` a second. Simulation thread."""
+
+    def __init__(self, world: World, resolved: Resolved) -> None:
+        self._world, self._resolved = world, resolved
+        self._lookout = Lookout(world)
+        self._every = max(1, math.ceil(world.rate_hz / STATES_HZ))
+        self._seen: Presence | None = None
+        self._current = world.water.current
+        self._jumps, self._is_blind = world.jumps, False
+
+    def look(self) -> tuple[Presence | None, SceneState | None]:
+        """Who is there, if that has changed, and where, if it is time to tell."""
+        world, seen = self._world, self._seen
+        is_as_before = seen is not None and seen.ports is world.ports and seen.services is world.services
+        if self._is_blind or (world.tick % self._every and world.jumps == self._jumps and is_as_before):
+            return None, None
+        self._jumps = world.jumps
+        try:
+            state = self._lookout.state()
+            return self._presence(state), state
+        except Exception:  # a fault of ours in what only viewers need must end neither world nor recording
+            self._is_blind = True
+            log.exception("where the bodies are cannot be told: the recording goes on without it")
+            return None, None
+
+    def _presence(self, state: SceneState) -> Presence | None:
+        world, seen = self._world, self._seen
+        if seen and seen.cast is state.cast and seen.ports is world.ports and seen.services is world.services:
+            return None
+        models = {name: member.vehicle.model for name, member in world.members.items()}
+        is_other_water = seen is None or self._current != state.current
+        water = water_view(self._resolved, world) if is_other_water else None
+        self._current = state.current
+        presence = Presence(state.cast, world.tick, world.t_ns, world.ports, world.services, models, water)
+        self._seen = presence
+        return presence
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Where the bodies are."""
+
+    state: SceneState
+
+
+_Item = tuple[Sample, ...] | Request | _State | _Ports | Presence | _Seen | Event
 
 
 class Recorder:
@@ -84,6 +134,7 @@ class Recorder:
         self._open = self._finished = False
         self._ending = threading.Event()
         self._error = ""
+        self._looker = _Looker(world, resolved)
         self._second = max(1, round(world.rate_hz))
         self._seen = world.ports
         self._known = dict(world.ports)
@@ -105,6 +156,7 @@ class Recorder:
         simulation.observe(self)
         detach = bus.attach(self)
         self._open = True
+        self._look()
         thread.start()
         log.info("recording to %s", self._path)
         try:
@@ -177,6 +229,7 @@ class Recorder:
         if not self._open or self._error:
             return
         self._follow_ports()  # before the loop has any sample of this tick
+        self._look()
         if world.tick % self._second == 0:
             self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
@@ -186,6 +239,13 @@ class Recorder:
         if self._world.ports is not self._seen:
             self._seen = self._world.ports
             self._queue.append(_Ports(self._seen))
+
+    def _look(self) -> None:
+        presence, state = self._looker.look()
+        if presence is not None:
+            self._queue.append(presence)
+        if state is not None:
+            self._queue.append(_Seen(state))
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -262,6 +322,10 @@ class Recorder:
         elif isinstance(item, _Ports):
             writer.know(port for path, port in item.ports.items() if self._known.get(path) is not port)
             self._known |= item.ports
+        elif isinstance(item, Presence):
+            writer.presence(item)
+        elif isinstance(item, _Seen):
+            writer.state(item.state)
         else:
             writer.event(item)
 
@@ -292,6 +356,7 @@ class Recorder:
     def _close(self, thread: threading.Thread) -> None:
         self._open = False
         if not self._error:
+            self._look()
             self._queue.append(_State(self._next_index(), self._world.t_ns, snapshot.take(self._world)))
         self._ending.set()
         written = -1

@@ -25,7 +25,6 @@ from uwserver.recording.format import (
     StateHash,
     head_of,
     metadata,
-    port_schema,
     versions_here,
 )
 from uwserver.simulation.clock import Timing
@@ -132,17 +131,6 @@ def test_every_message_stands_on_its_channel_at_its_time_and_fits_its_schema():
     assert found[ACTUATOR.path] == [(12, 12, {"tick": 3, "source": "tcp:1", "value": {"angle": 0.5}})]
     assert [entry["index"] for _, _, entry in found[REQUESTS]] == [0, 1]
     assert found[HASHES][0][2] == {"index": 2, "tick": 4, "hash": "ab"}
-
-
-def test_the_schema_of_a_port_names_units_frames_and_shapes():
-    schema = port_schema(SENSOR)["properties"]["value"]["properties"]
-    assert schema["range"]["description"] == "distance; unit m"
-    assert schema["w_S"]["description"] == "rate; unit rad/s; frame S"
-    assert (schema["w_S"]["minItems"], schema["w_S"]["maxItems"]) == (3, 3)
-    assert schema["matrix"]["description"].endswith("row-major, shape 2x3")
-    assert schema["name"]["type"] == ["string", "null"]
-    assert schema["picture"]["properties"]["dtype"] == {"const": "uint8"}
-    assert set(port_schema(ACTUATOR)["properties"]) == {"tick", "source", "value"}
 
 
 def test_a_sample_of_another_number_of_values_is_a_fault_not_a_record():

@@ -26,7 +26,6 @@ from uwserver.recording.format import (
     RecordingWriter,
     head_of,
     metadata,
-    port_schema,
 )
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
@@ -392,11 +391,3 @@ def test_no_thread_is_left(bench: Bench) -> None:
     with bench.running():
         assert "recorder" in [thread.name for thread in threading.enumerate()]
     assert "recorder" not in [thread.name for thread in threading.enumerate()]
-
-
-def test_the_schema_of_a_matrix_and_of_a_scalar() -> None:
-    fields = (Field("m", "T", "a matrix", "S", (2, 3)), Field("ok", "1", "a flag", type="bool"))
-    value = port_schema(Port("rov/x", "sensor", "x", fields, "doc"))["properties"]["value"]["properties"]
-    assert value["m"]["description"] == "a matrix; unit T; frame S; row-major, shape 2x3"
-    assert value["m"]["maxItems"] == 6
-    assert value["ok"] == {"type": ["boolean", "null"], "description": "a flag; unit 1"}

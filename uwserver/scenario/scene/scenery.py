@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
+from fractions import Fraction
+from functools import partial
+from typing import Protocol
 
 from msgspec import UnsetType, structs
 
@@ -46,6 +50,18 @@ _FLAT_K = 1e-9
 """Wave number (rad/m) below which a component is the tide."""
 
 
+class Shown(Protocol):
+    """What a scene says of a world."""
+
+    @property
+    def rate_hz(self) -> Fraction:
+        """Ticks a second."""
+
+    @property
+    def epoch_utc(self) -> str:
+        """UTC of time zero."""
+
+
 class Scenery:
     """Describes a world from its scenario, when somebody asks; nothing is worked out before. Loop thread.
 
@@ -54,9 +70,19 @@ class Scenery:
         looks: files of looks, by hash.
     """
 
-    def __init__(self, resolved: Resolved, world: World) -> None:
-        """Of a world that was built of this scenario. What is read of the world does not change in a run, but for its current."""
-        self._resolved, self._world = resolved, world
+    def __init__(self, resolved: Resolved, world: World | Shown, water: Callable[[], WaterView] | None = None) -> None:
+        """Of a world of this scenario. What is read of it does not change in a run, but for its current.
+
+        Args:
+            resolved: the scenario.
+            world: that was built of it, or what is known of one that is not there.
+            water: tells its sea as it is now, where there is no world.
+        """
+        if water is None:
+            if not isinstance(world, World):
+                raise TypeError("without a world its water must be given")
+            water = partial(water_view, resolved, world)
+        self._resolved, self._world, self._water = resolved, world, water
         self.meshes = Meshes()
         self.looks: dict[str, bytes] = {}
         self._newest: SceneView | None = None
@@ -152,35 +178,38 @@ class Scenery:
             return None
         return OriginView(rad(table.origin_lat_deg), rad(table.origin_lon_deg))
 
-    def _water(self) -> WaterView:
-        environment, water = self._resolved.scenario.environment, self._world.water
-        looks = WATERS[JERLOV]
-        flows = [flow_of(current) for current in environment.currents.values()]
-        return WaterView(
-            density=environment.density,
-            sound_speed=water.sound_speed(0.0),
-            waves=self._waves(),
-            surface_level=environment.surface_level_m,
-            current=water.current,
-            profiles=tuple(
-                tuple(zip(flow.depth_m, flow.velocity_ned_mps, strict=True))
-                for flow in flows
-                if isinstance(flow, ProfileConfig)
-            ),
-            jerlov=JERLOV,
-            attenuation=looks.attenuation,
-            colour=looks.colour,
-        )
 
-    def _waves(self) -> tuple[WaveView, ...]:
-        sea = self._world.water.sea
-        if sea is None:
-            return ()
-        columns = (WAVE_AMPLITUDE, WAVE_KX, WAVE_KY, WAVE_OMEGA, WAVE_PHASE)
-        waves = []
-        for row in sea.rows.waves.tolist():
-            if row[WAVE_K] > _FLAT_K:
-                a, kx, ky, omega, phase = (row[column] for column in columns)
-                depth = row[WAVE_DEPTH]
-                waves.append(WaveView(a, kx, ky, omega, phase, None if math.isinf(depth) else depth))
-        return tuple(waves)
+def water_view(resolved: Resolved, world: World) -> WaterView:
+    """The sea of a world that was built of this scenario, with its current as it is now."""
+    environment, water = resolved.scenario.environment, world.water
+    looks = WATERS[JERLOV]
+    flows = [flow_of(current) for current in environment.currents.values()]
+    return WaterView(
+        density=environment.density,
+        sound_speed=water.sound_speed(0.0),
+        waves=_waves(world),
+        surface_level=environment.surface_level_m,
+        current=water.current,
+        profiles=tuple(
+            tuple(zip(flow.depth_m, flow.velocity_ned_mps, strict=True))
+            for flow in flows
+            if isinstance(flow, ProfileConfig)
+        ),
+        jerlov=JERLOV,
+        attenuation=looks.attenuation,
+        colour=looks.colour,
+    )
+
+
+def _waves(world: World) -> tuple[WaveView, ...]:
+    sea = world.water.sea
+    if sea is None:
+        return ()
+    columns = (WAVE_AMPLITUDE, WAVE_KX, WAVE_KY, WAVE_OMEGA, WAVE_PHASE)
+    waves = []
+    for row in sea.rows.waves.tolist():
+        if row[WAVE_K] > _FLAT_K:
+            a, kx, ky, omega, phase = (row[column] for column in columns)
+            depth = row[WAVE_DEPTH]
+            waves.append(WaveView(a, kx, ky, omega, phase, None if math.isinf(depth) else depth))
+    return tuple(waves)

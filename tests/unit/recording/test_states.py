@@ -1,0 +1,89 @@
+"""The channels of a recording from which a run is shown again: who is there, and where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from uwserver.ports import Cast, Present, SceneState
+from uwserver.recording.recorder import Recorder
+from uwserver.recording.states import CASTS, STATES, CastRecord, Presence, read_state, state_message
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.thread import Simulation
+from uwserver.world.lookout import Lookout
+
+CAST = Cast(3, (Present("rov", "rov"),), (Present("crate", "crate"),))
+STATE = SceneState(CAST, 5, np.arange(14.0).reshape(2, 7) + 0.1, np.array([-127, 0, 9], np.int8), (0.1, 0.2, 0.3))
+
+
+@pytest.fixture(scope="module")
+def resolved() -> Resolved:
+    vehicle = VehicleEntry(model="bluerov2_heavy", position_ned_m=(0.0, 0.0, 1.0))
+    return load(Scenario(schema=1, title="test", seed=3, vehicles={"rov": vehicle}), adapters={})
+
+
+def test_a_state_comes_back_bit_for_bit() -> None:
+    state = read_state(state_message(STATE), {3: CAST})
+    assert (state.cast, state.t_ns, state.current) == (CAST, 5, (0.1, 0.2, 0.3))
+    np.testing.assert_array_equal(state.poses, STATE.poses)
+    np.testing.assert_array_equal(state.achieved, STATE.achieved)
+
+
+@pytest.mark.parametrize("length", [0, 5, 40, 41, 60])
+def test_a_state_of_another_length_is_refused(length: int) -> None:
+    with pytest.raises(ValueError, match="a state of"):
+        read_state(state_message(STATE)[:length], {3: CAST})
+
+
+def test_a_state_of_an_unknown_cast_is_refused() -> None:
+    with pytest.raises(ValueError, match="names the cast 3"):
+        read_state(state_message(STATE), {2: CAST})
+
+
+def test_a_second_record_tells_the_difference_alone(resolved: Resolved) -> None:
+    world = build(resolved)
+    presence = Presence(CAST, 1, 2, world.ports, world.services, {"rov": "x", "crate": "object"})
+    first = presence.since(None)
+    assert [port.path for port in first.ports] == list(world.ports)
+    gone = next(iter(world.ports))
+    left = {path: port for path, port in world.ports.items() if path != gone}
+    second = msgspec.structs.replace(presence, ports=left).since(presence)
+    assert (second.ports, second.ports_gone, second.services) == ((), (gone,), ())
+    assert msgspec.json.decode(msgspec.json.encode(first), type=CastRecord) == first
+    assert first.cast == CAST
+
+
+def test_a_run_tells_where_its_bodies_are_thirty_times_a_second_and_after_a_jump(
+    resolved: Resolved, tmp_path: Path
+) -> None:
+    world = build(resolved)
+    bus = Bus(lambda function: None)
+    simulation = Simulation(world, Timing("freerun"), SystemTime(), bus, Mailbox())
+    recorder = Recorder(tmp_path / "run.mcap", world, resolved)
+    truth = {0: Lookout(world).state().poses}
+    with recorder.running(simulation, bus):
+        for _ in range(round(world.rate_hz)):
+            world.advance()
+            truth[world.t_ns] = Lookout(world).state().poses
+            recorder.ticked(world)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        found = list(make_reader(file).iter_messages(topics=[STATES, CASTS], log_time_order=False))
+    casts = [msgspec.json.decode(m.data, type=CastRecord) for _, channel, m in found if channel.topic == CASTS]
+    assert len(casts) == 1
+    assert [port.path for port in casts[0].ports] == list(world.ports)
+    assert [record.service for record in casts[0].services] == list(world.services.values())
+    assert casts[0].water
+    states = [read_state(m.data, {casts[0].revision: casts[0].cast}) for _, c, m in found if c.topic == STATES]
+    assert 27 <= len(states) <= 32
+    for state in states:
+        np.testing.assert_array_equal(state.poses, truth[state.t_ns])
