@@ -392,7 +392,7 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader and what it builds of tables (files), by codecs (wires), and by reports of validation (people)."""
+    """Called by the loader and what it builds of tables (files), by codecs (wires), and by reports (people)."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
@@ -400,9 +400,9 @@ def test_degrees_are_converted_only_at_the_border():
         if uses:
             # Missions are files too, though a client sends them.
             exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
-            assert module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions, (
-                f"{module.name} uses {uses}"
-            )
+            is_report = module.name.startswith("uwserver.recording.report.")  # for people
+            is_file = module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions
+            assert is_file or is_report, f"{module.name} uses {uses}"
     for module in modules("uwserver_adapters"):
         if any(i.target == "uwserver.units" for i in imports(module)):
             assert module.name.rsplit(".", 1)[-1] == "codec", f"{module.name}: units are converted in codec.py"
@@ -508,6 +508,7 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "recording": {"report.contents": "recording/report/test_summary", "report.drawing": "recording/report/test_writing"},
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",

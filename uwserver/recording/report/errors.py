@@ -14,14 +14,16 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import UnsetType
 
-from uwserver.environment.column import ColumnConfig, WaterColumn, uniform_column
+from uwserver.environment.column import WaterColumn, uniform_column
 from uwserver.environment.earth import EARTH_RATE
 from uwserver.environment.geodesy import north_east
 from uwserver.recording.report.reading import FloatArray, Recorded, Series
 from uwserver.recording.report.truth import Mount, Truth, mount_of, rotations, small_angles
+from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.motion.triad import HUMP
-from uwserver.units import deg, rad
+from uwserver.units import STANDARD_ATMOSPHERE_PA, deg, rad
 
 BOUND = 3.0
 """Standard deviations that are drawn."""
@@ -112,7 +114,8 @@ class _Case:
 
     def told(self, name: str) -> FloatArray:
         """(n, k) of a field."""
-        return self.series.columns[name][self.chosen]
+        found: FloatArray = self.series.columns[name][self.chosen]
+        return found
 
     def R_NB(self) -> FloatArray:
         return rotations(self.truth.at(self.t, "q_NB"))
@@ -124,7 +127,8 @@ class _Case:
         """Velocity of the mount, in B."""
         if self.truth.v_NB_B is None or self.truth.w_NB_B is None:
             return None
-        return self.truth.at(self.t, "v_NB_B") + np.cross(self.truth.at(self.t, "w_NB_B"), self.mount.p)
+        found: FloatArray = self.truth.at(self.t, "v_NB_B") + np.cross(self.truth.at(self.t, "w_NB_B"), self.mount.p)
+        return found
 
     def error(self, field: str, title: str, labels: tuple[str, ...], error: FloatArray, own: FloatArray) -> SensorError:
         """With what the modifiers of a field add to the sensor's own standard deviation, (n, k) or (k)."""
@@ -210,7 +214,9 @@ def _gps(case: _Case) -> Iterator[SensorError]:
     v = case.v_NS_B()
     if v is not None:
         true = np.einsum("nij,nj->ni", case.R_NB(), v)
-        yield case.error("v_NS", "velocity", _NED, case.told("v_NS") - true, np.array([case.number("velocity_sigma_mps")]))
+        yield case.error(
+            "v_NS", "velocity", _NED, case.told("v_NS") - true, np.array([case.number("velocity_sigma_mps")])
+        )
 
 
 def _dvl(case: _Case) -> Iterator[SensorError]:
@@ -234,22 +240,27 @@ def _pressure(case: _Case) -> Iterator[SensorError]:
         return
     column = _column(case.environment)
     if column is not None:
-        air = float(case.environment.get("atmospheric_pressure_pa", 0.0))
+        air = float(case.environment.get("atmospheric_pressure_pa", STANDARD_ATMOSPHERE_PA))
         true = air + np.interp(depth, column.depth, column.pressure)
         yield case.error("pressure", "pressure", ("pressure",), case.told("pressure") - true[:, None], _NONE)
 
 
-def _column(environment: Mapping[str, Any]) -> WaterColumn | None:
-    """The still water of a scenario; None where its table is of another version."""
+def _environment(table: Mapping[str, Any]) -> Environment | None:
+    """The tables of the sea; None where they are of another version."""
     try:
-        gravity, growth = float(environment["gravity_mps2"]), float(environment.get("gravity_growth_pm", 0.0))
-        density = float(environment.get("density_kgpm3", 0.0))
-        if isinstance(environment.get("water"), Mapping):
-            config = msgspec.convert(environment["water"], ColumnConfig)
-            return WaterColumn(config, gravity, density, growth)
-        return uniform_column(density, float(environment["temperature_degc"]), gravity, growth)
-    except (KeyError, TypeError, ValueError):
+        return msgspec.convert(dict(table), Environment)
+    except (msgspec.MsgspecError, TypeError, ValueError):
         return None
+
+
+def _column(table: Mapping[str, Any]) -> WaterColumn | None:
+    """The still water of a scenario; None where nobody knows."""
+    sea = _environment(table)
+    if sea is None:
+        return None
+    if isinstance(sea.water, UnsetType):
+        return uniform_column(sea.density, sea.temperature_degc, sea.gravity, sea.growth)
+    return WaterColumn(sea.water, sea.gravity, sea.density, sea.growth)
 
 
 def _imu(case: _Case) -> Iterator[SensorError]:
@@ -259,12 +270,12 @@ def _imu(case: _Case) -> Iterator[SensorError]:
     w = case.truth.at(case.t, "w_NB_B")
     turning = np.einsum("nji,j->ni", R_NB, _earth_rate(case.world))
     yield _triad(case, "w_S", "angular rate", "gyroscope", (w + turning) @ R_BS)
-    gravity = case.environment.get("gravity_mps2")
-    if case.truth.v_dot_B is None or case.truth.v_NB_B is None or gravity is None:
+    sea = _environment(case.environment)
+    if case.truth.v_dot_B is None or case.truth.v_NB_B is None or sea is None:
         return
     v, a, w_dot = (case.truth.at(case.t, name) for name in ("v_NB_B", "v_dot_B", "w_dot_B"))
     r, depth = case.mount.p, case.p_NS()[:, 2:]
-    down = R_NB[:, 2, :] * float(gravity) * (1.0 + float(case.environment.get("gravity_growth_pm", 0.0)) * depth)
+    down = R_NB[:, 2, :] * sea.gravity * (1.0 + sea.growth * depth)
     force = a + np.cross(w + 2.0 * turning, v) + np.cross(w_dot, r) + np.cross(w, np.cross(w, r)) - down
     yield _triad(case, "f_S", "specific force", "accelerometer", force @ R_BS)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import struct
@@ -15,12 +16,14 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from uwserver.ports import Event, Field
+from uwserver.ports import Cast, Event, Field
 from uwserver.recording.format import EVENTS, METADATA
+from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
 from uwserver.scenario.files.opening import opened
 from uwserver.units import NANOSECONDS
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 MOST_RECORD_BYTES = 1 << 30
 """Of a record of a file: the scenario, whose seabed may be large."""
@@ -54,7 +57,7 @@ class Series:
     direction: str
     fields: dict[str, Field]
     t: FloatArray
-    seq: npt.NDArray[np.int64]
+    seq: IntArray
     valid: npt.NDArray[np.bool_]
     columns: dict[str, FloatArray]
 
@@ -73,6 +76,7 @@ class Recorded:
         head: the metadata record, as text.
         scenario: its resolved scenario as plain tables: name, scenario, vehicles, materials.
         series: of each port that said something, by path.
+        poses: (n, 8) of each body: t (s), p_NB (m), q_NB (w x y z), from the states; none in old recordings.
         events: what every client was told.
         end_s: simulation time of the last entry, s.
         remarks: what is missing or doubtful, as sentences.
@@ -82,6 +86,7 @@ class Recorded:
     head: dict[str, str]
     scenario: dict[str, Any]
     series: dict[str, Series]
+    poses: dict[str, FloatArray]
     events: tuple[Event, ...]
     end_s: float
     remarks: tuple[str, ...]
@@ -195,7 +200,9 @@ class _Reading:
         self._schemas: dict[int, dict[str, Any]] = {}
         self._channels: dict[int, _Channel | None] = {}
         self._events: list[Event] = []
-        self._event_channel = -1
+        self._own: dict[int, str] = {}
+        self._casts: dict[int, Cast] = {}
+        self._poses: dict[str, array[float]] = {}
         self._bad: dict[str, int] = {}
         self._more_events = 0
         self._end_ns = 0
@@ -249,7 +256,9 @@ class _Reading:
             self._remarks.append(f"{self._more_events} events after the first {MOST_EVENTS} are left out.")
         resets = sum(event.event == "reset" for event in self._events)
         if resets:
-            self._remarks.append(f"The world was reset {resets} times: what was told at the same time lies on top of one another.")
+            self._remarks.append(
+                f"The world was reset {resets} times: what was told at the same time lies on top of one another."
+            )
         found: dict[str, Series] = {}
         for channel in self._channels.values():
             if channel is not None and len(channel.t):
@@ -258,22 +267,20 @@ class _Reading:
                 if channel.path not in found or len(found[channel.path].t) < len(series.t):
                     found[channel.path] = _in_order(series)
         events = tuple(self._events)
-        return Recorded(
-            self._path, self._head, scenario, found, events, self._end_ns / NANOSECONDS, tuple(self._remarks)
-        )
+        poses = {name: np.frombuffer(rows, dtype=np.float64).reshape(-1, 8) for name, rows in self._poses.items()}
+        end_s = self._end_ns / NANOSECONDS
+        return Recorded(self._path, self._head, scenario, found, poses, events, end_s, tuple(self._remarks))
 
     def _schema(self, number: int, data: bytes) -> None:
-        try:
+        with contextlib.suppress(msgspec.MsgspecError):  # one of another encoding, as Foxglove's
             self._schemas[number] = msgspec.json.decode(data, type=dict[str, Any])
-        except msgspec.MsgspecError:
-            pass  # of another encoding, as Foxglove's
 
     def _channel(self, number: int, topic: str, schema: int, about: dict[str, str]) -> None:
         if number in self._channels:
             return
         self._channels[number] = None
-        if topic == EVENTS:
-            self._event_channel = number
+        if topic in (EVENTS, STATES, CASTS):
+            self._own[number] = topic
         elif "kind" in about and "direction" in about and schema in self._schemas:
             try:
                 fields = fields_of(self._schemas[schema])
@@ -322,24 +329,32 @@ class _Reading:
 
     def _message(self, body: bytes) -> None:
         number, _, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(body)
-        channel = self._channels.get(number)
-        is_event = number == self._event_channel
-        if channel is None and not is_event:
-            self._end_ns = max(self._end_ns, min(log_ns, _LATEST_NS))
-            return
-        data = body[_MESSAGE_HEAD.size :]
+        channel, data = self._channels.get(number), body[_MESSAGE_HEAD.size :]
         try:
             if channel is not None:
                 channel.add(msgspec.json.decode(data), publish_ns)
-            elif len(self._events) < MOST_EVENTS:
-                self._events.append(msgspec.json.decode(data, type=Event))
-            else:
-                self._more_events += 1
+            elif number in self._own:
+                self._own_message(self._own[number], data)
         except (msgspec.MsgspecError, KeyError, TypeError, ValueError, AttributeError, OverflowError):
-            path = channel.path if channel is not None else EVENTS
+            path = channel.path if channel is not None else self._own[number]
             self._bad[path] = self._bad.get(path, 0) + 1
             return
         self._end_ns = max(self._end_ns, min(log_ns, _LATEST_NS))
+
+    def _own_message(self, topic: str, data: bytes) -> None:
+        if topic == CASTS:
+            cast = msgspec.json.decode(data, type=CastRecord).cast
+            self._casts[cast.revision] = cast
+        elif topic == STATES:
+            state = read_state(data, self._casts)
+            if not 0 <= state.t_ns <= _LATEST_NS:
+                raise ValueError("a time that no world lives to see")
+            for body, pose in zip((*state.cast.vehicles, *state.cast.objects), state.poses.tolist(), strict=True):
+                self._poses.setdefault(body.name, array("d")).extend((state.t_ns / NANOSECONDS, *pose))
+        elif len(self._events) < MOST_EVENTS:
+            self._events.append(msgspec.json.decode(data, type=Event))
+        else:
+            self._more_events += 1
 
 
 _LATEST_NS = 10**9 * NANOSECONDS

@@ -1,6 +1,8 @@
 """Where a vehicle really was, from the truth in its recording; and where its sensors sat on it."""
 
 from __future__ import annotations
+
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.frames import matrix, quat_from_rpy
-from uwserver.recording.report.reading import FloatArray, Recorded
+from uwserver.recording.report.reading import FloatArray, IntArray, Recorded
 from uwserver.units import rad
 
 _TICK_S = 1e-6
@@ -36,7 +38,7 @@ class Truth:
     v_dot_B: FloatArray | None = None
     w_dot_B: FloatArray | None = None
 
-    def pairs(self, t: FloatArray) -> FloatArray:
+    def pairs(self, t: FloatArray) -> IntArray:
         """Which of the samples at `t` are compared: those of the same tick if there are enough, else all within the truth; as indices (m)."""
         inside = np.flatnonzero((t >= self.t[0] - _TICK_S) & (t <= self.t[-1] + _TICK_S))
         nearest = np.clip(np.searchsorted(self.t, t[inside] - _TICK_S), 0, len(self.t) - 1)
@@ -61,12 +63,14 @@ class Mount:
 
 
 def truth_of(recorded: Recorded, vehicle: str) -> Truth | None:
-    """From ``<vehicle>/truth/...``; None where the pose was not recorded."""
+    """From ``<vehicle>/truth/...``, or the poses of the states; None where neither was recorded."""
     pose = recorded.series.get(f"{vehicle}/truth/pose")
-    if pose is None or not {"p_NB", "q_NB"} <= pose.columns.keys():
-        return None
-    t, first = np.unique(pose.t, return_index=True)
-    p, q = pose.columns["p_NB"][first], pose.columns["q_NB"][first]
+    if pose is not None and {"p_NB", "q_NB"} <= pose.columns.keys():
+        rows = np.column_stack([pose.t, pose.columns["p_NB"], pose.columns["q_NB"]])
+    else:
+        rows = recorded.poses.get(vehicle, np.zeros((0, 8)))
+    t, first = np.unique(rows[:, 0], return_index=True)
+    p, q = rows[first, 1:4], rows[first, 4:8]
     good = np.isfinite(p).all(axis=1) & np.isfinite(q).all(axis=1) & (np.linalg.norm(q, axis=1) > 0.5)
     t, p, q = t[good], p[good], q[good]
     if not len(t):
@@ -80,7 +84,7 @@ def truth_of(recorded: Recorded, vehicle: str) -> Truth | None:
             found = None if series is None else series.columns.get(name)
             if series is not None and found is not None:
                 times, each = np.unique(series.t, return_index=True)
-                found = np.stack([np.interp(t, times, column) for column in found[each].T], axis=1)
+                found = np.stack([np.interp(t, times, column, math.nan, math.nan) for column in found[each].T], axis=1)
             rates[name] = found
     return Truth(t, p, q, **rates)
 
@@ -119,4 +123,5 @@ def small_angles(R: FloatArray) -> FloatArray:
     sine = np.linalg.norm(vector, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
     scale = np.divide(angle, sine, out=np.ones_like(angle), where=sine > 1e-12)
-    return vector * scale[:, None]
+    turned: FloatArray = vector * scale[:, None]
+    return turned
