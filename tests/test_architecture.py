@@ -50,7 +50,14 @@ KITS = {"testing": "server", "validation": "recording"}
 imported by no layer but `cli`."""
 RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 
-CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
+CONTRACT = {
+    "uwserver.adapter",
+    "uwserver.adapter.foxglove",
+    "uwserver.ports",
+    "uwserver.frames",
+    "uwserver.table",
+    "uwserver.units",
+}
 """All of uwserver that an adapter may import."""
 
 SHARED_BY_ADAPTERS = {"uwserver_adapters.native", "uwserver_adapters.sil"}
@@ -398,8 +405,12 @@ def test_degrees_are_converted_only_at_the_border():
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            # Missions are files too, though a client sends them.
-            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services")
+            # Missions are files too, though a client sends them; Foxglove's messages are a wire.
+            exceptions = (
+                "uwserver.autopilot.route",
+                "uwserver.autopilot.services",
+                "uwserver.adapter.foxglove.messages",
+            )
             is_report = module.name.startswith("uwserver.recording.report.")  # for people
             is_file = module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions
             assert is_file or is_report, f"{module.name} uses {uses}"
@@ -487,6 +498,7 @@ TABLES_ALONE = {
 """Modules without behaviour of their own, each with the reason why nothing could be tested of it alone."""
 
 TESTED_WITH = {
+    "adapter": {f"foxglove.{name}": "adapter/foxglove/test_messages" for name in ("protobuf", "schemas", "shapes")},
     "actuators": {
         "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",
         "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",

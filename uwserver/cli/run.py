@@ -24,6 +24,7 @@ from uwserver.cli.web_view import ViewToken, open_page, where_to_look, with_toke
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
     from uwserver.server.life_cycle import Options
+    from uwserver.simulation.clock import Timing
 
 DEFAULT_SCENARIO = "bluerov2_pool"
 
@@ -66,6 +67,9 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 @click.option("--paused", is_flag=True, help="Start paused.")
 @click.option("--until", "until_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
 @click.option("--record", type=_FILE, help="Write an MCAP file (see `uwserver replay`).")
+@click.option(
+    "--no-foxglove", is_flag=True, help="Record no channels for Foxglove, Lichtblick and rerun beside our own."
+)
 @click.option("--from", "begin", type=_FILE, help="Begin at a saved state of this scenario.")
 @click.option("--save-at", type=(_SECONDS, _FILE), multiple=True, metavar="SECONDS FILE", help=_SAVE_AT)
 @click.option("--profile", type=_Number(0.01, 3600.0), metavar="SECONDS", help=_PROFILE)
@@ -84,6 +88,7 @@ def run(
     paused: bool,
     until_s: float | None,
     record: Path | None,
+    no_foxglove: bool,
     begin: Path | None,
     save_at: tuple[tuple[float, Path], ...],
     profile: float | None,
@@ -115,14 +120,13 @@ def run(
     resolved, token = (resolved, "") if log_json else _with_new_token(resolved)  # the adapter logs one of its own
     resolved, view = with_web_view(resolved, adapters, port)
     resolved, shown = with_view_token(resolved, view, makes=not log_json)
-    timing = timing_of(resolved)
-    timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
-    if timing.mode == "lockstep" and not timing.lockstep_clients:
-        raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
+    timing = _timing(timing_of(resolved), mode, speed, paused)
     try:
         state = None if begin is None else read_state(begin)
         announce = partial(_announce, resolved, log_json, token, view=view, shown=shown, opens=opens)
-        options = Options(seed, timing, record, until_s, state, save_at, profile, view, announce, click.echo)
+        options = Options(
+            seed, timing, record, until_s, state, save_at, profile, view, announce, click.echo, not no_foxglove
+        )
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
             status = _run_loop(resolved, options)
@@ -131,6 +135,14 @@ def run(
         sys.exit(1)
     end_undisturbed()
     sys.exit(status)
+
+
+def _timing(given: Timing, mode: str | None, speed: float | None, paused: bool) -> Timing:
+    """The scenario's, with what the command line says of it."""
+    timing = replace(given, mode=mode or given.mode, speed=speed or given.speed, paused=paused or given.paused)  # type: ignore[arg-type]
+    if timing.mode == "lockstep" and not timing.lockstep_clients:
+        raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
+    return timing
 
 
 def _run_loop(resolved: Resolved, options: Options) -> int:

@@ -6,6 +6,7 @@ time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besid
 * ``uwserver/requests``: every command and call that was carried out (`Request`);
 * ``uwserver/hashes``: the hash of the whole state, each simulated second and at the end (`StateHash`);
 * ``uwserver/events``: what every client was told;
+* topics that begin with "/", in Foxglove's schemas: see `uwserver.adapter.foxglove`;
 * ``uwserver/states`` and ``uwserver/casts``: where all bodies are and who they are, see `uwserver.recording.states`.
 
 Requests and hashes share one running index: the order in which they happened, also where a reset makes the tick go back.
@@ -24,8 +25,10 @@ import msgspec
 from msgspec import Struct
 
 from uwserver import __version__
+from uwserver.adapter.foxglove import SCHEMAS, Foreign
 from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Items, Port, Sample, SceneState
+from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.schemas import port_schema, schema_of
 from uwserver.recording.states import CASTS, ENCODING, LAYOUT, STATES, CastRecord, Presence, state_message
 from uwserver.scenario.files.convert import NO_MORE, More, convert
@@ -239,12 +242,15 @@ class RecordingWriter:
     Args:
         file: an empty binary file, opened for writing.
         head: the metadata record.
+        foxglove: makes what is written for other viewers; None for nothing.
         ports: what is known at the start; a later one gets its channel with its first message, and a name that goes to another kind a new one.
 
     Every method raises OSError when the file cannot be written, and TooManyChannels when a port finds no number for its channel.
     """
 
-    def __init__(self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port]) -> None:
+    def __init__(
+        self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port], foxglove: FoxgloveChannels | None = None
+    ) -> None:
         # Imported here: it costs more than the rest of the start-up, and most runs record nothing.
         from mcap.writer import Writer
 
@@ -261,6 +267,9 @@ class RecordingWriter:
         layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
         self._states = int(self._writer.register_channel(STATES, ENCODING, layout, {}))
         self._presence: Presence | None = None
+        self._foxglove = foxglove
+        self._foreign: dict[tuple[str, str], int] = {}
+        self._foreign_schemas: dict[str, int] = {}
         for port in ports.values():
             self._number(self._kinds(port)[-1])
         self.flush()
@@ -280,6 +289,10 @@ class RecordingWriter:
         }
         # MCAP has 32 bits for the sequence; the message itself holds the whole number.
         self._add(self._number(kind), sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
+        if self._foxglove is not None:
+            shown = self._foxglove.of_sample(sample, ports[sample.port])
+            if shown is not None:
+                self._add_foreign(shown)
 
     def request(self, request: Request, t_ns: int, ports: Mapping[str, Port]) -> None:
         """One request, carried out at t_ns; a command also on the channel of its port, to be plotted."""
@@ -303,16 +316,37 @@ class RecordingWriter:
     def event(self, event: Event) -> None:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
+        self._show(event)
 
     def presence(self, presence: Presence) -> None:
         """Who and what is there from here on."""
         record: CastRecord = presence.since(self._presence)
         self._presence = presence
         self._add(self._casts, presence.t_ns, record, presence.t_ns)
+        self._show(presence)
 
     def state(self, state: SceneState) -> None:
         """Where all bodies are; of a cast that was told by `presence`."""
         self._writer.add_message(self._states, state.t_ns, state_message(state), state.t_ns)
+        self._show(state)
+
+    def _show(self, item: Presence | SceneState | Event) -> None:
+        """Let other viewers see it, too."""
+        if self._foxglove is not None:
+            for message in self._foxglove.of(item):
+                self._add_foreign(message)
+
+    def _add_foreign(self, message: Foreign) -> None:
+        """A message in Foxglove's schemas, on the channel of its topic."""
+        key = (message.topic, message.schema)
+        channel = self._foreign.get(key)
+        if channel is None:
+            if message.schema not in self._foreign_schemas:
+                data = SCHEMAS[message.schema]
+                self._foreign_schemas[message.schema] = self._writer.register_schema(message.schema, "protobuf", data)
+            number = self._foreign_schemas[message.schema]
+            channel = self._foreign[key] = self._numbered(message.topic, "protobuf", number, {})
+        self._writer.add_message(channel, message.t_ns, message.data, message.t_ns)
 
     def flush(self) -> None:
         """End the chunk in progress and hand everything to the operating system."""
@@ -348,9 +382,13 @@ class RecordingWriter:
         return kind.channel
 
     def _channel(self, topic: str, name: str, schema: dict[str, Any], about: dict[str, str] | None = None) -> int:
+        return self._numbered(
+            topic, "json", self._writer.register_schema(name, "jsonschema", self._encode(schema)), about or {}
+        )
+
+    def _numbered(self, topic: str, encoding: str, schema: int, about: dict[str, str]) -> int:
         if self._count >= MAX_CHANNELS:
             text = f"{self._count} ports of bodies that came and went have their channels, and MCAP knows no more"
             raise TooManyChannels(f"{text}: give bodies names that were used before")
         self._count += 1
-        schema_id = self._writer.register_schema(name, "jsonschema", self._encode(schema))
-        return int(self._writer.register_channel(topic, "json", schema_id, about or {}))
+        return int(self._writer.register_channel(topic, encoding, schema, about))

@@ -21,6 +21,7 @@ from typing import IO
 
 from uwserver.ports import Call, Command, Event, Json, Port, Sample, SceneState
 from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
+from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.states import STATES_HZ, Presence
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import water_view
@@ -123,9 +124,11 @@ class Recorder:
         path: a file that does not exist yet.
         world: as built, before its first tick.
         resolved: what it was built from.
+        foxglove: whether channels for Foxglove, Lichtblick and rerun are written beside our own.
     """
 
-    def __init__(self, path: Path, world: World, resolved: Resolved) -> None:
+    def __init__(self, path: Path, world: World, resolved: Resolved, *, foxglove: bool = True) -> None:
+        self._foxglove = FoxgloveChannels(world, resolved) if foxglove else None
         self._path = path
         self._world = world
         self._resolved = resolved
@@ -342,7 +345,7 @@ class Recorder:
         except OSError as error:
             raise self._unwritable(error) from error
         try:
-            return file, RecordingWriter(file, head, self._world.ports)
+            return file, RecordingWriter(file, head, self._world.ports, self._foxglove)
         except OSError as error:
             with contextlib.suppress(OSError):
                 file.close()

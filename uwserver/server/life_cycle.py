@@ -68,6 +68,7 @@ class Options:
         shown: adapter whose address people want first: the start waits for it a moment, though it may fail; "" for none.
         announce: called once peers can connect, with the addresses by adapter name.
         tell: takes the tables of `profile_s`.
+        foxglove: whether a recording holds channels for Foxglove, Lichtblick and rerun, too.
     """
 
     seed: int | None = None
@@ -80,6 +81,7 @@ class Options:
     shown: str = ""
     announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
     tell: Callable[[str], None] = print
+    foxglove: bool = True
 
 
 class StartFailed(Exception):
@@ -124,7 +126,9 @@ class Server:
             profiling,
             Scenery(resolved, world),
         )
-        self._recorder = Recorder(options.record, world, resolved) if options.record else None
+        self._recorder = (
+            Recorder(options.record, world, resolved, foxglove=options.foxglove) if options.record else None
+        )
 
     @property
     def hub(self) -> Hub:
