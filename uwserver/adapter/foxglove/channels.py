@@ -168,6 +168,16 @@ def _scanning_sonar(port: Port, sensor: SensorView) -> _Encode | None:
     return encode
 
 
+def shown_as(port: Port) -> str | None:
+    """Full name of the message in which the samples of a port are shown under its path; None of most."""
+    return _SCHEMA_OF.get(port.kind) if port.direction == "sensor" else None
+
+
+_SCHEMA_OF = {
+    "gps": "foxglove.LocationFix",
+    "range_array": "foxglove.LaserScan",
+    "scanning_sonar": "foxglove.PointCloud",
+}
 _FRAMES: dict[str, Callable[[Port, SensorView], _Encode | None]] = {
     "gps": _gps,
     "range_array": _range_array,
