@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import json
 import socket
 import struct
 import sys
@@ -63,7 +64,8 @@ async def _foxglove_client(context: FakeContext) -> TcpPeer:
     peer = await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
     await peer.send(
         b"GET / HTTP/1.1\r\nHost: %s\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
-        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n" % address.encode()
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+        % address.encode()
     )
     assert (await peer.reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101 ")
     return peer
@@ -75,7 +77,7 @@ def _foxglove_call(service: int) -> bytes:
     return Frame(Opcode.BINARY, body).serialize(mask=True)
 
 
-_FOXGLOVE_ALL = ",".join(f'{{"id":{n},"channelId":{n}}}' for n in range(1, 30))
+_FOXGLOVE_ALL = json.dumps({"op": "subscribe", "subscriptions": [{"id": n, "channelId": n} for n in range(1, 30)]})
 _FOXGLOVE_RUN = _foxglove_call(1 + [service.path for service in SERVICES].index("world/run_until"))
 
 
@@ -264,7 +266,7 @@ SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
-    "foxglove": ({"port": 0}, _foxglove_client, _web('{"op":"subscribe","subscriptions":[%s]}' % _FOXGLOVE_ALL)),
+    "foxglove": ({"port": 0}, _foxglove_client, _web(_FOXGLOVE_ALL)),
     # Each community is one connection, and so can have one peer.
     "ardupilot_json": ({"port": 0, "truth": True, "silence_s": 1.0}, UdpPeer.connect, SERVO_FRAME),
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
