@@ -99,7 +99,7 @@ def _told(contents: Contents) -> dict[str, Any]:
                 "what": e.title,
                 "count": str(len(e.t)),
                 "rms": f"{e.rms:.3g} {e.unit}",
-                "inside": "no error is configured" if e.inside is None else f"{e.inside:.1%}",
+                "inside": "no sigma given" if e.inside is None else f"{e.inside:.1%}",
             }
             for e in contents.errors
         ],

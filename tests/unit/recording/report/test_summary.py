@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.recording.report.contents import Contents
+from uwserver.ports import Field
+from uwserver.recording.report.contents import Contents, Track, contents_of
+from uwserver.recording.report.reading import Recorded, Series
 from uwserver.recording.report.summary import distance_run, missing_samples
 
 
@@ -24,6 +26,23 @@ def test_trembling_is_no_way() -> None:
 )
 def test_missing_numbers(seq: list[int], missing: int) -> None:
     assert missing_samples(np.array(seq, dtype=np.int64)) == missing
+
+
+def test_an_order_is_no_estimate(recorded: Recorded) -> None:
+    p = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    field = Field("p_N", "m", "", "N", (3,))
+
+    def tracks(path: str, direction: str) -> list[Track]:
+        ends = np.array([0.0, 1.0])
+        told = Series(
+            path, "autopilot", direction, {"p_N": field}, ends, np.arange(2), np.ones(2, dtype=bool), {"p_N": p}
+        )
+        found = contents_of(type(recorded)(**{**vars(recorded), "series": {**recorded.series, path: told}}), ["rov"])
+        return [track for track in found.tracks if track.is_estimate]
+
+    assert tracks("rov/autopilot/position", "actuator") == []
+    (track,) = tracks("rov/autopilot/other", "sensor")
+    np.testing.assert_array_equal(track.p, p)
 
 
 def test_what_a_run_did(contents: Contents) -> None:
