@@ -22,6 +22,7 @@ from uwserver.adapter import (
     SampleForm,
     address_text,
     cannot_listen,
+    host_of,
     is_host_known,
     is_loopback,
     serving,
@@ -34,6 +35,7 @@ from uwserver_adapters.foxglove.catalogue import FRAMES, LOG, SCENE, Catalogue
 from uwserver_adapters.foxglove.client import Client
 from uwserver_adapters.foxglove.config import FoxgloveConfig
 from uwserver_adapters.foxglove.outbox import Outbox
+from uwserver_adapters.native.limits import Lockout
 
 log = logging.getLogger(__name__)
 
@@ -75,6 +77,7 @@ class FoxgloveAdapter:
         self._is_asked = False
         self._told_t_ns = -1
         self._session = 0
+        self._lockout = Lockout()
         self._watched: frozenset[int] = frozenset()
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -129,9 +132,14 @@ class FoxgloveAdapter:
                     f"{host[:200]} is no name of this server that it knows: add it to allowed_hosts, or use the address"
                 )
                 return refuse(HTTPStatus.FORBIDDEN, "host", text)
-        given = request.path.partition("?")[0].strip("/")
-        if self._token is not None and not secrets.compare_digest(given.encode(), self._token.encode()):
-            return refuse(HTTPStatus.UNAUTHORIZED, "denied", "this server wants a token: ws://HOST:PORT/TOKEN")
+        if self._token is not None:
+            host, now = host_of(connection.remote_address), self._loop.time()
+            if self._lockout.is_out(host, now):
+                return refuse(HTTPStatus.TOO_MANY_REQUESTS, "lockout", self._lockout.fault.text)
+            given = request.path.partition("?")[0].strip("/")
+            if not secrets.compare_digest(given.encode(), self._token.encode()):
+                self._lockout.wrong(host, now)
+                return refuse(HTTPStatus.UNAUTHORIZED, "denied", "this server wants a token: ws://HOST:PORT/TOKEN")
         if len(self.clients) >= self.config.max_clients:
             text = f"{len(self.clients)} clients are connected already (max_clients)"
             return refuse(HTTPStatus.SERVICE_UNAVAILABLE, "max_clients", text)

@@ -407,6 +407,21 @@ def test_who_is_let_in(table: dict[str, Any], options: dict[str, Any], path: str
     asyncio.run(asyncio.wait_for(whole(), 30.0))
 
 
+def test_who_tries_tokens_is_not_heard_for_a_while() -> None:
+    async def whole() -> None:
+        world = context()
+        async with running(world, token="sesame"):
+            found = []
+            for path in ["/wrong"] * 12 + ["/sesame"]:
+                with pytest.raises(InvalidStatus) as refused:
+                    await dial(world, path)
+                found.append(refused.value.response.status_code)
+            assert found[:3] == [401] * 3
+            assert found[-1] == 429  # with the right one, too
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
+
+
 def test_another_protocol_is_refused() -> None:
     async def whole() -> None:
         world = context()
