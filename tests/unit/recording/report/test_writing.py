@@ -56,10 +56,11 @@ def test_a_failed_write_leaves_what_was_there(
     file = tmp_path / "old.html"
     file.write_text("old")
 
-    def full(_: Contents) -> str:
+    def full(path: Path, *_: object, **__: object) -> None:
+        path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(writing, "page", full)
+    monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(OSError, match="No space"):
         writing.write_page(contents, file)
     assert file.read_text() == "old"
