@@ -15,7 +15,7 @@ from uwserver.recording.report.contents import Contents
 
 def test_a_page_and_pictures(run: Path, tmp_path: Path) -> None:
     file = tmp_path / "out.html"
-    done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--png", "--pdf"])
+    done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--vehicle", "other", "--png", "--pdf"])
     assert done.exit_code == 0, done.output
     assert file.read_text(encoding="utf-8").startswith("<!doctype html>")
     assert imread(file.with_suffix(".png")).shape[1] == 880
