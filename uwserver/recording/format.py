@@ -7,7 +7,8 @@ time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besid
 * ``uwserver/hashes``: the hash of the whole state, each simulated second and at the end (`StateHash`);
 * ``uwserver/events``: what every client was told;
 * topics that begin with "/", in Foxglove's schemas: see `uwserver.adapter.foxglove`;
-* ``uwserver/states`` and ``uwserver/casts``: where all bodies are and who they are, see `uwserver.recording.states`.
+* ``uwserver/states``, ``uwserver/casts`` and ``uwserver/jumps``: where all bodies are, who they are, and where time was set, see
+  `uwserver.recording.states`.
 
 Requests and hashes share one running index: the order in which they happened, also where a reset makes the tick go back.
 The metadata record ``uwserver`` stands first: versions, seed, timing, and the whole resolved scenario.
@@ -30,7 +31,7 @@ from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Items, Port, Sample, SceneState
 from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.schemas import port_schema, schema_of
-from uwserver.recording.states import CASTS, ENCODING, LAYOUT, STATES, CastRecord, Presence, state_message
+from uwserver.recording.states import CASTS, ENCODING, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -263,6 +264,7 @@ class RecordingWriter:
         self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
         self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
         self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
+        self._jumps = self._channel(JUMPS, "uwserver.Event", schema_of(Event))
         self._casts = self._channel(CASTS, "uwserver.CastRecord", {"title": CASTS, "type": "object"})
         layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
         self._states = int(self._writer.register_channel(STATES, ENCODING, layout, {}))
@@ -316,19 +318,22 @@ class RecordingWriter:
     def event(self, event: Event) -> None:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
+        if event.event == "reset":
+            self._add(self._jumps, event.t_ns, event, event.t_ns)
         self._show(event)
 
     def presence(self, presence: Presence) -> None:
         """Who and what is there from here on."""
-        record: CastRecord = presence.since(self._presence)
+        record = presence.since(self._presence)
         self._presence = presence
         self._add(self._casts, presence.t_ns, record, presence.t_ns)
         self._show(presence)
 
-    def state(self, state: SceneState) -> None:
+    def state(self, seen: Seen) -> None:
         """Where all bodies are; of a cast that was told by `presence`."""
-        self._writer.add_message(self._states, state.t_ns, state_message(state), state.t_ns)
-        self._show(state)
+        t_ns = seen.state.t_ns
+        self._writer.add_message(self._states, t_ns, state_message(seen), t_ns)
+        self._show(seen.state)
 
     def _show(self, item: Presence | SceneState | Event) -> None:
         """Let other viewers see it, too."""

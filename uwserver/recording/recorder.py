@@ -22,11 +22,12 @@ from typing import IO
 from uwserver.ports import Call, Command, Event, Json, Port, Sample, SceneState
 from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
 from uwserver.recording.foxglove import FoxgloveChannels
-from uwserver.recording.states import STATES_HZ, Presence
+from uwserver.recording.states import STATES_HZ, Presence, Seen
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import water_view
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.intake import BEGIN
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
@@ -77,22 +78,35 @@ class _Looker:
         self._every = max(1, math.ceil(world.rate_hz / STATES_HZ))
         self._seen: Presence | None = None
         self._current = world.water.current
+        self._began: int | None = None
         self._jumps, self._is_blind = world.jumps, False
 
-    def look(self) -> tuple[Presence | None, SceneState | None]:
+    def begin(self) -> None:
+        """From here on whoever is told events hears of each jump."""
+        if self._began is None:
+            self._began = self._world.jumps
+
+    def look(self) -> tuple[Presence | Seen, ...]:
         """Who is there, if that has changed, and where, if it is time to tell."""
         world, seen = self._world, self._seen
+        self.begin()
         is_as_before = seen is not None and seen.ports is world.ports and seen.services is world.services
         if self._is_blind or (world.tick % self._every and world.jumps == self._jumps and is_as_before):
-            return None, None
+            return ()
         self._jumps = world.jumps
         try:
             state = self._lookout.state()
-            return self._presence(state), state
+            found = Seen(self._since_began, state)
+            presence = self._presence(state)
         except Exception:  # a fault of ours in what only viewers need must end neither world nor recording
             self._is_blind = True
             log.exception("where the bodies are cannot be told: the recording goes on without it")
-            return None, None
+            return ()
+        return (found,) if presence is None else (presence, found)
+
+    @property
+    def _since_began(self) -> int:
+        return self._world.jumps - (self._began or 0)
 
     def _presence(self, state: SceneState) -> Presence | None:
         world, seen = self._world, self._seen
@@ -102,19 +116,13 @@ class _Looker:
         is_other_water = seen is None or self._current != state.current
         water = water_view(self._resolved, world) if is_other_water else None
         self._current = state.current
-        presence = Presence(state.cast, world.tick, world.t_ns, world.ports, world.services, models, water)
-        self._seen = presence
-        return presence
+        self._seen = Presence(
+            state.cast, self._since_began, world.tick, world.t_ns, world.ports, world.services, models, water
+        )
+        return self._seen
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Where the bodies are."""
-
-    state: SceneState
-
-
-_Item = tuple[Sample, ...] | Request | _State | _Ports | Presence | _Seen | Event
+_Item = tuple[Sample, ...] | Request | _State | _Ports | Presence | Seen | Event
 
 
 class Recorder:
@@ -159,7 +167,6 @@ class Recorder:
         simulation.observe(self)
         detach = bus.attach(self)
         self._open = True
-        self._look()
         thread.start()
         log.info("recording to %s", self._path)
         try:
@@ -224,6 +231,8 @@ class Recorder:
             )
             return
         self._requests_put += 1
+        if item.source != BEGIN:  # of a saved state from which a run begins nobody hears
+            self._looker.begin()
         self._follow_ports()
         self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
@@ -244,11 +253,7 @@ class Recorder:
             self._queue.append(_Ports(self._seen))
 
     def _look(self) -> None:
-        presence, state = self._looker.look()
-        if presence is not None:
-            self._queue.append(presence)
-        if state is not None:
-            self._queue.append(_Seen(state))
+        self._queue.extend(self._looker.look())
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -327,8 +332,8 @@ class Recorder:
             self._known |= item.ports
         elif isinstance(item, Presence):
             writer.presence(item)
-        elif isinstance(item, _Seen):
-            writer.state(item.state)
+        elif isinstance(item, Seen):
+            writer.state(item)
         else:
             writer.event(item)
 

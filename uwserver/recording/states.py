@@ -1,10 +1,11 @@
-"""Where all bodies are, and who they are: the two channels of a recording from which a run is shown again without physics.
+"""Where all bodies are, and who they are: the channels of a recording from which a run is shown again without physics.
 
 ``uwserver/states`` (message encoding ``uwserver-state``, little endian), at most `STATES_HZ` a second of simulation time and after each jump of
 time; one message is
 
 ====  =========  ==========================================================================================================
  u32  revision   of the cast that it shows, as in ``uwserver/casts``
+ u32  jumps      how often a reset or restore had set the time since the recording began
  u16  n          bodies: vehicles first, then objects, in the order of the cast
  u16  m          actuators of all vehicles
  i64  t_ns       simulation time
@@ -16,7 +17,10 @@ time; one message is
 ``uwserver/casts`` (JSON, `CastRecord`): who is in the world, and which ports and services there are, at the start and whenever that changes. Ports
 and services are told as differences to the record before, so that a thousand bodies that come one by one need no million ports.
 
-A message of the states may stand a little before samples of the same time in the file: they take different ways to it.
+``uwserver/jumps`` (JSON, `uwserver.ports.Event`): the events ``reset`` once more, so that a reader finds the places where time was set, and knows
+the n-th run between them, without reading the rest: what has ``jumps`` n belongs to it.
+
+A message of states and casts may stand before samples of the same time in the file: they take a shorter way to it.
 """
 
 from __future__ import annotations
@@ -32,17 +36,18 @@ from uwserver.ports import Argument, Cast, Port, Present, SceneState, Service, W
 
 STATES: Final = "uwserver/states"
 CASTS: Final = "uwserver/casts"
+JUMPS: Final = "uwserver/jumps"
 ENCODING: Final = "uwserver-state"
 STATES_HZ: Final = 30.0
 """Most states a second of simulation time: as many as a page draws."""
 
 T = TypeVar("T")
 
-_HEAD = struct.Struct("<IHHq3d")
+_HEAD = struct.Struct("<IIHHq3d")
 _POSE = 7
 
 LAYOUT: Final = (
-    "little endian: u32 revision, u16 n, u16 m, i64 t_ns, f64[3] current (N, m/s), "
+    "little endian: u32 revision, u32 jumps, u16 n, u16 m, i64 t_ns, f64[3] current (N, m/s), "
     "f64[n][7] p_NB (m) and q_NB (w x y z) of each body of the cast, i8[m] what the actuators achieve of -127..127"
 )
 """What the schema of the channel says."""
@@ -98,6 +103,7 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         revision: by which states name it.
+        jumps: as of a state.
         tick, t_ns: behind which it holds.
         vehicles, objects: all of them, in the order of the states.
         ports, services: those that are new or others than before.
@@ -106,6 +112,7 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
     """
 
     revision: int
+    jumps: int
     tick: int
     t_ns: int
     vehicles: tuple[Body, ...] = ()
@@ -127,11 +134,13 @@ class Presence(Struct, frozen=True):
     """Who and what was there after a tick, taken between two ticks; nothing in it changes later.
 
     Attributes:
+        jumps: as of a state.
         models: name of the vehicle's file of each body.
         water: None where it is what it was.
     """
 
     cast: Cast
+    jumps: int
     tick: int
     t_ns: int
     ports: Mapping[str, Port]
@@ -148,7 +157,7 @@ class Presence(Struct, frozen=True):
             for group in (self.cast.vehicles, self.cast.objects)
         ]
         return CastRecord(
-            self.cast.revision, self.tick, self.t_ns, bodies[0], bodies[1],
+            self.cast.revision, self.jumps, self.tick, self.t_ns, bodies[0], bodies[1],
             ports, ports_gone, tuple(map(ServiceRecord.of, services)), services_gone, UNSET if self.water is None else self.water,
         )  # fmt: skip
 
@@ -160,13 +169,31 @@ def _changes(before: Mapping[str, T], after: Mapping[str, T]) -> tuple[tuple[T, 
     return new, tuple(path for path in before if path not in after)
 
 
-def state_message(state: SceneState) -> bytes:
+class Seen(Struct, frozen=True):
+    """Where all bodies are, and how often time had been set before."""
+
+    jumps: int
+    state: SceneState
+
+
+def state_message(seen: Seen) -> bytes:
     """A state as a message of the channel."""
-    head = _HEAD.pack(state.cast.revision, len(state.poses), len(state.achieved), state.t_ns, *state.current)
+    state = seen.state
+    head = _HEAD.pack(
+        state.cast.revision, seen.jumps, len(state.poses), len(state.achieved), state.t_ns, *state.current
+    )
     return b"".join((head, state.poses.astype("<f8").tobytes(), state.achieved.tobytes()))
 
 
-def read_state(data: bytes, casts: Mapping[int, Cast]) -> SceneState:
+def time_of_state(data: bytes) -> tuple[int, int]:
+    """Jumps and time (ns) of a message of the channel; (0, 0) of one that is none."""
+    if len(data) < _HEAD.size:
+        return 0, 0
+    _, jumps, _, _, t_ns, *_ = _HEAD.unpack_from(data)
+    return jumps, t_ns
+
+
+def read_state(data: bytes, casts: Mapping[int, Cast]) -> Seen:
     """A message of the channel read back.
 
     Args:
@@ -178,7 +205,7 @@ def read_state(data: bytes, casts: Mapping[int, Cast]) -> SceneState:
     """
     if len(data) < _HEAD.size:
         raise ValueError(f"a state of {len(data)} bytes has no head")
-    revision, bodies, actuators, t_ns, *current = _HEAD.unpack_from(data)
+    revision, jumps, bodies, actuators, t_ns, *current = _HEAD.unpack_from(data)
     end = _HEAD.size + bodies * _POSE * 8
     if len(data) != end + actuators:
         raise ValueError(f"a state of {bodies} bodies and {actuators} actuators has not {len(data)} bytes")
@@ -186,4 +213,5 @@ def read_state(data: bytes, casts: Mapping[int, Cast]) -> SceneState:
     if cast is None or len(cast.vehicles) + len(cast.objects) != bodies:
         raise ValueError(f"a state of {bodies} bodies names the cast {revision}, which is not in the file")
     poses = np.frombuffer(data, "<f8", bodies * _POSE, _HEAD.size).reshape(bodies, _POSE)
-    return SceneState(cast, t_ns, poses, np.frombuffer(data, np.int8, actuators, end), tuple(current))
+    achieved = np.frombuffer(data, np.int8, actuators, end)
+    return Seen(jumps, SceneState(cast, t_ns, poses, achieved, tuple(current)))

@@ -18,6 +18,9 @@ T = TypeVar("T")
 REQUESTS_NS = NANOSECONDS // 1000
 """Wall time a tick for commands and calls, in real time; what does not fit is carried out in the next ticks. The last of a tick may exceed it."""
 
+BEGIN = "begin"
+"""Source of the call by which a run begins from a saved state."""
+
 
 class Observer(Protocol):
     """Follows a run from inside, on the simulation thread; must be quick. A recorder is one."""

@@ -15,7 +15,7 @@ from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.stops import PAUSE
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
-from uwserver.simulation.intake import Intake, Observer
+from uwserver.simulation.intake import BEGIN, Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
 from uwserver.simulation.readers import Readers
@@ -99,7 +99,7 @@ class Simulation:
         Returns why that was refused; "" where it was not.
         """
         replies: list[Reply | Progress] = []
-        self._intake.submit(Posted(Call("world/load", in_one_piece(data), "begin"), replies.append))
+        self._intake.submit(Posted(Call("world/load", in_one_piece(data), BEGIN), replies.append))
         output = self.world.flush()
         self._intake.batch += 1
         for on_reply, reply in output.replies:

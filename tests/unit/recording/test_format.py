@@ -27,6 +27,7 @@ from uwserver.recording.format import (
     metadata,
     versions_here,
 )
+from uwserver.recording.states import JUMPS
 from uwserver.simulation.clock import Timing
 
 SENSOR = Port(
@@ -122,7 +123,8 @@ def test_every_message_stands_on_its_channel_at_its_time_and_fits_its_schema():
         said = json.loads(message.data)
         jsonschema.validate(said, json.loads(schema.data))
         found.setdefault(channel.topic, []).append((message.log_time, message.publish_time, said))
-    assert set(found) == {SENSOR.path, ACTUATOR.path, REQUESTS, HASHES, EVENTS}
+    assert set(found) == {SENSOR.path, ACTUATOR.path, REQUESTS, HASHES, EVENTS, JUMPS}
+    assert found[JUMPS] == found[EVENTS], "where time was set"
     (log, published, first), (_, _, second) = found[SENSOR.path]
     assert (log, published) == (30, 10), "in the order in which samples were heard; with the time of which they tell"
     assert (first["seq"], first["valid"], first["value"]["range"]) == (2**32 + 1, True, 1.5)

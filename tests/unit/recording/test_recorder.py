@@ -337,7 +337,7 @@ def test_a_name_may_go_to_another_kind_with_other_fields(bench: Bench, path: Pat
 def test_more_channels_than_the_format_has_end_the_recording_with_a_reason(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
 ) -> None:
-    monkeypatch.setattr(format_module, "MAX_CHANNELS", len(bench.world.ports) + 5)
+    monkeypatch.setattr(format_module, "MAX_CHANNELS", len(bench.world.ports) + 8)
     with bench.running():
         for n in range(4):
             port = Port(f"guest{n}/eye", "sensor", "eye", (Field("range", "m", "distance"),), "Eye.", 10.0)

@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from uwserver.ports import Cast, Present, SceneState
+from uwserver.ports import Call, Cast, Present, SceneState
 from uwserver.recording.recorder import Recorder
-from uwserver.recording.states import CASTS, STATES, CastRecord, Presence, read_state, state_message
+from uwserver.recording.states import (
+    CASTS,
+    JUMPS,
+    STATES,
+    CastRecord,
+    Presence,
+    Seen,
+    read_state,
+    state_message,
+    time_of_state,
+)
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
@@ -33,7 +43,10 @@ def resolved() -> Resolved:
 
 
 def test_a_state_comes_back_bit_for_bit() -> None:
-    state = read_state(state_message(STATE), {3: CAST})
+    seen = read_state(state_message(Seen(2, STATE)), {3: CAST})
+    state = seen.state
+    assert seen.jumps == 2
+    assert time_of_state(state_message(Seen(2, STATE))) == (2, 5)
     assert (state.cast, state.t_ns, state.current) == (CAST, 5, (0.1, 0.2, 0.3))
     np.testing.assert_array_equal(state.poses, STATE.poses)
     np.testing.assert_array_equal(state.achieved, STATE.achieved)
@@ -42,17 +55,17 @@ def test_a_state_comes_back_bit_for_bit() -> None:
 @pytest.mark.parametrize("length", [0, 5, 40, 41, 60])
 def test_a_state_of_another_length_is_refused(length: int) -> None:
     with pytest.raises(ValueError, match="a state of"):
-        read_state(state_message(STATE)[:length], {3: CAST})
+        read_state(state_message(Seen(0, STATE))[:length], {3: CAST})
 
 
 def test_a_state_of_an_unknown_cast_is_refused() -> None:
     with pytest.raises(ValueError, match="names the cast 3"):
-        read_state(state_message(STATE), {2: CAST})
+        read_state(state_message(Seen(0, STATE)), {2: CAST})
 
 
 def test_a_second_record_tells_the_difference_alone(resolved: Resolved) -> None:
     world = build(resolved)
-    presence = Presence(CAST, 1, 2, world.ports, world.services, {"rov": "x", "crate": "object"})
+    presence = Presence(CAST, 0, 1, 2, world.ports, world.services, {"rov": "x", "crate": "object"})
     first = presence.since(None)
     assert [port.path for port in first.ports] == list(world.ports)
     gone = next(iter(world.ports))
@@ -70,20 +83,30 @@ def test_a_run_tells_where_its_bodies_are_thirty_times_a_second_and_after_a_jump
     bus = Bus(lambda function: None)
     simulation = Simulation(world, Timing("freerun"), SystemTime(), bus, Mailbox())
     recorder = Recorder(tmp_path / "run.mcap", world, resolved)
-    truth = {0: Lookout(world).state().poses}
+    truth = {}
     with recorder.running(simulation, bus):
         for _ in range(round(world.rate_hz)):
             world.advance()
             truth[world.t_ns] = Lookout(world).state().poses
             recorder.ticked(world)
+        recorder.requested(Call("world/reset", {}, "tester"), world.tick, 1)
+        world.call("world/reset")
+        for event in world.flush().events:
+            recorder.put_event(event)
+        world.advance()
+        again = Lookout(world).state().poses
+        recorder.ticked(world)
     with (tmp_path / "run.mcap").open("rb") as file:
-        found = list(make_reader(file).iter_messages(topics=[STATES, CASTS], log_time_order=False))
+        found = list(make_reader(file).iter_messages(topics=[STATES, CASTS, JUMPS], log_time_order=False))
     casts = [msgspec.json.decode(m.data, type=CastRecord) for _, channel, m in found if channel.topic == CASTS]
     assert len(casts) == 1
     assert [port.path for port in casts[0].ports] == list(world.ports)
     assert [record.service for record in casts[0].services] == list(world.services.values())
     assert casts[0].water
     states = [read_state(m.data, {casts[0].revision: casts[0].cast}) for _, c, m in found if c.topic == STATES]
-    assert 27 <= len(states) <= 32
-    for state in states:
+    assert [m.log_time for _, c, m in found if c.topic == JUMPS] == [0]
+    assert [seen.jumps for seen in states][-2:] == [0, 1]
+    assert 27 <= len(states) - 1 <= 32
+    np.testing.assert_array_equal(states[-1].state.poses, again)
+    for state in (seen.state for seen in states[:-1]):
         np.testing.assert_array_equal(state.poses, truth[state.t_ns])

@@ -346,7 +346,7 @@ class _Reading:
             cast = msgspec.json.decode(data, type=CastRecord).cast
             self._casts[cast.revision] = cast
         elif topic == STATES:
-            state = read_state(data, self._casts)
+            state = read_state(data, self._casts).state
             if not 0 <= state.t_ns <= _LATEST_NS:
                 raise ValueError("a time that no world lives to see")
             for body, pose in zip((*state.cast.vehicles, *state.cast.objects), state.poses.tolist(), strict=True):
